@@ -1,0 +1,138 @@
+"""Variable-length integers and bounds-checked reading inside a block payload (SPEC §5.7).
+
+LEB128: seven bits a byte, least significant group first, the top bit set on all but the last byte.
+Signed values are zigzag-mapped first. A varint must be as short as its value allows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
+
+MAX_ZSTD_WINDOW = 8 << 20
+_ZSTD_LEVEL = 19
+
+
+def unsigned_varint(value: int) -> bytes:
+    """LEB128 bytes of `value` >= 0."""
+    if value < 0:
+        raise InvalidInput("input-varint", f"{value} is negative", field="varint")
+    out = bytearray()
+    while value >= 0x80:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+def signed_varint(value: int) -> bytes:
+    """LEB128 bytes of the zigzag map 0, -1, 1, -2, ... -> 0, 1, 2, 3, ..."""
+    return unsigned_varint(2 * value if value >= 0 else -2 * value - 1)
+
+
+class ByteReader:
+    """A cursor over one payload that never reads past its end."""
+
+    def __init__(self, data: bytes, field: str) -> None:
+        self._data = data
+        self._field = field
+        self._at = 0
+
+    def take(self, length: int) -> bytes:
+        """The next `length` bytes.
+
+        Raises:
+            Malformed: ``payload-short`` when fewer are left.
+        """
+        if length > len(self._data) - self._at:
+            left = len(self._data) - self._at
+            raise Malformed("payload-short", f"{length} bytes wanted, {left} left in the payload", field=self._field)
+        self._at += length
+        return self._data[self._at - length : self._at]
+
+    def unsigned(self, bits: int) -> int:
+        """A LEB128 integer below 2^bits.
+
+        Raises:
+            Malformed: ``bad-varint`` when it is longer than needed or too large.
+        """
+        value, shift = 0, 0
+        while True:
+            byte = self.take(1)[0]
+            value |= (byte & 0x7F) << shift
+            shift += 7
+            if byte < 0x80:
+                break
+            if shift > bits:
+                raise Malformed("bad-varint", f"integer above {bits} bits (SPEC §5.7)", field=self._field)
+        if value >> bits or (byte == 0 and shift > 7):
+            raise Malformed("bad-varint", f"over-long integer or above {bits} bits (SPEC §5.7)", field=self._field)
+        return value
+
+    def signed(self, bits: int) -> int:
+        """A zigzag LEB128 integer whose mapped value is below 2^bits."""
+        mapped = self.unsigned(bits)
+        return mapped >> 1 if mapped % 2 == 0 else -(mapped >> 1) - 1
+
+    def count(self, limit: int) -> int:
+        """A LEB128 count of at most `limit` elements.
+
+        Raises:
+            LimitExceeded: ``count-limit`` above it.
+        """
+        value = self.unsigned(63)
+        if value > limit:
+            raise LimitExceeded("count-limit", f"{value} elements, at most {limit} allowed", field=self._field)
+        return value
+
+    def array(self, dtype: str, count: int) -> NDArray[np.generic]:
+        """`count` little-endian elements of `dtype`, a read-only view."""
+        kind = np.dtype(dtype)
+        return np.frombuffer(self.take(kind.itemsize * count), dtype=kind)
+
+    def finish(self) -> None:
+        """Check that nothing is left.
+
+        Raises:
+            Malformed: ``payload-long`` otherwise.
+        """
+        if self._at != len(self._data):
+            left = len(self._data) - self._at
+            raise Malformed("payload-long", f"{left} bytes after the end of the structure", field=self._field)
+
+
+def compress(payload: bytes) -> bytes:
+    """One zstd frame with content size, without checksum (SPEC §5.8)."""
+    parameters = zstandard.ZstdCompressionParameters.from_level(
+        _ZSTD_LEVEL, source_size=len(payload), write_content_size=True, write_checksum=False, window_log=23
+    )
+    return zstandard.ZstdCompressor(compression_params=parameters).compress(payload)
+
+
+def decompress(frame: bytes, limit: int, field: str) -> bytes:
+    """The content of exactly one zstd frame (SPEC §5.8).
+
+    Args:
+        limit: most bytes the content may have.
+
+    Raises:
+        LimitExceeded: ``content-limit``.
+        Malformed: ``bad-zstd`` for anything that is not one whole frame with its content size.
+    """
+    try:
+        parameters = zstandard.get_frame_parameters(frame)
+        size = parameters.content_size
+        if size in (zstandard.CONTENTSIZE_UNKNOWN, zstandard.CONTENTSIZE_ERROR) or parameters.dict_id:
+            raise Malformed("bad-zstd", "a zstd frame must state its content size, without dictionary", field=field)
+        if size > limit:
+            raise LimitExceeded("content-limit", f"{size} bytes of content, at most {limit} allowed", field=field)
+        decoder = zstandard.ZstdDecompressor(max_window_size=MAX_ZSTD_WINDOW)
+        content = decoder.decompress(frame, max_output_size=max(size, 1), allow_extra_data=False)
+    except zstandard.ZstdError as error:
+        raise Malformed("bad-zstd", f"not one whole zstd frame: {error}", field=field) from error
+    if len(content) != size:
+        raise Malformed("bad-zstd", f"{len(content)} bytes of content, {size} declared", field=field)
+    return content

@@ -1,0 +1,160 @@
+"""Positions sub-stream: the counts of a binary split of the tile's cube (SPEC §7.2).
+
+The cube of 2^b cells an axis is halved along z, then y, then x, then z again, ...: bit by bit of the
+Morton code from the top. A node of n >= 2 anchors codes how many fall into its lower half, with one table
+per n; a node of one anchor codes its remaining bits as uniform bits, all at once. Only about 1.6 coded
+symbols an anchor are left, and duplicates need no special case: they are a leaf with n > 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.errors import Malformed
+from scarfmt.schema import Stream
+from scarfmt.symbols import Emitter, SymbolReader, TableKey
+
+U64 = NDArray[np.uint64]
+I64 = NDArray[np.int64]
+
+# Nodes of up to this many anchors have a table of their own; larger ones share one over 16 bins.
+LARGEST_OWN_TABLE = 16
+_BINS = 16
+_BIT_CHUNK = 12
+
+
+def _key(count: int) -> TableKey:
+    return TableKey(Stream.POSITIONS, 0, 0, min(count, LARGEST_OWN_TABLE + 1))
+
+
+def _bin_edges(counts: I64, bins: I64) -> I64:
+    """Smallest lower-half count in each bin: ceil(bin * (n + 1) / 16)."""
+    return -(-bins * (counts + 1) // _BINS)
+
+
+def _children(start: I64, count: I64, lower: I64) -> tuple[I64, I64]:
+    """Non-empty child nodes (start, count), in Morton order."""
+    starts = np.stack([start, start + lower], axis=1).ravel()
+    counts = np.stack([lower, count - lower], axis=1).ravel()
+    return starts[counts > 0], counts[counts > 0]
+
+
+def put_positions(emitter: Emitter, codes: U64, bits: int) -> None:
+    """Emit the sorted Morton codes of one tile's new anchors.
+
+    Args:
+        codes: (n,) uint64, ascending, each below 2^(3 * bits).
+        bits: local bits per axis, 0..21.
+    """
+    start, count = np.zeros(1, np.int64), np.array([len(codes)], np.int64)
+    start, count = start[count > 0], count[count > 0]
+    single_at = np.full(len(codes), -1, np.int64)
+    for bit in range(3 * bits - 1, -1, -1):
+        alone = count == 1
+        single_at[start[alone]] = bit
+        start, count = start[~alone], count[~alone]
+        below = np.concatenate(([0], np.cumsum((codes >> np.uint64(bit)) & np.uint64(1) == 0)))
+        lower = below[start + count] - below[start]
+        _put_splits(emitter, count, lower)
+        start, count = _children(start, count, lower)
+    for width in range(3 * bits, 0, -1):
+        _put_bits(emitter, codes[single_at == width - 1], width)
+
+
+def _put_splits(emitter: Emitter, count: I64, lower: I64) -> None:
+    for n in range(2, LARGEST_OWN_TABLE + 1):
+        emitter.emit(_key(n), lower[count == n])
+    large = count > LARGEST_OWN_TABLE
+    n, below = count[large], lower[large]
+    bins = below * _BINS // (n + 1)
+    emitter.emit(_key(LARGEST_OWN_TABLE + 1), bins)
+    first = _bin_edges(n, bins)
+    widths = _bin_edges(n, bins + 1) - first
+    for size in np.unique(widths[widths > 1]):
+        emitter_size = int(size)
+        _put_uniform(emitter, emitter_size, (below - first)[widths == size])
+
+
+def _put_uniform(emitter: Emitter, size: int, values: I64) -> None:
+    """A uniform value below `size`; sizes above 4096 as high part, then low 12 bits."""
+    if size <= 1 << _BIT_CHUNK:
+        emitter.emit_uniform(size, values)
+        return
+    emitter.emit_uniform(((size - 1) >> _BIT_CHUNK) + 1, values >> _BIT_CHUNK)
+    emitter.emit_uniform(1 << _BIT_CHUNK, values & ((1 << _BIT_CHUNK) - 1))
+
+
+def _put_bits(emitter: Emitter, codes: U64, width: int) -> None:
+    for low in range(_BIT_CHUNK * ((width - 1) // _BIT_CHUNK), -1, -_BIT_CHUNK):
+        size = 1 << min(_BIT_CHUNK, width - low)
+        emitter.emit_uniform(size, ((codes >> np.uint64(low)) & np.uint64(size - 1)).astype(np.int64))
+
+
+def get_positions(reader: SymbolReader, total: int, bits: int) -> U64:
+    """Read what :func:`put_positions` emitted: (total,) uint64 Morton codes, ascending.
+
+    Raises:
+        Malformed: ``bad-split`` when a split count exceeds its node's.
+    """
+    codes = np.zeros(total, np.uint64)
+    start, count = np.zeros(1, np.int64), np.array([total], np.int64)
+    start, count = start[count > 0], count[count > 0]
+    single_at = np.full(total, -1, np.int64)
+    prefix = np.zeros(len(start), np.uint64)
+    for bit in range(3 * bits - 1, -1, -1):
+        alone = count == 1
+        single_at[start[alone]] = bit
+        codes[start[alone]] = prefix[alone]
+        start, count, prefix = start[~alone], count[~alone], prefix[~alone]
+        lower = _get_splits(reader, count)
+        upper_bit = np.uint64(1) << np.uint64(bit)
+        prefix = np.stack([prefix, prefix | upper_bit], axis=1).ravel()
+        prefix = prefix[np.stack([lower, count - lower], axis=1).ravel() > 0]
+        start, count = _children(start, count, lower)
+    for first, n, code in zip(start[count > 1], count[count > 1], prefix[count > 1], strict=True):
+        codes[first : first + n] = code
+    codes[start[count == 1]] = prefix[count == 1]
+    for width in range(3 * bits, 0, -1):
+        chosen = single_at == width - 1
+        codes[chosen] |= _get_bits(reader, int(chosen.sum()), width)
+    return codes
+
+
+def _get_splits(reader: SymbolReader, count: I64) -> I64:
+    lower = np.zeros(len(count), np.int64)
+    for n in range(2, LARGEST_OWN_TABLE + 1):
+        chosen = count == n
+        lower[chosen] = reader.read(_key(n), int(chosen.sum()))
+    large = np.flatnonzero(count > LARGEST_OWN_TABLE)
+    bins = reader.read(_key(LARGEST_OWN_TABLE + 1), len(large))
+    if len(bins) and (int(bins.min()) < 0 or int(bins.max()) >= _BINS):
+        raise Malformed("bad-split", "a split bin is not in 0..15 (SPEC §7.2)", field="positions")
+    first = _bin_edges(count[large], bins)
+    widths = _bin_edges(count[large], bins + 1) - first
+    rest = np.zeros(len(large), np.int64)
+    for size in np.unique(widths[widths > 1]):
+        chosen = widths == size
+        rest[chosen] = _get_uniform(reader, int(size), int(chosen.sum()))
+    lower[large] = first + rest
+    if bool(((lower < 0) | (lower > count)).any()):
+        raise Malformed("bad-split", "a split puts more anchors below than the node holds (SPEC §7.2)", field="positions")
+    return lower
+
+
+def _get_uniform(reader: SymbolReader, size: int, count: int) -> I64:
+    if size <= 1 << _BIT_CHUNK:
+        return reader.read_uniform(size, count)
+    high = reader.read_uniform(((size - 1) >> _BIT_CHUNK) + 1, count)
+    value = (high << _BIT_CHUNK) | reader.read_uniform(1 << _BIT_CHUNK, count)
+    if bool((value >= size).any()):
+        raise Malformed("bad-split", "a uniform remainder is out of range (SPEC §7.2)", field="positions")
+    return value
+
+
+def _get_bits(reader: SymbolReader, count: int, width: int) -> U64:
+    codes = np.zeros(count, np.uint64)
+    for low in range(_BIT_CHUNK * ((width - 1) // _BIT_CHUNK), -1, -_BIT_CHUNK):
+        size = 1 << min(_BIT_CHUNK, width - low)
+        codes |= reader.read_uniform(size, count).astype(np.uint64) << np.uint64(low)
+    return codes

@@ -1,0 +1,88 @@
+"""Numbers that bound what a file may make a reader do (SPEC §13).
+
+`MAX_*` constants are the format's: no conforming file exceeds them. :class:`Limits` is what one reader accepts; a
+caller tightens it for untrusted input or raises it for a scene it knows. Passing a limit costs nothing: declared
+numbers are compared before anything is allocated from them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+MAX_LAYERS = 16
+"""More refinements than any scene uses; keeps the header below 2.2 KiB, so that one small read shows a whole file."""
+
+MAX_SLOTS = 32
+"""Scaffold-GS uses 10."""
+
+MAX_SH_DEGREE = 3
+"""What 3DGS and all rival formats store."""
+
+MAX_LATTICE_BITS = 32
+"""Below a micrometre over a kilometre; lattice coordinates fit in 32 bits."""
+
+MAX_TILE_DEPTH = 21
+"""3 * 21 = 63 bits: a tile prefix fits in 64 bits, with room for one past the last cube."""
+
+MAX_LOCAL_BITS = 21
+"""A Morton code of coordinates inside a tile fits in 63 bits."""
+
+MAX_TILES = 1 << 20
+"""A tile table of 12 MiB."""
+
+MAX_ENTRIES = 1 << 22
+"""A directory of 128 MiB."""
+
+MAX_ANCHORS = 1 << 31
+"""Indices fit in 32 bits, signed too."""
+
+MAX_ANCHORS_PER_TILE = 1 << 16
+"""Per TILE block. One block is decoded at once: this bounds the memory of a streaming reader. With 32 bytes of
+directory per block it also bounds expansion, to 2048 anchors per byte of file."""
+
+MAX_BLOCK_BYTES = 1 << 31
+"""A block is read and checked at once."""
+
+MAX_FILE_LENGTH = (1 << 53) - 1
+"""Every offset is exact in a binary64, the only number type of some readers; sums of two do not overflow 64 bits."""
+
+MAX_METADATA_BYTES = 1 << 24
+"""JSON is for people and catalogues, not for payloads."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a reader accepts; a file that declares more is refused with LimitExceeded.
+
+    Attributes:
+        tiles: records in the tile table.
+        entries: entries in the directory.
+        anchors: anchors after the last layer. 2^26 is ten times the largest public scene.
+        gaussians: Gaussians after the last layer.
+        tile_anchors: anchors that first appear in one TILE block.
+        block_bytes: bytes of one block. 2^28 is far above a full tile with all its attributes.
+        anchors_per_byte: anchors per byte of the whole file. A full cube of one colour needs about 30; real
+            scenes stay below 1.
+        metadata_bytes: bytes of the METADATA block, when it is parsed.
+    """
+
+    tiles: int = MAX_TILES
+    entries: int = MAX_ENTRIES
+    anchors: int = 1 << 26
+    gaussians: int = 1 << 28
+    tile_anchors: int = MAX_ANCHORS_PER_TILE
+    block_bytes: int = 1 << 28
+    anchors_per_byte: int = 64
+    metadata_bytes: int = 1 << 20
+
+
+DEFAULT_LIMITS = Limits()
+
+FORMAT_LIMITS = Limits(
+    anchors=MAX_ANCHORS,
+    gaussians=MAX_ANCHORS * MAX_SLOTS,
+    block_bytes=MAX_BLOCK_BYTES,
+    anchors_per_byte=MAX_ANCHORS_PER_TILE,
+    metadata_bytes=MAX_METADATA_BYTES,
+)
+"""The format's own maxima: what a writer must respect."""

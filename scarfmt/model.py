@@ -1,0 +1,208 @@
+"""What a file says about a scene before any anchor: channels, classes, layers, lattice (SPEC §6).
+
+A *class* is a set of anchors of like importance. Every anchor belongs to one; the layer table says, per
+class, how many RVQ stages and how many ternary steps of each channel it has after each layer. That one
+table expresses progressive refinement, late appearance and "stop refining what nobody can see".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.errors import Malformed
+from scarfmt.schema import Stream
+
+I64 = NDArray[np.int64]
+
+MAX_CLASSES = 15
+MAX_CHANNELS = 8
+MAX_COMPONENTS = 32
+MAX_STAGES = 8
+MAX_STEPS = 20
+"""3^19 ternary cells span more than 2^30: enough to refine any binary32 channel."""
+
+CHANNEL_STREAMS = (
+    Stream.POSITION_RESIDUAL,
+    Stream.SCALE,
+    Stream.ROTATION,
+    Stream.OPACITY,
+    Stream.COLOUR,
+    Stream.OFFSETS,
+)
+NO_SOURCE = 255
+
+
+@dataclass(frozen=True)
+class ContextRule:
+    """Which table codes a component's symbols (SPEC §8.4).
+
+    Attributes:
+        by_class: whether the anchor's class takes part.
+        source_channel: index of the channel whose first-step value takes part, or `NO_SOURCE`.
+        source_component: its component.
+        low: first source value with a context of its own; smaller ones share it.
+        shift: source values are shifted right by this many bits (after subtracting `low`).
+    """
+
+    by_class: bool = True
+    source_channel: int = NO_SOURCE
+    source_component: int = 0
+    low: int = 0
+    shift: int = 0
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A quantised attribute (SPEC §6.4): value = v * step / 3^(n - 1) after n ternary steps.
+
+    Attributes:
+        stream: the sub-stream that carries it, one of `CHANNEL_STREAMS`.
+        step: width of the first quantiser cell, in units of the attribute.
+        rules: one context rule a component; their number is the number of components.
+    """
+
+    stream: Stream
+    step: float
+    rules: tuple[ContextRule, ...]
+
+    @property
+    def components(self) -> int:
+        """Number of components."""
+        return len(self.rules)
+
+
+@dataclass(frozen=True)
+class LayerRow:
+    """State of every class after one layer (SPEC §6.5).
+
+    Attributes:
+        stages: (classes,) RVQ stages received so far.
+        steps: (classes, channels) ternary steps received so far, 0 = nothing yet.
+        present: (classes,) bool, whether the class has appeared. Classes appear in order.
+    """
+
+    stages: tuple[int, ...]
+    steps: tuple[tuple[int, ...], ...]
+
+    @property
+    def class_count(self) -> int:
+        """Classes that have appeared by this layer."""
+        return len(self.stages)
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Where integer positions lie in the world (SPEC §6.2).
+
+    Attributes:
+        origin: (3,) world position of lattice point 0.
+        voxel: world length of a lattice step.
+        bits: lattice bits per axis, 1..32.
+    """
+
+    origin: tuple[float, float, float]
+    voxel: float
+    bits: int
+
+
+@dataclass(frozen=True)
+class SceneModel:
+    """Everything the sub-stream codecs need to know.
+
+    Attributes:
+        slots: K, Gaussian slots per anchor.
+        channels: in coding order.
+        layers: one row a layer.
+    """
+
+    slots: int
+    channels: tuple[Channel, ...]
+    layers: tuple[LayerRow, ...]
+
+    def first_new_class(self, layer: int) -> int:
+        """Number of classes present before `layer` (1-based)."""
+        return self.layers[layer - 2].class_count if layer > 1 else 0
+
+    @cached_property
+    def _stage_tables(self) -> list[I64]:
+        return [_padded([[s] for s in row.stages]) for row in self.layers]
+
+    @cached_property
+    def _step_tables(self) -> list[I64]:
+        return [_padded(row.steps) for row in self.layers]
+
+    def stages(self, layer: int, classes: I64) -> I64:
+        """(n,) RVQ stages of anchors of `classes` after `layer`; 0 before their class appears."""
+        if layer == 0:
+            return np.zeros(len(classes), np.int64)
+        return self._stage_tables[layer - 1][classes, 0]
+
+    def steps(self, layer: int, channel: int, classes: I64) -> I64:
+        """(n,) ternary steps of `channel` after `layer`; 0 before the class appears."""
+        if layer == 0:
+            return np.zeros(len(classes), np.int64)
+        return self._step_tables[layer - 1][classes, channel]
+
+    @property
+    def max_stages(self) -> int:
+        """RVQ stages of the best class after the last layer."""
+        return max(self.layers[-1].stages)
+
+    def check(self) -> None:
+        """Check SPEC §6.4-6.5.
+
+        Raises:
+            Malformed: ``bad-layer-table`` or ``bad-channel``.
+        """
+        check_channels(self.channels, self.slots)
+        before: LayerRow | None = None
+        for row in self.layers:
+            check_row(row, before, len(self.channels))
+            before = row
+
+
+def _padded(rows: object) -> I64:
+    """Rows of the classes present, then zeros for those still to come."""
+    table = np.array(rows, np.int64)
+    return np.concatenate([table, np.zeros((MAX_CLASSES + 1 - len(table), table.shape[1]), np.int64)])
+
+
+def check_channels(channels: tuple[Channel, ...], slots: int) -> None:
+    """Check the channel table (SPEC §6.4): known, distinct, ascending streams; sources come first."""
+    streams = [channel.stream for channel in channels]
+    if len(channels) > MAX_CHANNELS or streams != sorted(set(streams)) or not set(streams) <= set(CHANNEL_STREAMS):
+        raise Malformed("bad-channel", f"channels {streams} must be known and ascend (SPEC §6.4)", field="channels")
+    for index, channel in enumerate(channels):
+        if not (0 < channel.step < float("inf")) or not 1 <= channel.components <= MAX_COMPONENTS:
+            raise Malformed("bad-channel", f"channel {channel.stream.name}: bad step or size (SPEC §6.4)", field="channels")
+        for component, rule in enumerate(channel.rules):
+            if rule.source_channel == NO_SOURCE:
+                continue
+            earlier = (rule.source_channel, rule.source_component) < (index, component)
+            if not earlier or rule.source_component >= channels[rule.source_channel].components or rule.shift > 31:
+                raise Malformed("bad-channel", "a context source must be coded earlier (SPEC §8.4)", field="channels")
+            if Stream.OFFSETS in (channel.stream, channels[rule.source_channel].stream):
+                raise Malformed("bad-channel", "offsets take no context source (SPEC §8.4)", field="channels")
+    if (Stream.OFFSETS in streams) != (slots > 1):
+        raise Malformed("bad-channel", "the offsets channel is present exactly when K > 1 (SPEC §6.4)", field="channels")
+
+
+def check_row(row: LayerRow, before: LayerRow | None, channels: int) -> None:
+    """Check one layer row against the one before (SPEC §6.5): nothing is ever taken back."""
+    fits = (
+        1 <= row.class_count <= MAX_CLASSES
+        and len(row.steps) == row.class_count
+        and all(0 <= stages <= MAX_STAGES for stages in row.stages)
+        and all(len(steps) == channels and all(0 <= n <= MAX_STEPS for n in steps) for steps in row.steps)
+    )
+    if fits and before is not None:
+        fits = row.class_count >= before.class_count
+        fits &= all(new >= old for new, old in zip(row.stages, before.stages, strict=False))
+        for new, old in zip(row.steps, before.steps, strict=False):
+            fits &= all(a >= b for a, b in zip(new, old, strict=True))
+    if not fits:
+        raise Malformed("bad-layer-table", "a layer row is out of range or takes something back (SPEC §6.5)", field="layer")

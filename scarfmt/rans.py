@@ -1,0 +1,200 @@
+"""Range asymmetric numeral systems over exact integer frequency tables (SPEC §8).
+
+Two decoders of one definition: :class:`RansDecoder` on constriction (fast), and
+:class:`PureRansDecoder`, the ten lines of SPEC §8.2 in Python integers (readable). They return the same
+symbols for every input, valid or not; property tests compare them.
+
+A stream is a sequence of 32-bit words, a stack: the decoder starts from the last word. The encoder
+therefore codes the groups it was given in reverse order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Protocol
+
+import constriction
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.errors import InvalidInput, Malformed
+
+PRECISION = 24
+TOTAL = 1 << PRECISION
+MAX_ALPHABET = 4096
+STATE_LOWER = 1 << 32
+
+I64 = NDArray[np.int64]
+I32 = NDArray[np.int32]
+
+AnsCoder = constriction.stream.stack.AnsCoder
+Categorical = constriction.stream.model.Categorical
+
+
+@dataclass(frozen=True)
+class FrequencyTable:
+    """Integer frequencies of an alphabet 0..n-1: each >= 1, their sum 2^24 (SPEC §8.1).
+
+    An alphabet of one symbol has the frequency 2^24 and codes nothing.
+
+    Attributes:
+        frequencies: (n,) int64.
+    """
+
+    frequencies: I64
+    _cache: dict[str, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        f = self.frequencies
+        if not 1 <= len(f) <= MAX_ALPHABET or int(f.min()) < 1 or int(f.sum()) != TOTAL:
+            raise InvalidInput(
+                "input-table", f"{len(f)} frequencies must each be >= 1 and sum to 2^24 (SPEC §8.1)", field="table"
+            )
+
+    @classmethod
+    def from_weights(cls, weights: NDArray[np.integer[Any]]) -> FrequencyTable:
+        """Frequencies from integer weights by exact prefix sums (SPEC §8.1).
+
+        With C_i the sum of the first i of n weights, the cumulative frequency is
+        c_i = floor(C_i * (2^24 - n) / C_n) + i. Integer arithmetic throughout: the product stays below
+        2^63 while C_n < 2^39.
+
+        Args:
+            weights: (n,) non-negative integers, not all zero, sum below 2^39.
+        """
+        w = np.asarray(weights, dtype=np.int64)
+        n = len(w)
+        total = int(w.sum())
+        if not 1 <= n <= MAX_ALPHABET or int(w.min()) < 0 or not 0 < total < 1 << 39:
+            raise InvalidInput("input-table", f"{n} weights of sum {total} make no frequency table", field="table")
+        prefix = np.concatenate(([0], np.cumsum(w)))
+        cumulative = prefix * (TOTAL - n) // total + np.arange(n + 1)
+        return cls(np.diff(cumulative))
+
+    def __len__(self) -> int:
+        return len(self.frequencies)
+
+    @cached_property
+    def cumulative(self) -> I64:
+        """(n + 1,) int64 exclusive prefix sums, ending in 2^24."""
+        return np.concatenate(([0], np.cumsum(self.frequencies)))
+
+    @cached_property
+    def bits(self) -> NDArray[np.float64]:
+        """(n,) float64 cost of each symbol in bits, -log2(f / 2^24)."""
+        return PRECISION - np.log2(self.frequencies.astype(np.float64))
+
+    @property
+    def model(self) -> Any:
+        """constriction's model of exactly these frequencies.
+
+        With weights f - 1 its free mass 2^24 - n equals their sum, so its scale is exactly 1 and its
+        cumulative table is exactly ours. `perfect` must be passed: its default changed between versions.
+        """
+        if "model" not in self._cache:
+            self._cache["model"] = Categorical((self.frequencies - 1).astype(np.float64), perfect=False)
+        return self._cache["model"]
+
+
+def uniform_table(size: int) -> FrequencyTable:
+    """The frequency table of `size` equally weighted symbols, as §8.1 makes it from weights of 1."""
+    return FrequencyTable.from_weights(np.ones(size, np.int64))
+
+
+class SymbolSource(Protocol):
+    """What a sub-stream codec reads from: either decoder."""
+
+    def decode(self, table: FrequencyTable, count: int) -> I32: ...
+
+    def finish(self) -> None: ...
+
+
+class RansEncoder:
+    """Collects groups of symbols in decoding order; :meth:`finish` codes them in reverse."""
+
+    def __init__(self) -> None:
+        self._groups: list[tuple[I32, FrequencyTable]] = []
+
+    def encode(self, symbols: NDArray[np.integer[Any]], table: FrequencyTable) -> None:
+        """Append `symbols`, (count,) integers in 0..n-1, coded with `table`."""
+        values = np.ascontiguousarray(symbols, dtype=np.int32)
+        if len(values) and (int(values.min()) < 0 or int(values.max()) >= len(table)):
+            raise InvalidInput("input-symbol", f"symbol outside the alphabet of {len(table)}", field="symbols")
+        if len(values) and len(table) > 1:
+            self._groups.append((values, table))
+
+    def finish(self) -> bytes:
+        """The sealed stream: 32-bit little-endian words, empty when nothing was coded."""
+        coder = AnsCoder()
+        for values, table in reversed(self._groups):
+            coder.encode_reverse(values, table.model)
+        return bytes(coder.get_compressed().astype("<u4").tobytes())
+
+
+def _words(data: bytes) -> NDArray[np.uint32]:
+    if len(data) % 4:
+        raise Malformed("rans-length", f"a rANS stream of {len(data)} bytes is not whole 32-bit words (SPEC §8.2)")
+    words = np.frombuffer(data, dtype="<u4").astype(np.uint32)
+    if len(words) and words[-1] == 0:
+        raise Malformed("rans-last-word", "the last word of a rANS stream must not be zero (SPEC §8.2)")
+    return words
+
+
+def _seal_error() -> Malformed:
+    return Malformed("rans-seal", "the rANS stream does not end in the empty state (SPEC §8.2): it is damaged")
+
+
+class RansDecoder:
+    """Fast decoder, on constriction's AnsCoder."""
+
+    def __init__(self, data: bytes) -> None:
+        self._coder = AnsCoder(_words(data))
+
+    def decode(self, table: FrequencyTable, count: int) -> I32:
+        """The next `count` symbols, (count,) int32. `count` must come from a validated number."""
+        if len(table) == 1 or count == 0:
+            return np.zeros(count, np.int32)
+        return np.asarray(self._coder.decode(table.model, count), dtype=np.int32)
+
+    def finish(self) -> None:
+        """Check the end state (SPEC §8.2).
+
+        Raises:
+            Malformed: ``rans-seal`` when words or state are left.
+        """
+        if not self._coder.is_empty():
+            raise _seal_error()
+
+
+class PureRansDecoder:
+    """The normative decoder of SPEC §8.2, in plain integers."""
+
+    def __init__(self, data: bytes) -> None:
+        self._words = [int(word) for word in _words(data)]
+        self._state = 0
+        for _ in range(2):
+            self._refill()
+
+    def _refill(self) -> None:
+        if self._state < STATE_LOWER and self._words:
+            self._state = (self._state << 32) | self._words.pop()
+
+    def _symbol(self, table: FrequencyTable) -> int:
+        slot = self._state & (TOTAL - 1)
+        symbol = int(np.searchsorted(table.cumulative, slot, side="right")) - 1
+        start, frequency = int(table.cumulative[symbol]), int(table.frequencies[symbol])
+        self._state = frequency * (self._state >> PRECISION) + slot - start
+        self._refill()
+        return symbol
+
+    def decode(self, table: FrequencyTable, count: int) -> I32:
+        """As :meth:`RansDecoder.decode`."""
+        if len(table) == 1:
+            return np.zeros(count, np.int32)
+        return np.array([self._symbol(table) for _ in range(count)], dtype=np.int32)
+
+    def finish(self) -> None:
+        """As :meth:`RansDecoder.finish`."""
+        if self._state or self._words:
+            raise _seal_error()

@@ -1,0 +1,223 @@
+"""Pinhole cameras: the project's evaluation orbit, and the cameras of a photo capture."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from scarfmt.errors import InvalidInput
+from scarfmt.scene import F64, GaussianScene
+
+# Up axis -> the horizontal axes at azimuth 0 and 90 degrees. Flipping the up axis flips only the second,
+# so that a scene turned upside down keeps its azimuths as seen from its own top.
+_HORIZON = {
+    "x": ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    "-x": ((-1, 0, 0), (0, 1, 0), (0, 0, -1)),
+    "y": ((0, 1, 0), (1, 0, 0), (0, 0, 1)),
+    "-y": ((0, -1, 0), (1, 0, 0), (0, 0, -1)),
+    "z": ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
+    "-z": ((0, 0, -1), (1, 0, 0), (0, -1, 0)),
+}
+# Part of the distance that would show the whole sphere round the core box: the box's corners are mostly empty.
+_FILL = 0.85
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera with OpenCV axes: x right, y down, z forward.
+
+    Pixel (column i, row j) has its centre at (i + 0.5, j + 0.5).
+
+    Attributes:
+        width, height: picture size, pixels.
+        fx, fy, cx, cy: focal lengths and principal point, pixels.
+        world_to_camera: (4, 4) float64, x_camera = R x_world + t.
+        name: photo file name or a label; may be empty.
+        split: ``"train"``, ``"test"`` or empty.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    world_to_camera: F64
+    name: str = ""
+    split: str = ""
+
+    @property
+    def centre(self) -> F64:
+        """(3,) float64 position of the eye, world units."""
+        rotation, translation = self.world_to_camera[:3, :3], self.world_to_camera[:3, 3]
+        return -rotation.T @ translation
+
+    def scaled(self, factor: float) -> Camera:
+        """The same view in a picture `factor` times as wide and high (rounded to whole pixels)."""
+        width, height = max(1, round(self.width * factor)), max(1, round(self.height * factor))
+        sx, sy = width / self.width, height / self.height
+        return Camera(
+            width,
+            height,
+            self.fx * sx,
+            self.fy * sy,
+            self.cx * sx,
+            self.cy * sy,
+            self.world_to_camera,
+            self.name,
+            self.split,
+        )
+
+
+@dataclass(frozen=True)
+class Arc:
+    """Which way is up, and the azimuths an orbit covers.
+
+    Attributes:
+        up: ``"x"``, ``"-x"``, ``"y"``, ``"-y"``, ``"z"`` or ``"-z"``.
+        centre_deg: azimuth of the middle of the arc, degrees.
+        span_deg: width of the arc, degrees; 360 is the whole circle.
+    """
+
+    up: str
+    centre_deg: float = 0.0
+    span_deg: float = 360.0
+
+    @staticmethod
+    def parse(text: str) -> Arc:
+        """Read ``"UP"`` or ``"UP:CENTRE_DEG:SPAN_DEG"``, e.g. ``"-y"`` or ``"-y:125:70"``.
+
+        Raises:
+            InvalidInput: the text has another shape, or numbers out of range.
+        """
+        up, *numbers = text.split(":")
+        try:
+            centre, span = (float(number) for number in numbers) if numbers else (0.0, 360.0)
+        except ValueError:
+            up, centre, span = "", 0.0, 0.0
+        if up not in _HORIZON or not math.isfinite(centre) or not 0 <= span <= 360:
+            raise InvalidInput(
+                "input-frame",
+                f"cannot read the frame {text!r}: give UP or UP:CENTRE_DEG:SPAN_DEG with UP one of "
+                f"{', '.join(_HORIZON)} and the span 0..360, e.g. -y:125:70",
+            )
+        return Arc(up, centre, span)
+
+    def azimuths(self, count: int) -> F64:
+        """(count,) float64 degrees: evenly round a whole circle, else both ends of the arc included."""
+        if self.span_deg == 360 or count == 1:
+            return self.centre_deg + np.arange(count, dtype=np.float64) * (self.span_deg / count)
+        return self.centre_deg + self.span_deg * np.linspace(-0.5, 0.5, count, dtype=np.float64)
+
+
+def look_at(eye: F64, target: F64, up: F64, width: int, height: int, fov_deg: float = 60.0, name: str = "") -> Camera:
+    """A camera at `eye` looking at `target`, with `up` pointing up in the picture.
+
+    Args:
+        eye, target, up: (3,) float64, world units.
+        width, height: picture size, pixels.
+        fov_deg: horizontal field of view, degrees.
+        name: label of the camera.
+    """
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) < 1e-9:
+        # Looking straight along the up axis: any horizontal direction will do, but always the same one.
+        right = np.cross(forward, np.roll(up, 1))
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    pose[:3, 3] = -pose[:3, :3] @ eye
+    focal = width / (2 * math.tan(math.radians(fov_deg) / 2))
+    return Camera(width, height, focal, focal, width / 2, height / 2, pose, name)
+
+
+def core(scene: GaussianScene, upward: F64) -> tuple[F64, F64]:
+    """Middle and half extent, each (3,) float64, of the 10-90 % core of the positions per axis.
+
+    Along the (3,) unit axis `upward` the middle is that of the core, so that a standing subject is not cut off
+    at its thinner end; sideways it is the median, which stays with the subject where the background reaches far
+    to one side.
+
+    Raises:
+        InvalidInput: the scene has no Gaussian at a finite position.
+    """
+    finite = scene.positions[np.isfinite(scene.positions).all(axis=1)]
+    if len(finite) == 0:
+        raise InvalidInput("input-empty", "the scene has no Gaussian at a finite position: nothing to look at")
+    low, middle, high = np.percentile(finite, [10, 50, 90], axis=0)
+    vertical = np.abs(upward)
+    return middle * (1 - vertical) + (low + high) / 2 * vertical, (high - low) / 2
+
+
+def orbit_cameras(
+    scene: GaussianScene,
+    count: int = 8,
+    width: int = 640,
+    height: int = 480,
+    up: str = "-y",
+    elevation_deg: float = 20.0,
+    azimuth_offset_deg: float = 0.0,
+    radius_factor: float = 1.0,
+    fov_deg: float = 60.0,
+) -> list[Camera]:
+    """Cameras on an orbit round the scene's 10-90 % core, all looking at its middle (:func:`core`).
+
+    Args:
+        scene: the scene to look at.
+        count: number of cameras.
+        width, height: picture size, pixels.
+        up: ``"UP"`` or an arc ``"UP:CENTRE_DEG:SPAN_DEG"`` (:meth:`Arc.parse`). Azimuths turn from +x
+            towards -z for ``-y`` (+z for ``y``), +x towards +y for ``z``.
+        elevation_deg: height of the eyes above the horizon of the target, degrees.
+        azimuth_offset_deg: added to every azimuth, degrees.
+        radius_factor: multiplies the distance; 1 lets the core just fill the picture.
+        fov_deg: horizontal field of view, degrees.
+
+    Raises:
+        InvalidInput: `up` cannot be read, or the scene is empty.
+    """
+    arc = Arc.parse(up)
+    upward, zero, ninety = (np.array(axis, dtype=np.float64) for axis in _HORIZON[arc.up])
+    target, half_extent = core(scene, upward)
+    half_fov = math.atan(math.tan(math.radians(fov_deg) / 2) * min(1.0, height / width))
+    # A scene of one point has no extent; any positive radius shows it.
+    extent = float(np.linalg.norm(half_extent)) or 1.0
+    radius = radius_factor * _FILL * extent / math.sin(half_fov)
+    elevation = math.radians(elevation_deg)
+    cameras = []
+    for azimuth in arc.azimuths(count) + azimuth_offset_deg:
+        turn = math.radians(azimuth)
+        level = math.cos(turn) * zero + math.sin(turn) * ninety
+        eye = target + radius * (math.cos(elevation) * level + math.sin(elevation) * upward)
+        cameras.append(look_at(eye, target, upward, width, height, fov_deg, name=f"{azimuth % 360:.0f} deg"))
+    return cameras
+
+
+def load_cameras(path: str | Path) -> list[Camera]:
+    """Cameras of a photo capture: a JSON file ``{"images": [{name, W, H, fx, fy, cx, cy, world_to_camera, split}]}``.
+
+    Raises:
+        InvalidInput: the file is not JSON of that shape.
+        OSError: the file cannot be read.
+    """
+    text = Path(path).read_text(encoding="utf-8")
+    try:
+        return [_camera_from_json(entry) for entry in json.loads(text)["images"]]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInput(
+            "input-cameras", f"{path} is not a camera list ({type(error).__name__}: {error})", field="images"
+        ) from error
+
+
+def _camera_from_json(entry: dict[str, object]) -> Camera:
+    pose = np.array(entry["world_to_camera"], dtype=np.float64)
+    if pose.shape != (4, 4) or not np.isfinite(pose).all():
+        raise ValueError(f"world_to_camera must be 4x4 finite numbers, got shape {pose.shape}")
+    fx, fy, cx, cy = (float(str(entry[key])) for key in ("fx", "fy", "cx", "cy"))
+    width, height = int(str(entry["W"])), int(str(entry["H"]))
+    return Camera(width, height, fx, fy, cx, cy, pose, str(entry["name"]), str(entry.get("split", "")))

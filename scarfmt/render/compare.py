@@ -1,0 +1,126 @@
+"""How close the pictures of one scene are to those of another, or to photos."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.errors import InvalidInput
+from scarfmt.render.camera import Camera, load_cameras
+from scarfmt.render.images import read_image
+from scarfmt.render.metrics import psnr, ssim
+from scarfmt.render.rasterise import render
+from scarfmt.scene import GaussianScene
+
+Picture = NDArray[np.floating]
+# Anything that can be looked at: explicit Gaussians, or a function from camera to picture (anchor models).
+View = GaussianScene | Callable[[Camera], Picture]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Quality of a set of pictures against as many originals.
+
+    Attributes:
+        names: (V) camera names.
+        psnr_db: (V) PSNR per view, dB; `math.inf` where the pictures are equal.
+        ssim: (V) SSIM per view; empty if it was not asked for.
+    """
+
+    names: tuple[str, ...]
+    psnr_db: tuple[float, ...]
+    ssim: tuple[float, ...]
+
+    @property
+    def mean_psnr_db(self) -> float:
+        """Mean over the views of the PSNR in dB, as papers report it."""
+        return float(np.mean(self.psnr_db))
+
+    @property
+    def worst_psnr_db(self) -> float:
+        """PSNR of the worst view, dB."""
+        return min(self.psnr_db)
+
+    @property
+    def mean_ssim(self) -> float:
+        """Mean over the views; NaN if SSIM was not asked for."""
+        return float(np.mean(self.ssim)) if self.ssim else float("nan")
+
+    @property
+    def worst_ssim(self) -> float:
+        """SSIM of the worst view; NaN if SSIM was not asked for."""
+        return min(self.ssim, default=float("nan"))
+
+
+def compare(
+    a: View,
+    b: View,
+    cameras: Sequence[Camera],
+    ssim: bool = True,
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Comparison:
+    """Compare the pictures of `a` with those of `b`, seen from the same cameras.
+
+    Args:
+        a, b: scenes, or functions from camera to (height, width, 3) picture.
+        cameras: the views, at least one.
+        ssim: also compute SSIM, which takes about as long as a picture.
+        background: colour behind the scenes; functions bring their own.
+
+    Raises:
+        InvalidInput: no cameras.
+    """
+    pairs = ((camera.name, _picture(a, camera, background), _picture(b, camera, background)) for camera in cameras)
+    return compare_pictures(pairs, ssim)
+
+
+def compare_with_photos(
+    scene: View,
+    photos: str | Path,
+    split: str = "test",
+    ssim: bool = True,
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Comparison:
+    """Compare the pictures of `scene` with the photos it was made from.
+
+    Args:
+        scene: a scene, or a function from camera to (height, width, 3) picture.
+        photos: a folder with `cameras.json` and `images/`, or the path of that JSON file.
+        split: take the cameras marked so; empty takes all.
+        ssim: also compute SSIM.
+        background: colour behind the scene.
+
+    Raises:
+        InvalidInput: no camera has that split, the JSON has another shape, or a photo another size than its camera.
+        OSError: a file cannot be read.
+    """
+    listing = Path(photos) / "cameras.json" if Path(photos).is_dir() else Path(photos)
+    cameras = [camera for camera in load_cameras(listing) if split in ("", camera.split)]
+    folder = listing.parent / "images"
+    pairs = ((camera.name, _picture(scene, camera, background), read_image(folder / camera.name)) for camera in cameras)
+    return compare_pictures(pairs, ssim)
+
+
+def compare_pictures(pairs: Iterable[tuple[str, Picture, Picture]], with_ssim: bool = True) -> Comparison:
+    """Compare pictures given as (name, picture, original).
+
+    Raises:
+        InvalidInput: no pairs, or two pictures of different sizes.
+    """
+    names, decibels, similarities = [], [], []
+    for name, picture, original in pairs:
+        names.append(name)
+        decibels.append(psnr(picture, original))
+        if with_ssim:
+            similarities.append(ssim(picture, original))
+    if not names:
+        raise InvalidInput("input-empty", "no pictures to compare: give at least one camera")
+    return Comparison(tuple(names), tuple(decibels), tuple(similarities))
+
+
+def _picture(view: View, camera: Camera, background: Sequence[float]) -> Picture:
+    return render(view, camera, background) if isinstance(view, GaussianScene) else view(camera)

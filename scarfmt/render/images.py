@@ -1,0 +1,91 @@
+"""Pictures on disk: PNG in and out, and contact sheets."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, UnidentifiedImageError
+
+from scarfmt.errors import InvalidInput
+from scarfmt.scene import F32
+
+_LABEL_HEIGHT = 18
+_LABEL_INK = (230, 230, 230)
+
+
+def to_bytes(image: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """(height, width, 3) uint8 of a picture of floats: clipped to [0, 1] and rounded to nearest; NaN becomes 0."""
+    scaled = np.clip(np.nan_to_num(image), 0.0, 1.0) * 255 + 0.5
+    return np.asarray(scaled, dtype=np.uint8)
+
+
+def write_png(path: str | Path, image: NDArray[np.floating]) -> None:
+    """Write a (height, width, 3) picture of floats as an 8-bit PNG; a reader never sees half a file.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    target = Path(path)
+    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            Image.fromarray(to_bytes(image)).save(stream, format="PNG")
+        # mkstemp makes the file private; pictures get the permissions any new file would.
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, target)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def read_image(path: str | Path) -> F32:
+    """A picture file as (height, width, 3) float32 in [0, 1].
+
+    Raises:
+        InvalidInput: the file is no picture pillow can read.
+        OSError: the file cannot be opened.
+    """
+    try:
+        with Image.open(path) as image:
+            return np.asarray(image.convert("RGB"), dtype=np.float32) / np.float32(255)
+    except UnidentifiedImageError as error:
+        raise InvalidInput("input-image", f"{path} is not a readable picture: give a PNG or JPEG file") from error
+
+
+def contact_sheet(images: Sequence[NDArray[np.floating]], labels: Sequence[str] = (), columns: int = 4) -> F32:
+    """One picture, (H, W, 3) float32, of many of one size: row by row, each with its label under it.
+
+    Args:
+        images: (height, width, 3) floats, all of one shape.
+        labels: one per image, or none at all, which leaves no room for labels.
+        columns: pictures per row.
+
+    Raises:
+        InvalidInput: no images, different sizes, or another number of labels.
+    """
+    if not images or any(image.shape != images[0].shape for image in images):
+        raise InvalidInput("input-shape", "a contact sheet needs at least one picture, and all of one size")
+    if labels and len(labels) != len(images):
+        raise InvalidInput("input-shape", f"{len(labels)} labels for {len(images)} pictures: give one each, or none")
+    height, width = images[0].shape[:2]
+    columns = min(columns, len(images))
+    step = height + (_LABEL_HEIGHT if labels else 0)
+    sheet = Image.new("RGB", (columns * width, -(-len(images) // columns) * step))
+    draw = ImageDraw.Draw(sheet)
+    for k, image in enumerate(images):
+        left, top = k % columns * width, k // columns * step
+        sheet.paste(Image.fromarray(to_bytes(image)), (left, top))
+        if labels:
+            draw.text((left + 4, top + height + 3), labels[k], fill=_LABEL_INK)
+    return np.asarray(sheet, dtype=np.float32) / np.float32(255)

@@ -1,0 +1,404 @@
+"""Tile rasteriser: pictures of Gaussian scenes, and what each Gaussian contributes to them.
+
+The rules are INRIA's (3D Gaussian Splatting, appendix C): splats blended front to back, alpha capped at 0.99
+and dropped below 1/255, a pixel closed before its transmittance would fall under 1e-4. All arithmetic is
+float64 in a fixed order, so results are the same bits whatever the number of threads.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from scarfmt.errors import InvalidInput
+from scarfmt.render.camera import Camera
+from scarfmt.render.jit import device, kernel
+from scarfmt.render.projection import (
+    BLUE,
+    CONIC_A,
+    CONIC_B,
+    CONIC_C,
+    GREEN,
+    HALF_X,
+    HALF_Y,
+    MAX_ALPHA,
+    MEAN_X,
+    MEAN_Y,
+    MIN_ALPHA,
+    MIN_TRANSMITTANCE,
+    OPACITY,
+    RED,
+    project,
+)
+from scarfmt.scene import F32, F64, GaussianScene
+
+TILE = 16
+_PIXELS = TILE * TILE
+# Planes of a tile's state, one value per pixel each: all in one array, so that LLVM can prove that they do
+# not overlap and turns the loop over a row into vector code.
+_TRANSMITTANCE, _OPEN, _COLOUR, _FINAL, _LANES = 0, _PIXELS, 2 * _PIXELS, 5 * _PIXELS, 8 * _PIXELS
+_STATE = 8 * _PIXELS + 4 * TILE
+# Splats between two looks at whether any pixel of the tile is still open.
+_CHECK_EVERY = 16
+
+# Some numba threading layers abort the process when two Python threads enter them at once.
+_lock = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Contributions:
+    """What each of N Gaussians contributed to a set of pictures; w = alpha * transmittance at a pixel.
+
+    Attributes:
+        weight_sum: (N,) float64, sum of w over all pixels of all views.
+        weight_sq: (N,) float64, sum of w^2.
+        weight_max: (N,) float64, largest w, 0..0.99.
+        views: (N,) int32, number of views in which the Gaussian had any weight.
+        contrast_sq: (N,) float64, sum over pixels of w^2 |c - c_behind|^2 (summed over R, G, B), with c_behind
+            the colour composited behind the Gaussian divided by the transmittance there: the square of
+            alpha * d(pixel)/d(alpha), i.e. how much a relative error of alpha is seen.
+    """
+
+    weight_sum: F64
+    weight_sq: F64
+    weight_max: F64
+    views: NDArray[np.int32]
+    contrast_sq: F64
+
+
+@device
+def _bin_splats(splats: F64, columns: int, rows: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Splat numbers per tile in depth order: (tiles + 1,) offsets into the (intersections,) list."""
+    offsets = np.zeros(columns * rows + 1, dtype=np.int64)
+    spans = np.empty((len(splats), 4), dtype=np.int32)
+    for i in range(len(splats)):
+        splat = splats[i]
+        spans[i, 0] = int(max(0.0, (splat[MEAN_X] - splat[HALF_X]) / TILE))
+        spans[i, 1] = int(min(float(columns - 1), (splat[MEAN_X] + splat[HALF_X]) / TILE))
+        spans[i, 2] = int(max(0.0, (splat[MEAN_Y] - splat[HALF_Y]) / TILE))
+        spans[i, 3] = int(min(float(rows - 1), (splat[MEAN_Y] + splat[HALF_Y]) / TILE))
+        for row in range(spans[i, 2], spans[i, 3] + 1):
+            for column in range(spans[i, 0], spans[i, 1] + 1):
+                offsets[row * columns + column + 1] += 1
+    for tile in range(columns * rows):
+        offsets[tile + 1] += offsets[tile]
+    fill = offsets[:-1].copy()
+    members = np.empty(offsets[-1], dtype=np.int32)
+    for i in range(len(splats)):
+        for row in range(spans[i, 2], spans[i, 3] + 1):
+            for column in range(spans[i, 0], spans[i, 1] + 1):
+                tile = row * columns + column
+                members[fill[tile]] = i
+                fill[tile] += 1
+    return offsets, members
+
+
+@device
+def _first_row(splat: F64, top: float) -> int:
+    """First row of the tile starting at `top` whose pixel centres the splat can reach."""
+    return int(max(0.0, np.ceil(splat[MEAN_Y] - splat[HALF_Y] - top - 0.5)))
+
+
+@device
+def _last_row(splat: F64, top: float) -> int:
+    """Last such row, less than `TILE`."""
+    return int(min(TILE - 1.0, np.floor(splat[MEAN_Y] + splat[HALF_Y] - top - 0.5)))
+
+
+@device
+def _open_tile(state: F64, wide: int, high: int) -> None:
+    """Start a tile of which `wide` x `high` pixels lie in the picture; the others count as closed."""
+    for pixel in range(_PIXELS):
+        state[_TRANSMITTANCE + pixel] = 1.0
+        state[_OPEN + pixel] = 1.0 if pixel % TILE < wide and pixel // TILE < high else 0.0
+        state[_COLOUR + pixel] = 0.0
+        state[_COLOUR + _PIXELS + pixel] = 0.0
+        state[_COLOUR + 2 * _PIXELS + pixel] = 0.0
+
+
+@device
+def _tile_is_open(state: F64) -> bool:
+    still_open = 0.0
+    for pixel in range(_PIXELS):
+        still_open = max(still_open, state[_OPEN + pixel])
+    return still_open > 0.0
+
+
+@device
+def _exp(power: float) -> float:
+    """exp(power) for -8 <= power <= 0 to 1e-8; written out because a call would stop vectorisation.
+
+    Below -8 any value under 1/255 will do, as every alpha there is dropped.
+    """
+    t = max(power, -8.0) * (1.0 / 128.0)
+    value = 1.0 + t * (1.0 + t * (1 / 2 + t * (1 / 6 + t * (1 / 24 + t * (1 / 120)))))
+    value *= value
+    value *= value
+    value *= value
+    value *= value
+    value *= value
+    value *= value
+    value *= value
+    return value
+
+
+@device
+def _alpha(opacity: float, power: float) -> float:
+    """Alpha of a splat at a pixel; 0 where the rules say to skip it."""
+    alpha = min(MAX_ALPHA, opacity * _exp(power))
+    return 0.0 if (power > 0.0 or alpha < MIN_ALPHA) else alpha
+
+
+@device
+def _blend(state: F64, splat: F64, left: float, top: float) -> None:
+    """Blend one splat over the tile whose first pixel is (left, top)."""
+    a, b, c = -0.5 * splat[CONIC_A], -splat[CONIC_B], -0.5 * splat[CONIC_C]
+    opacity, red, green, blue = splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE]
+    dx0 = left + 0.5 - splat[MEAN_X]
+    first_row, last_row = _first_row(splat, top), _last_row(splat, top)
+    # Constant loop bounds let LLVM see that no index is negative, without which it does not vectorise.
+    for row in range(TILE):
+        if row < first_row or row > last_row:
+            continue
+        dy = top + row + 0.5 - splat[MEAN_Y]
+        for column in range(TILE):
+            pixel = row * TILE + column
+            dx = dx0 + column
+            alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
+            before = state[_TRANSMITTANCE + pixel]
+            after = before * (1.0 - alpha)
+            still = state[_OPEN + pixel] if after >= MIN_TRANSMITTANCE else 0.0
+            weight = alpha * before * still
+            state[_OPEN + pixel] = still
+            state[_TRANSMITTANCE + pixel] = after if still > 0.0 else before
+            state[_COLOUR + pixel] += weight * red
+            state[_COLOUR + _PIXELS + pixel] += weight * green
+            state[_COLOUR + 2 * _PIXELS + pixel] += weight * blue
+
+
+@device
+def _composite_tile(
+    state: F64,
+    splats: F64,
+    members: NDArray[np.int32],
+    first: int,
+    last: int,
+    left: float,
+    top: float,
+    wide: int,
+    high: int,
+) -> int:
+    """Blend the tile's splats until all pixels are closed; the number after the last intersection blended."""
+    _open_tile(state, wide, high)
+    for k in range(first, last):
+        if (k - first) % _CHECK_EVERY == 0 and not _tile_is_open(state):
+            return k
+        _blend(state, splats[members[k]], left, top)
+    return last
+
+
+@kernel
+def _render_tiles(
+    splats: F64,
+    offsets: NDArray[np.int64],
+    members: NDArray[np.int32],
+    tiles: NDArray[np.int64],
+    columns: int,
+    background: F64,
+    image: F32,
+) -> None:
+    for k in prange(len(tiles)):
+        tile = tiles[k]
+        row, column = tile // columns, tile % columns
+        wide, high = min(TILE, image.shape[1] - column * TILE), min(TILE, image.shape[0] - row * TILE)
+        state = np.empty(_STATE)
+        left, top = float(column * TILE), float(row * TILE)
+        _composite_tile(state, splats, members, offsets[tile], offsets[tile + 1], left, top, wide, high)
+        for y in range(high):
+            for x in range(wide):
+                pixel = y * TILE + x
+                for channel in range(3):
+                    behind = state[_TRANSMITTANCE + pixel] * background[channel]
+                    colour = state[_COLOUR + channel * _PIXELS + pixel]
+                    image[row * TILE + y, column * TILE + x, channel] = colour + behind
+
+
+@device
+def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
+    """As :func:`_blend`, and fill `out` with the splat's sums of w, w^2 and contrast, and its largest w.
+
+    Needs the finished picture in the `_FINAL` planes: what lies behind is what is finished less what is in front.
+    """
+    a, b, c = -0.5 * splat[CONIC_A], -splat[CONIC_B], -0.5 * splat[CONIC_C]
+    opacity, red, green, blue = splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE]
+    dx0 = left + 0.5 - splat[MEAN_X]
+    first_row, last_row = _first_row(splat, top), _last_row(splat, top)
+    for lane in range(4 * TILE):
+        state[_LANES + lane] = 0.0
+    for row in range(TILE):
+        if row < first_row or row > last_row:
+            continue
+        dy = top + row + 0.5 - splat[MEAN_Y]
+        for column in range(TILE):
+            pixel = row * TILE + column
+            dx = dx0 + column
+            alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
+            before = state[_TRANSMITTANCE + pixel]
+            after = before * (1.0 - alpha)
+            still = state[_OPEN + pixel] if after >= MIN_TRANSMITTANCE else 0.0
+            weight = alpha * before * still
+            state[_OPEN + pixel] = still
+            state[_TRANSMITTANCE + pixel] = after if still > 0.0 else before
+            mixed_red = state[_COLOUR + pixel] + weight * red
+            mixed_green = state[_COLOUR + _PIXELS + pixel] + weight * green
+            mixed_blue = state[_COLOUR + 2 * _PIXELS + pixel] + weight * blue
+            state[_COLOUR + pixel] = mixed_red
+            state[_COLOUR + _PIXELS + pixel] = mixed_green
+            state[_COLOUR + 2 * _PIXELS + pixel] = mixed_blue
+            share = 1.0 / max(after, MIN_TRANSMITTANCE)
+            over_red = red - (state[_FINAL + pixel] - mixed_red) * share
+            over_green = green - (state[_FINAL + _PIXELS + pixel] - mixed_green) * share
+            over_blue = blue - (state[_FINAL + 2 * _PIXELS + pixel] - mixed_blue) * share
+            squared = weight * weight
+            contrast = over_red * over_red + over_green * over_green + over_blue * over_blue
+            largest = state[_LANES + 3 * TILE + column]
+            state[_LANES + column] += weight
+            state[_LANES + TILE + column] += squared
+            state[_LANES + 2 * TILE + column] += squared * contrast
+            state[_LANES + 3 * TILE + column] = weight if weight > largest else largest
+    for quantity in range(4):
+        out[quantity] = 0.0
+    for column in range(TILE):
+        for quantity in range(3):
+            out[quantity] += state[_LANES + quantity * TILE + column]
+        out[3] = max(out[3], state[_LANES + 3 * TILE + column])
+
+
+@kernel
+def _measure_tiles(
+    splats: F64,
+    offsets: NDArray[np.int64],
+    members: NDArray[np.int32],
+    tiles: NDArray[np.int64],
+    columns: int,
+    size: NDArray[np.int64],
+    background: F64,
+    measures: F64,
+) -> None:
+    """Fill `measures` (intersections, 4): one row for each splat in each tile, so that no two threads share one."""
+    for k in prange(len(tiles)):
+        tile = tiles[k]
+        row, column = tile // columns, tile % columns
+        left, top = float(column * TILE), float(row * TILE)
+        wide, high = min(TILE, size[0] - column * TILE), min(TILE, size[1] - row * TILE)
+        state = np.empty(_STATE)
+        first, last = offsets[tile], offsets[tile + 1]
+        seen = _composite_tile(state, splats, members, first, last, left, top, wide, high)
+        for channel in range(3):
+            for pixel in range(_PIXELS):
+                colour = state[_COLOUR + channel * _PIXELS + pixel]
+                state[_FINAL + channel * _PIXELS + pixel] = colour + state[_TRANSMITTANCE + pixel] * background[channel]
+        _open_tile(state, wide, high)
+        for j in range(first, seen):
+            _measure(state, splats[members[j]], left, top, measures[j])
+        measures[seen:last] = 0.0
+
+
+@device
+def _gather(
+    measures: F64, members: NDArray[np.int32], order: NDArray[np.int64], totals: F64, views: NDArray[np.int32]
+) -> None:
+    """Add one view's `measures` to the scene's `totals` (N, 4), in the order of the tiles."""
+    sums = np.zeros((len(order), 4))
+    for k in range(len(members)):
+        row = sums[members[k]]
+        for quantity in range(3):
+            row[quantity] += measures[k, quantity]
+        row[3] = max(row[3], measures[k, 3])
+    for i in range(len(order)):
+        target = totals[order[i]]
+        for quantity in range(3):
+            target[quantity] += sums[i, quantity]
+        target[3] = max(target[3], sums[i, 3])
+        views[order[i]] += sums[i, 3] > 0.0
+
+
+def _spread(tiles: int) -> NDArray[np.int64]:
+    """(tiles,) int64: all tile numbers, always in the same shuffled order, so that threads share busy areas."""
+    return np.random.default_rng(0).permutation(tiles)
+
+
+def _check(scene: GaussianScene, colours: NDArray[np.floating] | None) -> F64 | None:
+    if colours is None:
+        return None
+    if colours.shape != (len(scene), 3):
+        raise InvalidInput("input-shape", f"expected ({len(scene)}, 3) colours, got {colours.shape}", field="colours")
+    return np.ascontiguousarray(colours, dtype=np.float64)
+
+
+def render(
+    scene: GaussianScene,
+    camera: Camera,
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    sh_degree: int | None = None,
+    colours: NDArray[np.floating] | None = None,
+) -> F32:
+    """The picture of a scene, (height, width, 3) float32, linear in the scene's colours and not clipped above.
+
+    Args:
+        scene: the N Gaussians.
+        camera: where from.
+        background: colour behind everything.
+        sh_degree: use spherical-harmonic bands up to this degree only; default all.
+        colours: (N, 3) colours to use instead of the spherical harmonics (anchor models give these).
+
+    Raises:
+        InvalidInput: `colours` has the wrong shape.
+    """
+    fixed = _check(scene, colours)
+    columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
+    image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
+    with _lock:
+        splats, _ = project(scene, camera, sh_degree, fixed)
+        offsets, members = _bin_splats(splats, columns, rows)
+        behind = np.asarray(background, dtype=np.float64)
+        _render_tiles(splats, offsets, members, _spread(columns * rows), columns, behind, image)
+    return image
+
+
+def contributions(
+    scene: GaussianScene,
+    cameras: Iterable[Camera],
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    sh_degree: int | None = None,
+    colours: NDArray[np.floating] | None = None,
+) -> Contributions:
+    """How much each Gaussian shows in the pictures from `cameras`, and how sensitive they are to it.
+
+    Args:
+        scene: the N Gaussians.
+        cameras: the views to sum over.
+        background, sh_degree, colours: as for :func:`render`.
+
+    Raises:
+        InvalidInput: `colours` has the wrong shape.
+    """
+    fixed = _check(scene, colours)
+    behind = np.asarray(background, dtype=np.float64)
+    totals, views = np.zeros((len(scene), 4)), np.zeros(len(scene), dtype=np.int32)
+    for camera in cameras:
+        columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
+        size = np.array([camera.width, camera.height], dtype=np.int64)
+        with _lock:
+            splats, order = project(scene, camera, sh_degree, fixed)
+            offsets, members = _bin_splats(splats, columns, rows)
+            measures = np.empty((len(members), 4))
+            _measure_tiles(splats, offsets, members, _spread(columns * rows), columns, size, behind, measures)
+            _gather(measures, members, order, totals, views)
+    weight_sum, weight_sq, contrast_sq, weight_max = (np.ascontiguousarray(column) for column in totals.T)
+    return Contributions(weight_sum, weight_sq, weight_max, views, contrast_sq)

@@ -1,0 +1,263 @@
+"""Byte layout of the `.scar` container: every structure, field, registry and identifier, once (SPEC §5, §16).
+
+All integers are little-endian and unsigned, floats are IEEE 754 binary64, structures are packed without padding.
+A file is, in this order and with nothing between or after:
+
+1. `FILE_HEADER` (100 bytes; its first 12 are the signature and version),
+2. `LAYER_SUMMARY` x layer_count (128 bytes each),
+3. `HEADER_CHECKSUM` (4 bytes): CRC-32 of all bytes before it,
+4. `TILE_RECORD` x tile_count (12 bytes each), strictly ascending by Morton range, the cubes disjoint,
+5. `DIRECTORY_ENTRY` x entry_count (32 bytes each), strictly ascending by (layer, kind, tile),
+6. the blocks in directory order, back to back, the last one ending at file_length.
+
+CRC-32 is the one of zlib, PNG and Ethernet: reflected polynomial 0xEDB88320, initial value and final XOR
+0xFFFFFFFF. A cut file stays readable up to its last whole block because 1-5 come first.
+
+The docstring of a field (construct's ``* "..."``) is normative: SPEC.md's tables are made from it, and error
+messages quote it.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum, IntFlag
+from typing import Any, NamedTuple
+
+import numpy as np
+from construct import Array, Bytes, Float64l, FormatField, Int8ul, Int16ul, Int32ul, Int64ul, Renamed, Struct
+
+SIGNATURE = bytes.fromhex("89 53 43 41 52 0D 0A 1A 0A")
+"""0x89 catches a stripped high bit, CR LF and LF catch newline translation, 0x1A stops a DOS `type`."""
+
+VERSION = (0, 1)
+"""(major, minor) this package reads and writes. While major is 0, every minor version is its own format."""
+
+NO_TILE = 0xFFFFFFFF
+"""Value of the directory's `tile` for a block that belongs to no tile."""
+
+
+class Profile(IntEnum):
+    """What an anchor stands for (SPEC §6)."""
+
+    EXPLICIT = 0
+    """One Gaussian per anchor; decodes to view-independent 3D Gaussians."""
+    ANCHOR = 1
+    """`slots` Gaussians per anchor, made by MLPs for a given camera (Scaffold-GS)."""
+
+
+class CoordinateFrame(IntEnum):
+    """Which world directions +x, +y, +z are."""
+
+    UNSPECIFIED = 0
+    RDF = 1
+    """Right, down, forward: COLMAP, INRIA's trainer."""
+    RUB = 2
+    """Right, up, back: OpenGL, glTF."""
+
+
+class ColourSpace(IntEnum):
+    """What the decoded colours measure."""
+
+    UNSPECIFIED = 0
+    SRGB = 1
+    """Display-referred sRGB, blended without linearisation, as 3DGS trains."""
+    LINEAR = 2
+    """Linear light, sRGB primaries."""
+
+
+class BlockKind(IntEnum):
+    """Block kinds. 1..15 are the models of a layer, 16 its tiles, 64..127 annotations, 128..255 private use.
+
+    Kind 0 is never assigned. Kinds 1..16 carry exactly the flag CRITICAL, METADATA exactly SAFE_TO_COPY.
+    Kinds 1..15 and METADATA belong to no tile; TILE always names one.
+    """
+
+    LAYER = 1
+    """Description of one layer."""
+    TABLES = 2
+    """Static frequency tables."""
+    CODEBOOKS = 3
+    """RVQ codewords."""
+    DECODER_MLP = 4
+    """Latent to spherical harmonics (explicit) or to the anchor feature (anchor profile)."""
+    SCENE_MLP = 5
+    """Opacity, covariance and colour MLPs (anchor profile)."""
+    HASH_GRID = 6
+    """Reserved for the neural entropy model."""
+    ENTROPY_NETWORK = 7
+    """Reserved for the neural entropy model."""
+    TILE = 16
+    """The sub-streams of one tile of one layer."""
+    METADATA = 64
+    """One UTF-8 JSON object; in layer 1; changes nothing in the decoded scene."""
+
+
+READABLE_KINDS = frozenset(BlockKind) - {BlockKind.HASH_GRID, BlockKind.ENTROPY_NETWORK}
+"""Kinds this package understands. A critical block of any other kind refuses the file."""
+
+
+class BlockFlag(IntFlag):
+    """Flags of a directory entry; never both. Other bits are reserved and 0."""
+
+    CRITICAL = 1
+    """A reader that does not know the kind must refuse the file."""
+    SAFE_TO_COPY = 2
+    """An editor that does not know the kind may keep the block although it changed other blocks."""
+
+
+class Stream(IntEnum):
+    """What the bytes of a block are spent on, as counted in the layer summaries."""
+
+    MODELS = 0
+    """All of every block that is not a TILE block."""
+    POSITIONS = 1
+    CLASSES = 2
+    MASKS = 3
+    POSITION_RESIDUAL = 4
+    SCALE = 5
+    ROTATION = 6
+    OPACITY = 7
+    COLOUR = 8
+    INDICES = 9
+    OFFSETS = 10
+    FRAMING = 11
+    """The rest of a TILE block: its sub-stream table and anything not listed."""
+
+
+STREAM_COUNT = len(Stream)
+
+FILE_HEADER: Any = Struct(
+    "signature" / Bytes(len(SIGNATURE)) * "89 53 43 41 52 0D 0A 1A 0A",
+    "major" / Int8ul * "Version, major: 0. Another major is another format",
+    "minor" / Int8ul * "Version, minor: 1. While major is 0, another minor is another format",
+    "version_reserved" / Int8ul * "0",
+    "header_length" / Int32ul * "Bytes from the signature through header_crc32: 104 + 128 * layer_count",
+    "file_length" / Int64ul * "Bytes of the whole file, below 2^53",
+    "profile" / Int8ul * "Profile: 0 explicit, 1 anchor",
+    "sh_degree" / Int8ul * "Degree of the decoded spherical harmonics, 0..3; 0 in the anchor profile",
+    "layer_count" / Int8ul * "Layers in this file, 1..16",
+    "slots" / Int8ul * "K, Gaussian slots per anchor, 1..32; 1 in the explicit profile",
+    "lattice_bits" / Int8ul * "Bits per axis of the position lattice, 1..32",
+    "coordinate_frame" / Int8ul * "0 unspecified, 1 RDF (x right, y down, z forward), 2 RUB (x right, y up, z back)",
+    "colour_space" / Int8ul * "0 unspecified, 1 sRGB display-referred, 2 linear",
+    "reserved" / Int8ul * "0",
+    "tile_count" / Int32ul * "Records in the tile table",
+    "entry_count" / Int32ul * "Entries in the directory",
+    "anchor_count" / Int64ul * "Anchors after the last layer present: that of the last layer summary",
+    "gaussian_count" / Int64ul * "Gaussians after the last layer present: that of the last layer summary",
+    "origin" / Array(3, Float64l) * "World position of lattice point (0, 0, 0); finite",
+    "voxel" / Float64l * "World length of one lattice step; finite, above 0",
+    "source_count" / Int64ul * "Gaussians or anchors in the encoder's input, below 2^53; informative",
+    "directory_crc32" / Int32ul * "CRC-32 of the tile table followed by the directory",
+)
+
+LAYER_SUMMARY: Any = Struct(
+    "anchor_count" / Int64ul * "Anchors after this layer: cumulative, not below the layer before",
+    "gaussian_count"
+    / Int64ul
+    * (
+        "Gaussians after this layer: cumulative, not below the layer before; equal to anchor_count in the explicit"
+        " profile, at most anchor_count * slots in the anchor profile"
+    ),
+    "byte_count" / Int64ul * "Bytes of all blocks of this layer",
+    "end_offset" / Int64ul * "Absolute offset one past the last block of this layer",
+    "stream_bytes" / Array(STREAM_COUNT, Int64ul) * "Of byte_count, the bytes per stream kind 0..11; their sum is it",
+)
+
+HEADER_CHECKSUM: Any = Struct(
+    "header_crc32" / Int32ul * "CRC-32 of every byte before this field",
+)
+
+TILE_RECORD: Any = Struct(
+    "depth" / Int8ul * "Octree depth of the cube, 0..21: its side is 2^(lattice_bits - depth) lattice steps",
+    "shift" / Int8ul * "e, 0..31: local coordinates count 2^e lattice steps; lattice_bits - depth - shift is in 0..21",
+    "reserved" / Int16ul * "0",
+    "prefix" / Int64ul * "Morton code of the cube, 3 * depth bits; x in bit 0, y in bit 1, z in bit 2 of each triple",
+)
+
+DIRECTORY_ENTRY: Any = Struct(
+    "kind" / Int8ul * "Block kind, not 0",
+    "flags" / Int8ul * "Bit 0 critical, bit 1 safe-to-copy, never both; kinds 1..16 exactly 1, kind 64 exactly 2",
+    "layer" / Int8ul * "Layer the block belongs to, 1..layer_count; 1 for METADATA",
+    "reserved" / Int8ul * "0",
+    "tile" / Int32ul * "Index into the tile table (TILE), or 0xFFFFFFFF for no tile (kinds 1..15 and 64)",
+    "offset" / Int64ul * "Absolute offset of the block: the end of the block before, or of the directory",
+    "length" / Int64ul * "Bytes of the block, at least 1",
+    "count" / Int32ul * "Elements, meaning by kind: TILE, anchors that first appear in it; METADATA, 0",
+    "crc32" / Int32ul * "CRC-32 of the block",
+)
+
+STRUCTURES: dict[str, Any] = {
+    "FILE_HEADER": FILE_HEADER,
+    "LAYER_SUMMARY": LAYER_SUMMARY,
+    "HEADER_CHECKSUM": HEADER_CHECKSUM,
+    "TILE_RECORD": TILE_RECORD,
+    "DIRECTORY_ENTRY": DIRECTORY_ENTRY,
+}
+
+_SCALARS = {"<B": ("u8", "<u1"), "<H": ("u16", "<u2"), "<L": ("u32", "<u4"), "<Q": ("u64", "<u8"), "<d": ("f64", "<f8")}
+
+
+class Field(NamedTuple):
+    """One row of a field table: byte offset in the structure, byte size, type, name, normative description."""
+
+    offset: int
+    size: int
+    type: str
+    name: str
+    description: str
+
+
+def _unnamed(member: Any) -> Any:
+    while isinstance(member, Renamed):
+        member = member.subcon
+    return member
+
+
+def _field_type(member: Any) -> str:
+    subcon = _unnamed(member)
+    if isinstance(subcon, FormatField):
+        return _SCALARS[subcon.fmtstr][0]
+    if isinstance(subcon, Array):
+        return f"{_field_type(subcon.subcon)}[{subcon.count}]"
+    return f"u8[{subcon.sizeof()}]"
+
+
+def field_table(structure: Any) -> list[Field]:
+    """The fields of one construct Struct of this module, in file order."""
+    rows: list[Field] = []
+    offset = 0
+    for member in structure.subcons:
+        size = member.sizeof()
+        rows.append(Field(offset, size, _field_type(member), member.name, member.docs))
+        offset += size
+    return rows
+
+
+def field_tables() -> dict[str, list[Field]]:
+    """Field tables of all structures, by structure name."""
+    return {name: field_table(structure) for name, structure in STRUCTURES.items()}
+
+
+def markdown_table(name: str) -> str:
+    """The field table of structure `name` as SPEC.md prints it."""
+    lines = ["| offset | size | type | field | meaning and range |", "|---:|---:|---|---|---|"]
+    lines += [f"| {f.offset} | {f.size} | {f.type} | `{f.name}` | {f.description} |" for f in field_tables()[name]]
+    return "\n".join(lines) + "\n"
+
+
+def numpy_dtype(structure: Any) -> np.dtype[np.void]:
+    """The packed numpy dtype of a Struct of scalars: large tables are parsed with it, at once."""
+    return np.dtype([(member.name, _SCALARS[_unnamed(member).fmtstr][1]) for member in structure.subcons])
+
+
+TILE_DTYPE = numpy_dtype(TILE_RECORD)
+ENTRY_DTYPE = numpy_dtype(DIRECTORY_ENTRY)
+
+FILE_HEADER_SIZE: int = FILE_HEADER.sizeof()
+LAYER_SUMMARY_SIZE: int = LAYER_SUMMARY.sizeof()
+CHECKSUM_SIZE: int = HEADER_CHECKSUM.sizeof()
+
+
+def header_length(layer_count: int) -> int:
+    """Bytes of header, layer summaries and header checksum of a file of `layer_count` layers."""
+    return FILE_HEADER_SIZE + layer_count * LAYER_SUMMARY_SIZE + CHECKSUM_SIZE

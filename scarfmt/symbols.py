@@ -1,0 +1,261 @@
+"""Groups of symbols, the tables that code them, and the TABLES block (SPEC §8.3).
+
+A group is a run of values that share one static table, named by a :class:`TableKey`. The encoder runs
+each codec twice over the same interface: once with a :class:`SymbolCounter` to learn the tables, once with
+a :class:`SymbolWriter` to code. Alphabets are sparse: a table lists the values it can code, so a value
+nobody used costs nothing and an outlier costs two bytes, not a wide alphabet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint
+from scarfmt.errors import Malformed, ScarError
+from scarfmt.rans import MAX_ALPHABET, FrequencyTable, RansDecoder, RansEncoder, SymbolSource, uniform_table
+
+Values = NDArray[np.integer[Any]]
+I64 = NDArray[np.int64]
+
+MAX_TABLES = 1 << 16
+# Weight precisions tried for a table; the cheapest of table bytes + coding loss wins.
+_WEIGHT_BITS = (3, 5, 7, 9, 11, 13)
+
+
+class TableKey(NamedTuple):
+    """Names a static table: the stream it codes, component, step of refinement and context (SPEC §8.3)."""
+
+    stream: int
+    component: int
+    step: int
+    context: int
+
+    @property
+    def number(self) -> int:
+        """The key as the unsigned integer that orders and names it in a TABLES block."""
+        return (self.stream << 24) | (self.component << 16) | (self.step << 8) | self.context
+
+    @classmethod
+    def from_number(cls, number: int) -> TableKey:
+        """The inverse of :attr:`number`."""
+        return cls(number >> 24, (number >> 16) & 255, (number >> 8) & 255, number & 255)
+
+
+@dataclass(frozen=True)
+class SymbolTable:
+    """Frequencies over a sparse alphabet of integers.
+
+    Attributes:
+        alphabet: (n,) int64, strictly ascending values.
+        weights: (n,) int64, each >= 1.
+        table: the frequency table of the weights (SPEC §8.1).
+    """
+
+    alphabet: I64
+    weights: I64
+    table: FrequencyTable
+
+    @classmethod
+    def from_weights(cls, alphabet: I64, weights: I64) -> SymbolTable:
+        return cls(alphabet, weights, FrequencyTable.from_weights(weights))
+
+    def cost(self, values: Values) -> float:
+        """Bits to code `values`, infinite if one is not in the alphabet."""
+        slots = np.searchsorted(self.alphabet, values)
+        slots = np.minimum(slots, len(self.alphabet) - 1)
+        if not np.array_equal(self.alphabet[slots], values):
+            return float("inf")
+        return float(self.table.bits[slots].sum())
+
+
+class Emitter(Protocol):
+    """Takes groups of symbols in decoding order."""
+
+    def emit(self, key: TableKey, values: Values) -> None: ...
+
+    def emit_uniform(self, size: int, values: Values) -> None: ...
+
+
+class SymbolCounter:
+    """An emitter that only counts, per table key."""
+
+    def __init__(self) -> None:
+        self._values: dict[TableKey, list[Values]] = {}
+        self.uniform_bits = 0.0
+
+    def emit(self, key: TableKey, values: Values) -> None:
+        if len(values):
+            self._values.setdefault(key, []).append(values)
+
+    def emit_uniform(self, size: int, values: Values) -> None:
+        self.uniform_bits += len(values) * float(np.log2(size))
+
+    def histograms(self) -> dict[TableKey, tuple[I64, I64]]:
+        """(alphabet, counts) per key, keys ascending."""
+        joined = {key: np.concatenate(groups) for key, groups in sorted(self._values.items())}
+        pairs = {key: np.unique(values, return_counts=True) for key, values in joined.items()}
+        return {key: (alphabet.astype(np.int64), counts.astype(np.int64)) for key, (alphabet, counts) in pairs.items()}
+
+
+class SymbolWriter:
+    """An emitter that codes one sub-stream."""
+
+    def __init__(self, tables: Mapping[TableKey, SymbolTable]) -> None:
+        self._tables = tables
+        self._rans = RansEncoder()
+
+    def emit(self, key: TableKey, values: Values) -> None:
+        if len(values):
+            entry = self._tables[key]
+            self._rans.encode(np.searchsorted(entry.alphabet, values), entry.table)
+
+    def emit_uniform(self, size: int, values: Values) -> None:
+        self._rans.encode(values, cached_uniform(size))
+
+    def finish(self) -> bytes:
+        """The sealed rANS stream."""
+        return self._rans.finish()
+
+
+class SymbolReader:
+    """Reads one sub-stream, group by group."""
+
+    def __init__(self, data: bytes, tables: Mapping[TableKey, SymbolTable], source: SymbolSource | None = None) -> None:
+        self._tables = tables
+        self._rans = RansDecoder(data) if source is None else source
+
+    def read(self, key: TableKey, count: int) -> I64:
+        """The next `count` values, (count,) int64.
+
+        Raises:
+            Malformed: ``missing-table`` when no TABLES block so far holds `key`.
+        """
+        if not count:
+            return np.zeros(0, np.int64)
+        entry = self._tables.get(key)
+        if entry is None:
+            raise Malformed("missing-table", f"no static table for {key} (SPEC §8.3)", field="tables")
+        return entry.alphabet[self._rans.decode(entry.table, count)]
+
+    def read_uniform(self, size: int, count: int) -> I64:
+        """The next `count` values of a uniform alphabet 0..size-1."""
+        return self._rans.decode(cached_uniform(size), count).astype(np.int64)
+
+    def finish(self) -> None:
+        """Check the seal (SPEC §8.2)."""
+        self._rans.finish()
+
+
+@lru_cache(maxsize=MAX_ALPHABET)
+def cached_uniform(size: int) -> FrequencyTable:
+    """The uniform table of `size` symbols, made once."""
+    return uniform_table(size)
+
+
+def fit_table(alphabet: I64, counts: I64) -> SymbolTable:
+    """The table whose own bytes plus coding loss on `counts` are least."""
+    best: SymbolTable | None = None
+    least = float("inf")
+    for bits in _WEIGHT_BITS:
+        scaled = np.rint(counts * (((1 << bits) - 1) / counts.max())).astype(np.int64)
+        candidate = SymbolTable.from_weights(alphabet, np.maximum(scaled, 1))
+        cost = float((candidate.table.bits * counts).sum()) + 8 * len(_pack_weights(candidate.weights))
+        if cost < least:
+            best, least = candidate, cost
+    assert best is not None
+    return best
+
+
+def _pack_weights(weights: I64) -> bytes:
+    return b"".join(unsigned_varint(int(weight)) for weight in weights)
+
+
+def pack_table(key: TableKey, table: SymbolTable) -> bytes:
+    """One table record of a TABLES block (SPEC §8.3)."""
+    parts = [unsigned_varint(key.number), unsigned_varint(len(table.alphabet)), signed_varint(int(table.alphabet[0]))]
+    parts += [unsigned_varint(int(gap) - 1) for gap in np.diff(table.alphabet)]
+    parts.append(_pack_weights(table.weights))
+    return b"".join(parts)
+
+
+def pack_tables(tables: Mapping[TableKey, SymbolTable]) -> bytes:
+    """The payload of a TABLES block before zstd (SPEC §8.3), records by ascending key."""
+    records = [pack_table(key, tables[key]) for key in sorted(tables)]
+    return unsigned_varint(len(records)) + b"".join(records)
+
+
+def unpack_tables(payload: bytes) -> dict[TableKey, SymbolTable]:
+    """The inverse of :func:`pack_tables`.
+
+    Raises:
+        Malformed: ``bad-table`` for a record that breaks SPEC §8.3.
+    """
+    reader = ByteReader(payload, "tables")
+    tables: dict[TableKey, SymbolTable] = {}
+    previous = -1
+    for _ in range(reader.count(MAX_TABLES)):
+        number = reader.unsigned(32)
+        if number <= previous:
+            raise Malformed("bad-table", "table keys must ascend strictly (SPEC §8.3)", field="tables")
+        previous = number
+        tables[TableKey.from_number(number)] = _read_table(reader)
+    reader.finish()
+    return tables
+
+
+def _read_table(reader: ByteReader) -> SymbolTable:
+    size = reader.count(MAX_ALPHABET)
+    if size == 0:
+        raise Malformed("bad-table", "a table needs at least one symbol (SPEC §8.3)", field="tables")
+    first = reader.signed(33)
+    gaps = [reader.unsigned(32) + 1 for _ in range(size - 1)]
+    alphabet = first + np.concatenate(([0], np.cumsum(gaps))).astype(np.int64)
+    if abs(first) >= 1 << 31 or int(alphabet[-1]) >= 1 << 31:
+        raise Malformed("bad-table", "alphabet values must fit 32 bits (SPEC §8.3)", field="tables")
+    weights = np.array([reader.unsigned(24) for _ in range(size)], dtype=np.int64)
+    if int(weights.min()) < 1:
+        raise Malformed("bad-table", "weights must be 1 or more (SPEC §8.3)", field="tables")
+    try:
+        return SymbolTable.from_weights(alphabet, weights)
+    except ScarError as error:
+        raise Malformed("bad-table", error.message, field="tables") from error
+
+
+def _by_context(contexts: I64) -> tuple[I64, list[tuple[int, int, int]]]:
+    """Stable order by ascending context, and (context, first, past) of each run in it."""
+    small = contexts.astype(np.uint8)
+    order = np.argsort(small, kind="stable")
+    ends = np.cumsum(np.bincount(small, minlength=1))
+    runs = [(c, int(e) - n, int(e)) for c, (e, n) in enumerate(zip(ends, np.diff(ends, prepend=0), strict=True)) if n]
+    return order, runs
+
+
+def emit_by_context(emitter: Emitter, key: TableKey, contexts: I64, values: Values) -> None:
+    """Emit `values` grouped by ascending context (0..255), order kept within each group (SPEC §8.4).
+
+    Args:
+        key: the tables' key; its context is replaced.
+        contexts, values: (n,) each.
+    """
+    if not len(values):
+        return
+    order, runs = _by_context(contexts)
+    arranged = values[order]
+    for context, first, past in runs:
+        emitter.emit(key._replace(context=context), arranged[first:past])
+
+
+def read_by_context(reader: SymbolReader, key: TableKey, contexts: I64) -> I64:
+    """The inverse of :func:`emit_by_context`: (n,) int64."""
+    out = np.zeros(len(contexts), np.int64)
+    if len(out):
+        order, runs = _by_context(contexts)
+        parts = [reader.read(key._replace(context=context), past - first) for context, first, past in runs]
+        out[order] = np.concatenate(parts)
+    return out

@@ -1,0 +1,148 @@
+"""Cameras look where they should, and unreadable descriptions of them are refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scarfmt.errors import InvalidInput
+from scarfmt.render.camera import Arc, Camera, load_cameras, look_at, orbit_cameras
+
+from .scenes import random_scene
+
+
+def _project(camera: Camera, point: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = camera.world_to_camera[:3, :3] @ point + camera.world_to_camera[:3, 3]
+    return camera.fx * x / z + camera.cx, camera.fy * y / z + camera.cy, z
+
+
+@pytest.mark.parametrize("up", ["x", "-x", "y", "-y", "z", "-z"])
+def test_orbit_circles_one_point_right_way_up(up: str) -> None:
+    """All eyes are level round one target, which is mid-picture, and `up` points up in every picture."""
+    axis = np.zeros(3)
+    axis["xyz".index(up[-1])] = -1 if up[0] == "-" else 1
+    cameras = orbit_cameras(random_scene(0), 8, up=up, elevation_deg=30)
+    eyes = np.array([camera.centre for camera in cameras])
+    assert np.ptp(eyes @ axis) < 1e-9
+    radius = np.linalg.norm(eyes[0] - eyes[4]) / 2
+    target = eyes.mean(axis=0) - axis * radius * np.tan(np.radians(30))
+    for camera in cameras:
+        assert np.linalg.det(camera.world_to_camera[:3, :3]) == pytest.approx(1)
+        column, row, depth = _project(camera, target)
+        assert (column, row) == (pytest.approx(320), pytest.approx(240))
+        assert depth > 0
+        above = _project(camera, target + 0.1 * axis)
+        assert above[0] == pytest.approx(320)
+        assert above[1] < 240
+
+
+def test_orbit_holds_the_core_in_the_picture() -> None:
+    scene = random_scene(1, 5000)
+    low, high = np.percentile(scene.positions, [10, 90], axis=0)
+    inside = scene.positions[((scene.positions > low) & (scene.positions < high)).all(axis=1)]
+    widths = []
+    for camera in orbit_cameras(scene, 4):
+        columns, rows, depths = np.array([_project(camera, point) for point in inside]).T
+        shown = (columns > 0) & (columns < 640) & (rows > 0) & (rows < 480) & (depths > 0)
+        assert shown.mean() > 0.95
+        widths.append(np.ptp(columns))
+    assert max(widths) > 320
+
+
+def test_arc_covers_its_span_with_both_ends() -> None:
+    assert Arc.parse("-y:125:70").azimuths(3).tolist() == [90, 125, 160]
+    assert Arc.parse("z").azimuths(4).tolist() == [0, 90, 180, 270]
+    assert Arc.parse("z:40:70").azimuths(1).tolist() == [40]
+
+
+@pytest.mark.parametrize(
+    ("up", "expected"), [("-y", [0, 0, -1]), ("y", [0, 0, 1]), ("z", [0, 1, 0]), ("-z", [0, -1, 0])]
+)
+def test_azimuth_90_is_where_the_documentation_says(up: str, expected: list[int]) -> None:
+    camera = orbit_cameras(random_scene(2), 1, up=f"{up}:90:0", elevation_deg=0)[0]
+    looking = camera.world_to_camera[2, :3]
+    np.testing.assert_allclose(-looking, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("text", ["", "w", "--y", "y:1", "y:1:2:3", "y:a:2", "y:1:400", "y:1:-1", "y:nan:2", "y:inf:2"])
+def test_unreadable_frames_are_refused(text: str) -> None:
+    with pytest.raises(InvalidInput, match="input-frame"):
+        Arc.parse(text)
+
+
+@given(st.text(alphabet="xyz-+:0123456789.e n", max_size=14))
+def test_any_frame_text_is_read_or_refused(text: str) -> None:
+    try:
+        arc = Arc.parse(text)
+    except InvalidInput:
+        return
+    assert np.isfinite(arc.azimuths(5)).all()
+
+
+def test_looking_straight_down_still_gives_a_rotation() -> None:
+    camera = look_at(np.array([0.0, 0, 5]), np.zeros(3), np.array([0.0, 0, 1]), 10, 10)
+    rotation = camera.world_to_camera[:3, :3]
+    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(camera.centre, [0, 0, 5])
+
+
+def test_orbit_of_nothing_is_refused_and_of_a_point_is_not() -> None:
+    scene = random_scene(3, 5)
+    with pytest.raises(InvalidInput, match="input-empty"):
+        orbit_cameras(scene.take(np.arange(0)))
+    assert np.isfinite(orbit_cameras(scene.take(np.array([2])))[0].world_to_camera).all()
+
+
+def test_scaled_camera_sees_the_same_directions() -> None:
+    camera = orbit_cameras(random_scene(4), 1)[0]
+    half = camera.scaled(0.5)
+    point = np.array([0.3, -0.2, 2.0])
+    assert (half.width, half.height) == (320, 240)
+    np.testing.assert_allclose(np.array(_project(half, point)[:2]) * 2, _project(camera, point)[:2])
+
+
+ENTRY = {"name": "a.jpg", "W": 8, "H": 6, "fx": 7, "fy": 7.5, "cx": 4, "cy": 3, "split": "test"}
+
+
+def test_camera_file_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "cameras.json"
+    path.write_text(json.dumps({"images": [ENTRY | {"world_to_camera": np.eye(4).tolist()}]}))
+    (camera,) = load_cameras(path)
+    assert (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy) == (8, 6, 7, 7.5, 4, 3)
+    assert (camera.name, camera.split) == ("a.jpg", "test")
+    assert camera.world_to_camera.dtype == np.float64
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        '{"images": [1]}',
+        json.dumps({"images": [ENTRY]}),
+        json.dumps({"images": [ENTRY | {"world_to_camera": [[1, 2], [3, 4]]}]}),
+        json.dumps({"images": [ENTRY | {"world_to_camera": np.eye(4).tolist(), "W": "wide"}]}),
+    ],
+)
+def test_malformed_camera_files_are_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "cameras.json"
+    path.write_text(text)
+    with pytest.raises(InvalidInput, match="input-cameras"):
+        load_cameras(path)
+
+
+@pytest.mark.scene
+def test_arc_of_the_plush_scene_looks_from_where_photos_were_taken(shared_data: Path) -> None:
+    """`-y:125:70` turns the way the photographer did: the median photo direction falls inside the arc."""
+    photos = load_cameras(shared_data / "photos" / "plush-on-bed" / "cameras.json")
+    target = np.array([1.2626, 1.3294, 1.9337])
+    offsets = np.array([camera.centre for camera in photos]) - target
+    middle = np.median(offsets / np.linalg.norm(offsets, axis=1, keepdims=True), axis=0)
+    azimuth = np.degrees(np.arctan2(-middle[2], middle[0]))
+    assert 90 <= azimuth <= 160

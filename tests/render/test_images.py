@@ -1,0 +1,65 @@
+"""Pictures survive the way to disk, and a failed write leaves nothing behind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scarfmt.errors import InvalidInput
+from scarfmt.render.images import contact_sheet, read_image, to_bytes, write_png
+
+
+def test_png_round_trip_is_exact_to_8_bits(tmp_path: Path) -> None:
+    image = np.random.default_rng(0).uniform(0, 1, (7, 9, 3)).astype(np.float32)
+    write_png(tmp_path / "a.png", image)
+    assert np.array_equal(to_bytes(read_image(tmp_path / "a.png")), to_bytes(image))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_out_of_range_values_do_not_wrap_around() -> None:
+    values = np.array([[[-3.0, 4.0, np.nan], [np.inf, -np.inf, 0.5]]])
+    assert to_bytes(values).tolist() == [[[0, 255, 0], [255, 0, 128]]]
+
+
+def test_failed_write_keeps_the_old_picture_and_no_rubbish(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    write_png(path, np.zeros((2, 2, 3)))
+    before = path.read_bytes()
+    with pytest.raises((TypeError, ValueError)):
+        write_png(path, np.zeros((2, 2, 7)))
+    assert path.read_bytes() == before
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_unreadable_pictures_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.png"
+    path.write_bytes(b"not a picture")
+    with pytest.raises(InvalidInput, match="input-image"):
+        read_image(path)
+
+
+def test_contact_sheet_places_pictures_row_by_row() -> None:
+    images = [np.full((4, 6, 3), level, np.float32) for level in (0.2, 0.4, 0.6, 0.8, 1.0)]
+    sheet = contact_sheet(images, columns=3)
+    assert sheet.shape == (8, 18, 3)
+    np.testing.assert_allclose(sheet[1, [1, 7, 13], 0], [0.2, 0.4, 0.6], atol=0.01)
+    np.testing.assert_allclose(sheet[5, [1, 7, 13], 0], [0.8, 1.0, 0.0], atol=0.01)
+
+
+def test_contact_sheet_writes_labels_under_the_pictures() -> None:
+    images = [np.zeros((30, 60, 3), np.float32)] * 2
+    sheet = contact_sheet(images, ["left", ""])
+    assert sheet[:30].max() == 0
+    assert sheet[30:, :60].max() > 0.5
+    assert sheet[30:, 60:].max() == 0
+
+
+@pytest.mark.parametrize(
+    ("images", "labels"),
+    [([], []), ([np.zeros((2, 2, 3)), np.zeros((3, 2, 3))], []), ([np.zeros((2, 2, 3))], ["a", "b"])],
+)
+def test_contact_sheets_that_cannot_be_are_refused(images: list, labels: list) -> None:
+    with pytest.raises(InvalidInput, match="input-shape"):
+        contact_sheet(images, labels)

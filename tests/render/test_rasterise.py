@@ -1,0 +1,142 @@
+"""The tile rasteriser draws what the literal float64 renderer draws, and measures what it says it measures."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numba
+import numpy as np
+import pytest
+
+from scarfmt.errors import InvalidInput
+from scarfmt.render.rasterise import Contributions, contributions, render
+from scarfmt.render.reference import pixel_blends, render_reference, visible_ellipses
+from scarfmt.scene import GaussianScene
+
+from .scenes import degenerate_scene, random_scene, small_camera
+
+TOLERANCE = 2e-5
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_agrees_with_reference_at_every_sh_degree(degree: int) -> None:
+    scene = random_scene(degree, degree=degree)
+    camera = small_camera()
+    expected = render_reference(scene, camera, (0.2, 0.5, 1.0))
+    assert expected.std() > 0.1
+    np.testing.assert_allclose(render(scene, camera, (0.2, 0.5, 1.0)), expected, rtol=0, atol=TOLERANCE)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_agrees_with_reference_on_degenerate_gaussians(seed: int) -> None:
+    """Zero and tiny quaternions, scales of 1e-20, logits of +-400, coincident and far Gaussians."""
+    scene, camera = degenerate_scene(seed), small_camera()
+    image = render(scene, camera)
+    assert np.isfinite(image).all()
+    np.testing.assert_allclose(image, render_reference(scene, camera), rtol=0, atol=TOLERANCE)
+
+
+def test_agrees_with_reference_where_pixels_close_early() -> None:
+    """A stack of opaque Gaussians reaches the 1e-4 stop, which must not blend the one that would pass it."""
+    scene, camera = random_scene(7, 120, degree=0), small_camera()
+    scene = replace(scene, opacity_logits=np.full(120, 9, np.float32), log_scales=scene.log_scales + np.float32(1))
+    left_over = [pixel_blends(visible_ellipses(scene, camera), x, 17)[1] for x in range(camera.width)]
+    assert min(left_over) < 2e-4
+    expected = render_reference(scene, camera, (1, 1, 1))
+    np.testing.assert_allclose(render(scene, camera, (1, 1, 1)), expected, rtol=0, atol=TOLERANCE)
+
+
+def test_sh_degree_limits_the_bands_used() -> None:
+    scene, camera = random_scene(3), small_camera()
+    assert np.array_equal(render(scene, camera, sh_degree=1), render(scene.with_sh_degree(1), camera))
+    assert not np.array_equal(render(scene, camera, sh_degree=1), render(scene, camera))
+
+
+def test_given_colours_replace_spherical_harmonics() -> None:
+    scene, camera = random_scene(4), small_camera()
+    colours = np.random.default_rng(0).uniform(0, 1, (len(scene), 3)).astype(np.float32)
+    image = render(scene, camera, colours=colours)
+    np.testing.assert_allclose(image, render_reference(scene, camera, colours=colours), rtol=0, atol=TOLERANCE)
+    with pytest.raises(InvalidInput, match="colours"):
+        render(scene, camera, colours=colours[1:])
+
+
+def test_nothing_visible_shows_the_background() -> None:
+    scene, camera = random_scene(5), small_camera()
+    behind = replace(scene, positions=scene.positions - [0, 0, 100])
+    for hidden in (behind, scene.take(np.arange(0))):
+        assert (render(hidden, camera, (0.25, 0.5, 0.75)) == np.float32([0.25, 0.5, 0.75])).all()
+        assert contributions(hidden, [camera]).weight_sum.sum() == 0
+
+
+def test_non_finite_gaussians_are_not_drawn() -> None:
+    scene, camera = random_scene(6), small_camera()
+    broken = replace(scene, positions=scene.positions.copy(), log_scales=scene.log_scales.copy())
+    broken.positions[0] = np.nan
+    broken.log_scales[1] = np.inf
+    broken.positions[2] = np.inf
+    assert np.array_equal(render(broken, camera), render(scene.take(np.arange(3, len(scene))), camera))
+
+
+def test_ties_in_depth_are_drawn_in_index_order() -> None:
+    camera = small_camera()
+    one = random_scene(8, 1, degree=0)
+    flat = replace(one, positions=np.array([[0.0, 0.0, 3.0]]), opacity_logits=np.float32([0.0]))
+    pair = flat.take(np.array([0, 0]))
+    red, green = np.float32([1, 0, 0]), np.float32([0, 1, 0])
+    image = render(pair, camera, colours=np.stack([red, green]))
+    assert image[..., 0].sum() > image[..., 1].sum() > 0
+
+
+def test_same_bits_with_one_and_two_threads() -> None:
+    """Pictures and contributions never depend on the number of threads."""
+    scene, camera = random_scene(9, 3000), small_camera(150, 100)
+    threads = numba.get_num_threads()
+    try:
+        results = []
+        for count in (1, min(2, threads)):
+            numba.set_num_threads(count)
+            results.append((render(scene, camera), contributions(scene, [camera, small_camera()])))
+    finally:
+        numba.set_num_threads(threads)
+    assert np.array_equal(results[0][0], results[1][0])
+    for field in fields(Contributions):
+        assert np.array_equal(getattr(results[0][1], field.name), getattr(results[1][1], field.name)), field.name
+
+
+def _literal_weights(scene: GaussianScene) -> np.ndarray:
+    """(views, N, pixels) blending weights from the reference, for two views."""
+    weights = []
+    for camera in (small_camera(), small_camera(33, 20)):
+        view = np.zeros((len(scene), camera.width * camera.height))
+        ellipses = visible_ellipses(scene, camera)
+        for pixel in range(view.shape[1]):
+            for ellipse, alpha, before in pixel_blends(ellipses, pixel % camera.width, pixel // camera.width)[0]:
+                view[ellipse.index, pixel] = alpha * before
+        weights.append(view)
+    return np.concatenate([weights[0], weights[1]], axis=1), [view.any(axis=1) for view in weights]
+
+
+@pytest.mark.parametrize("build", [lambda: random_scene(10, 60), lambda: degenerate_scene(11)])
+def test_contributions_are_sums_over_blending_weights(build) -> None:
+    scene = build()
+    weights, seen = _literal_weights(scene)
+    measured = contributions(scene, [small_camera(), small_camera(33, 20)])
+    np.testing.assert_allclose(measured.weight_sum, weights.sum(axis=1), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(measured.weight_sq, (weights**2).sum(axis=1), rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(measured.weight_max, weights.max(axis=1), rtol=1e-6, atol=1e-9)
+    assert np.array_equal(measured.views, seen[0].astype(int) + seen[1])
+    assert 0 < (measured.views == 0).sum() < len(scene)
+
+
+def test_contrast_is_what_removing_the_gaussian_changes() -> None:
+    """w (c - c_behind) is the difference to the picture without the Gaussian, unless a pixel closes early."""
+    scene, camera = random_scene(12, 25), small_camera()
+    scene = replace(scene, opacity_logits=scene.opacity_logits / np.float32(4) - np.float32(1))
+    background = (0.9, 0.1, 0.4)
+    whole = render_reference(scene, camera, background)
+    measured = contributions(scene, [camera], background).contrast_sq
+    for i in range(len(scene)):
+        without = render_reference(scene.take(np.delete(np.arange(len(scene)), i)), camera, background)
+        assert measured[i] == pytest.approx(((whole - without) ** 2).sum(), rel=1e-5, abs=1e-12)
+    assert (measured > 0).sum() > 5
