@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.errors import Malformed
-from scarfmt.schema import Stream
+from scarfmt.schema import Profile, Stream
 
 I64 = NDArray[np.int64]
 
@@ -82,7 +82,6 @@ class LayerRow:
     Attributes:
         stages: (classes,) RVQ stages received so far.
         steps: (classes, channels) ternary steps received so far, 0 = nothing yet.
-        present: (classes,) bool, whether the class has appeared. Classes appear in order.
     """
 
     stages: tuple[int, ...]
@@ -114,11 +113,13 @@ class SceneModel:
     """Everything the sub-stream codecs need to know.
 
     Attributes:
+        profile: explicit, or anchor: with masks and offsets.
         slots: K, Gaussian slots per anchor.
         channels: in coding order.
         layers: one row a layer.
     """
 
+    profile: Profile
     slots: int
     channels: tuple[Channel, ...]
     layers: tuple[LayerRow, ...]
@@ -158,7 +159,7 @@ class SceneModel:
         Raises:
             Malformed: ``bad-layer-table`` or ``bad-channel``.
         """
-        check_channels(self.channels, self.slots)
+        check_channels(self.channels, self.profile)
         before: LayerRow | None = None
         for row in self.layers:
             check_row(row, before, len(self.channels))
@@ -171,7 +172,7 @@ def _padded(rows: object) -> I64:
     return np.concatenate([table, np.zeros((MAX_CLASSES + 1 - len(table), table.shape[1]), np.int64)])
 
 
-def check_channels(channels: tuple[Channel, ...], slots: int) -> None:
+def check_channels(channels: tuple[Channel, ...], profile: Profile) -> None:
     """Check the channel table (SPEC §6.4): known, distinct, ascending streams; sources come first."""
     streams = [channel.stream for channel in channels]
     if len(channels) > MAX_CHANNELS or streams != sorted(set(streams)) or not set(streams) <= set(CHANNEL_STREAMS):
@@ -187,8 +188,8 @@ def check_channels(channels: tuple[Channel, ...], slots: int) -> None:
                 raise Malformed("bad-channel", "a context source must be coded earlier (SPEC §8.4)", field="channels")
             if Stream.OFFSETS in (channel.stream, channels[rule.source_channel].stream):
                 raise Malformed("bad-channel", "offsets take no context source (SPEC §8.4)", field="channels")
-    if (Stream.OFFSETS in streams) != (slots > 1):
-        raise Malformed("bad-channel", "the offsets channel is present exactly when K > 1 (SPEC §6.4)", field="channels")
+    if (Stream.OFFSETS in streams) != (profile == Profile.ANCHOR):
+        raise Malformed("bad-channel", "offsets belong to the anchor profile (SPEC §6.4)", field="channels")
 
 
 def check_row(row: LayerRow, before: LayerRow | None, channels: int) -> None:

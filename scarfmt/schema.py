@@ -186,12 +186,19 @@ DIRECTORY_ENTRY: Any = Struct(
     "crc32" / Int32ul * "CRC-32 of the block",
 )
 
+SUBSTREAM_RECORD: Any = Struct(
+    "stream" / Int8ul * "Stream kind, 1..10, ascending within the block",
+    "length" / Int32ul * "Bytes of the sub-stream, a multiple of 4, not 0",
+    "crc32" / Int32ul * "CRC-32 of the sub-stream",
+)
+
 STRUCTURES: dict[str, Any] = {
     "FILE_HEADER": FILE_HEADER,
     "LAYER_SUMMARY": LAYER_SUMMARY,
     "HEADER_CHECKSUM": HEADER_CHECKSUM,
     "TILE_RECORD": TILE_RECORD,
     "DIRECTORY_ENTRY": DIRECTORY_ENTRY,
+    "SUBSTREAM_RECORD": SUBSTREAM_RECORD,
 }
 
 _SCALARS = {"<B": ("u8", "<u1"), "<H": ("u16", "<u2"), "<L": ("u32", "<u4"), "<Q": ("u64", "<u8"), "<d": ("f64", "<f8")}

@@ -65,13 +65,12 @@ class SymbolTable:
     def from_weights(cls, alphabet: I64, weights: I64) -> SymbolTable:
         return cls(alphabet, weights, FrequencyTable.from_weights(weights))
 
-    def cost(self, values: Values) -> float:
-        """Bits to code `values`, infinite if one is not in the alphabet."""
-        slots = np.searchsorted(self.alphabet, values)
-        slots = np.minimum(slots, len(self.alphabet) - 1)
-        if not np.array_equal(self.alphabet[slots], values):
+    def cost_of_counts(self, alphabet: I64, counts: I64) -> float:
+        """Bits to code `counts` symbols of each value of `alphabet`; infinite if one is not codable."""
+        slots = np.minimum(np.searchsorted(self.alphabet, alphabet), len(self.alphabet) - 1)
+        if not np.array_equal(self.alphabet[slots], alphabet):
             return float("inf")
-        return float(self.table.bits[slots].sum())
+        return float((self.table.bits[slots] * counts).sum())
 
 
 class Emitter(Protocol):

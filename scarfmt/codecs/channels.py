@@ -7,6 +7,7 @@ the attribute is v_n * step / 3^(n-1). Cells nest, so any prefix of steps is its
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +17,18 @@ from scarfmt.model import NO_SOURCE, Channel, ContextRule
 from scarfmt.symbols import Emitter, SymbolReader, TableKey, emit_by_context, read_by_context
 
 I64 = NDArray[np.int64]
+Ints = NDArray[np.integer[Any]]
 
 _SOURCE_CONTEXTS = 16
-_VALUE_LIMIT = 1 << 31
+_VALUE_LIMIT = (1 << 31) - 1
 # First-step values of the channels decoded so far, one (n, components) array a channel.
-FirstValues = Sequence[I64]
+FirstValues = Sequence[Ints]
 
 
-def coarsen(values: I64, steps: I64 | int) -> I64:
+def coarsen(values: Ints, steps: I64 | int) -> I64:
     """Drop `steps` ternary digits of `values`, rounding to nearest: v_n -> v_(n - steps) (SPEC §7.5)."""
     power = np.power(3, np.asarray(steps, np.int64))
-    return (values + (power - 1) // 2) // power
+    return (np.asarray(values, np.int64) + (power - 1) // 2) // power
 
 
 def contexts(rule: ContextRule, classes: I64, first: FirstValues) -> I64:
@@ -50,7 +52,7 @@ def put_channel(
     classes: I64,
     before: I64,
     after: I64,
-    final: tuple[I64, I64],
+    final: tuple[Ints, I64],
     first: FirstValues,
 ) -> None:
     """Emit the steps before+1..after of every anchor of a tile.
@@ -82,13 +84,13 @@ def get_channel(
     classes: I64,
     before: I64,
     after: I64,
-    values: I64,
+    values: Ints,
     first: FirstValues,
 ) -> None:
     """Read the steps before+1..after of every anchor of a tile, in place.
 
     Args:
-        values: (n, components) int64, v at `before` steps on entry, at `after` on return.
+        values: (n, components) int32, v at `before` steps on entry, at `after` on return.
         first: first-step values of the channels up to and including this one; the last array is written.
 
     Raises:
@@ -105,10 +107,10 @@ def get_channel(
                 here = read_by_context(reader, key, contexts(rule, kinds, [f[chosen] for f in first]))
                 first[-1][chosen, component] = here
             else:
-                coarse = values[chosen, component]
+                coarse = values[chosen, component].astype(np.int64)
                 trit = read_by_context(reader, key, trit_contexts(rule, kinds, coarse))
                 here = 3 * coarse + _checked(trit)
-            if len(here) and int(np.abs(here).max()) >= _VALUE_LIMIT:
+            if len(here) and int(np.abs(here).max()) > _VALUE_LIMIT:
                 raise Malformed("value-range", "a channel value leaves 32 bits (SPEC §7.5)", field=channel.stream.name)
             values[chosen, component] = here
 

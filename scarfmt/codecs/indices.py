@@ -7,6 +7,8 @@ seldom needs the next.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,17 +17,18 @@ from scarfmt.schema import Stream
 from scarfmt.symbols import Emitter, SymbolReader, TableKey, emit_by_context, read_by_context
 
 I64 = NDArray[np.int64]
+Ints = NDArray[np.integer[Any]]
 
 
-def _contexts(indices: I64, classes: I64, stage: int) -> I64:
+def _contexts(indices: Ints, classes: I64, stage: int) -> I64:
     return classes * 16 + (indices[:, stage - 2] == 0 if stage > 1 else 0)
 
 
-def put_indices(emitter: Emitter, indices: I64, classes: I64, before: I64, after: I64) -> None:
+def put_indices(emitter: Emitter, indices: Ints, classes: I64, before: I64, after: I64) -> None:
     """Emit stages before+1..after of every anchor of a tile.
 
     Args:
-        indices: (n, stages) int64 codeword numbers.
+        indices: (n, stages) int16 codeword numbers.
         classes, before, after: (n,) class and stages before and after this layer.
     """
     for stage in range(1, int(after.max(initial=0)) + 1):
@@ -36,9 +39,9 @@ def put_indices(emitter: Emitter, indices: I64, classes: I64, before: I64, after
 
 
 def get_indices(
-    reader: SymbolReader, indices: I64, classes: I64, before: I64, after: I64, book_sizes: tuple[int, int]
+    reader: SymbolReader, indices: Ints, classes: I64, before: I64, after: I64, book_sizes: tuple[int, int]
 ) -> None:
-    """Read stages before+1..after into `indices`, (n, stages) int64, in place.
+    """Read stages before+1..after into `indices`, (n, stages) int16, in place.
 
     Args:
         book_sizes: codewords in the coarse and the residual codebook.

@@ -6,6 +6,8 @@ many slots of the anchor are on already. A Gaussian's offset is sent once, in th
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,7 @@ from scarfmt.symbols import Emitter, SymbolReader, TableKey, emit_by_context, re
 
 Mask = NDArray[np.bool_]
 I64 = NDArray[np.int64]
+Ints = NDArray[np.integer[Any]]
 
 _MASK_KEY = TableKey(Stream.MASKS, 0, 0, 0)
 
@@ -47,11 +50,11 @@ def get_masks(reader: SymbolReader, before: Mask) -> Mask:
     return after
 
 
-def put_offsets(emitter: Emitter, channel: Channel, offsets: I64, classes: I64, turned_on: Mask) -> None:
+def put_offsets(emitter: Emitter, channel: Channel, offsets: Ints, classes: I64, turned_on: Mask) -> None:
     """Emit the offsets of slots that turn on, anchor by anchor, slot by slot.
 
     Args:
-        offsets: (n, K, 3) int64 quantised offsets.
+        offsets: (n, K, 3) int32 quantised offsets.
         classes: (n,) class of each anchor.
         turned_on: (n, K) bool.
     """
@@ -61,8 +64,8 @@ def put_offsets(emitter: Emitter, channel: Channel, offsets: I64, classes: I64, 
         emit_by_context(emitter, TableKey(channel.stream, component, 1, 0), context, offsets[anchor, slot, component])
 
 
-def get_offsets(reader: SymbolReader, channel: Channel, offsets: I64, classes: I64, turned_on: Mask) -> None:
-    """Read the offsets of slots that turn on into `offsets`, (n, K, 3) int64, in place."""
+def get_offsets(reader: SymbolReader, channel: Channel, offsets: Ints, classes: I64, turned_on: Mask) -> None:
+    """Read the offsets of slots that turn on into `offsets`, (n, K, 3) int32, in place."""
     anchor, slot = np.nonzero(turned_on)
     for component, rule in enumerate(channel.rules):
         context = classes[anchor] * 16 if rule.by_class else np.zeros(len(anchor), np.int64)

@@ -22,6 +22,9 @@ _HORIZON = {
     "z": ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
     "-z": ((0, 0, -1), (1, 0, 0), (0, -1, 0)),
 }
+# INRIA's near plane, world units; orbits of scenes smaller than a unit need one that scales with them.
+NEAR = 0.2
+_NEAR_PART_OF_RADIUS = 0.2
 # Part of the distance that would show the whole sphere round the core box: the box's corners are mostly empty.
 _FILL = 0.85
 
@@ -38,6 +41,7 @@ class Camera:
         world_to_camera: (4, 4) float64, x_camera = R x_world + t.
         name: photo file name or a label; may be empty.
         split: ``"train"``, ``"test"`` or empty.
+        near: Gaussians whose centre is no further than this in front of the eye are not drawn, world units.
     """
 
     width: int
@@ -49,6 +53,7 @@ class Camera:
     world_to_camera: F64
     name: str = ""
     split: str = ""
+    near: float = NEAR
 
     @property
     def centre(self) -> F64:
@@ -70,6 +75,7 @@ class Camera:
             self.world_to_camera,
             self.name,
             self.split,
+            self.near,
         )
 
 
@@ -114,7 +120,16 @@ class Arc:
         return self.centre_deg + self.span_deg * np.linspace(-0.5, 0.5, count, dtype=np.float64)
 
 
-def look_at(eye: F64, target: F64, up: F64, width: int, height: int, fov_deg: float = 60.0, name: str = "") -> Camera:
+def look_at(
+    eye: F64,
+    target: F64,
+    up: F64,
+    width: int,
+    height: int,
+    fov_deg: float = 60.0,
+    name: str = "",
+    near: float = NEAR,
+) -> Camera:
     """A camera at `eye` looking at `target`, with `up` pointing up in the picture.
 
     Args:
@@ -122,6 +137,7 @@ def look_at(eye: F64, target: F64, up: F64, width: int, height: int, fov_deg: fl
         width, height: picture size, pixels.
         fov_deg: horizontal field of view, degrees.
         name: label of the camera.
+        near: distance of the near plane, world units.
     """
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, up)
@@ -133,7 +149,7 @@ def look_at(eye: F64, target: F64, up: F64, width: int, height: int, fov_deg: fl
     pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
     pose[:3, 3] = -pose[:3, :3] @ eye
     focal = width / (2 * math.tan(math.radians(fov_deg) / 2))
-    return Camera(width, height, focal, focal, width / 2, height / 2, pose, name)
+    return Camera(width, height, focal, focal, width / 2, height / 2, pose, name, near=near)
 
 
 def core(scene: GaussianScene, upward: F64) -> tuple[F64, F64]:
@@ -188,13 +204,15 @@ def orbit_cameras(
     # A scene of one point has no extent; any positive radius shows it.
     extent = float(np.linalg.norm(half_extent)) or 1.0
     radius = radius_factor * _FILL * extent / math.sin(half_fov)
+    near = min(NEAR, _NEAR_PART_OF_RADIUS * radius)
     elevation = math.radians(elevation_deg)
     cameras = []
     for azimuth in arc.azimuths(count) + azimuth_offset_deg:
         turn = math.radians(azimuth)
         level = math.cos(turn) * zero + math.sin(turn) * ninety
         eye = target + radius * (math.cos(elevation) * level + math.sin(elevation) * upward)
-        cameras.append(look_at(eye, target, upward, width, height, fov_deg, name=f"{azimuth % 360:.0f} deg"))
+        label = f"{azimuth % 360:.0f} deg"
+        cameras.append(look_at(eye, target, upward, width, height, fov_deg, label, near))
     return cameras
 
 

@@ -15,7 +15,6 @@ from scarfmt.render.camera import Camera
 from scarfmt.render.jit import device, kernel
 from scarfmt.scene import F32, F64, GaussianScene
 
-NEAR = 0.2
 DILATION = 0.3
 MIN_ALPHA = 1.0 / 255.0
 MAX_ALPHA = 0.99
@@ -164,7 +163,7 @@ def _project(
                 for axis in range(3):
                     local[k] += pose[k, axis] * positions[i, axis]
             # Written so that a NaN is culled too.
-            if not (local[2] > NEAR and local[2] < np.inf and opacity >= MIN_ALPHA):
+            if not (local[2] > lens[6] and local[2] < np.inf and opacity >= MIN_ALPHA):
                 continue
             _axes(rotations[i], log_scales[i], axes)
             splats[i, OPACITY] = opacity
@@ -229,7 +228,9 @@ def project(
     degree = scene.sh_degree if sh_degree is None else min(sh_degree, scene.sh_degree)
     splats = np.empty((len(scene), SPLAT_COLUMNS))
     depths = np.empty(len(scene), dtype=np.float32)
-    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height], dtype=np.float64)
+    lens = np.array(
+        [camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.near], dtype=np.float64
+    )
     fixed = np.zeros((0, 3)) if colours is None else np.ascontiguousarray(colours, dtype=np.float64)
     pose = np.ascontiguousarray(camera.world_to_camera, dtype=np.float64)
     _project(

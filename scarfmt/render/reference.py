@@ -78,7 +78,7 @@ def visible_ellipses(
     ellipses = []
     for i in range(len(scene)):
         local = rotation @ scene.positions[i] + translation
-        if not 0.2 < local[2] < np.inf:
+        if not camera.near < local[2] < np.inf:
             continue
         covariance = covariance_2d(scene, i, camera, local)
         determinant = covariance[0, 0] * covariance[1, 1] - covariance[0, 1] ** 2

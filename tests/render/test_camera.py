@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Arc, Camera, load_cameras, look_at, orbit_cameras
+from scarfmt.render.rasterise import render
 
 from .scenes import random_scene
 
@@ -96,6 +98,17 @@ def test_orbit_of_nothing_is_refused_and_of_a_point_is_not() -> None:
     with pytest.raises(InvalidInput, match="input-empty"):
         orbit_cameras(scene.take(np.arange(0)))
     assert np.isfinite(orbit_cameras(scene.take(np.array([2])))[0].world_to_camera).all()
+
+
+def test_orbit_of_a_tiny_scene_sees_what_that_of_a_large_one_sees() -> None:
+    """The near plane scales with scenes smaller than a unit, or a toy in metres would lose its nose."""
+    scene = random_scene(5)
+    tiny = replace(scene, positions=scene.positions * 1e-3, log_scales=scene.log_scales + np.float32(np.log(1e-3)))
+    small = replace(scene, positions=scene.positions * 1e-1, log_scales=scene.log_scales + np.float32(np.log(1e-1)))
+    pictures = [render(each, orbit_cameras(each, 1, 64, 48)[0]) for each in (small, tiny)]
+    assert pictures[0].std() > 0.05
+    np.testing.assert_allclose(pictures[0], pictures[1], atol=0.3)
+    assert np.abs(pictures[0] - pictures[1]).mean() < 0.005
 
 
 def test_scaled_camera_sees_the_same_directions() -> None:

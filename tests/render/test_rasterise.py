@@ -78,6 +78,14 @@ def test_non_finite_gaussians_are_not_drawn() -> None:
     assert np.array_equal(render(broken, camera), render(scene.take(np.arange(3, len(scene))), camera))
 
 
+def test_gaussians_nearer_than_the_near_plane_are_not_drawn() -> None:
+    scene, camera = random_scene(13), small_camera()
+    depths = scene.positions @ camera.world_to_camera[2, :3] + camera.world_to_camera[2, 3]
+    beyond = scene.take(depths > 2.5)
+    assert np.array_equal(render(scene, replace(camera, near=2.5)), render(beyond, camera))
+    assert not np.array_equal(render(scene, camera), render(beyond, camera))
+
+
 def test_ties_in_depth_are_drawn_in_index_order() -> None:
     camera = small_camera()
     one = random_scene(8, 1, degree=0)

@@ -1,0 +1,79 @@
+"""LAYER block: entropy mode, the channel table (layer 1 only) and one row of the layer table (SPEC §6.4-6.5)."""
+
+from __future__ import annotations
+
+import struct
+
+from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint
+from scarfmt.errors import Malformed, Unsupported
+from scarfmt.model import (
+    CHANNEL_STREAMS,
+    MAX_CHANNELS,
+    MAX_CLASSES,
+    MAX_COMPONENTS,
+    Channel,
+    ContextRule,
+    LayerRow,
+)
+from scarfmt.schema import Stream
+
+STATIC = 0
+"""Entropy mode: static tables. Mode 1 is reserved for the neural entropy model."""
+
+
+def pack_layer(row: LayerRow, channels: tuple[Channel, ...] | None) -> bytes:
+    """The payload of a LAYER block; `channels` exactly in layer 1."""
+    out = [bytes([STATIC])]
+    if channels is not None:
+        out.append(unsigned_varint(len(channels)))
+        out += [_pack_channel(channel) for channel in channels]
+    out.append(unsigned_varint(row.class_count))
+    for stages, steps in zip(row.stages, row.steps, strict=True):
+        out.append(bytes([stages, *steps]))
+    return b"".join(out)
+
+
+def _pack_channel(channel: Channel) -> bytes:
+    out = [struct.pack("<BBd", channel.stream, channel.components, channel.step)]
+    for rule in channel.rules:
+        out.append(bytes([rule.by_class, rule.source_channel, rule.source_component, rule.shift]))
+        out.append(signed_varint(rule.low))
+    return b"".join(out)
+
+
+def unpack_layer(payload: bytes, layer: int, channels: tuple[Channel, ...]) -> tuple[LayerRow, tuple[Channel, ...]]:
+    """The inverse of :func:`pack_layer`.
+
+    Args:
+        layer: 1-based; the channel table is read in layer 1.
+        channels: the channel table of layer 1, for later layers.
+
+    Raises:
+        Unsupported: ``unsupported-entropy-mode``.
+        Malformed: ``bad-channel``, or a payload that is too short or too long.
+    """
+    reader = ByteReader(payload, f"layer {layer}")
+    mode = reader.take(1)[0]
+    if mode != STATIC:
+        raise Unsupported("unsupported-entropy-mode", f"entropy mode {mode} needs a newer reader", field="entropy_mode")
+    if layer == 1:
+        channels = tuple(_read_channel(reader) for _ in range(reader.count(MAX_CHANNELS)))
+    stages, steps = [], []
+    for _ in range(reader.count(MAX_CLASSES)):
+        stages.append(reader.take(1)[0])
+        steps.append(tuple(reader.take(len(channels))))
+    reader.finish()
+    return LayerRow(tuple(stages), tuple(steps)), channels
+
+
+def _read_channel(reader: ByteReader) -> Channel:
+    stream, components, step = struct.unpack("<BBd", reader.take(10))
+    if stream not in CHANNEL_STREAMS or not 1 <= components <= MAX_COMPONENTS:
+        raise Malformed("bad-channel", f"no channel has stream {stream} and {components} components", field="channels")
+    rules = []
+    for _ in range(components):
+        by_class, source_channel, source_component, shift = reader.take(4)
+        if by_class > 1:
+            raise Malformed("bad-channel", "by_class is not 0 or 1 (SPEC §8.4)", field="channels")
+        rules.append(ContextRule(bool(by_class), source_channel, source_component, reader.signed(33), shift))
+    return Channel(Stream(stream), step, tuple(rules))

@@ -1,0 +1,205 @@
+"""One tile: what it holds after a layer, and the order in which a layer's symbols travel (SPEC §7).
+
+Anchors of a tile are ordered by the layer in which they appear, then by Morton code; anchors of equal code
+keep the encoder's order. Codecs see all of them and pick those a layer concerns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.codecs.channels import coarsen, get_channel, put_channel
+from scarfmt.codecs.classes import get_classes, put_classes
+from scarfmt.codecs.indices import get_indices, put_indices
+from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
+from scarfmt.codecs.positions import get_positions, put_positions
+from scarfmt.model import SceneModel
+from scarfmt.schema import Profile, Stream
+from scarfmt.symbols import Emitter, SymbolReader
+
+I64 = NDArray[np.int64]
+I32 = NDArray[np.int32]
+I16 = NDArray[np.int16]
+U64 = NDArray[np.uint64]
+
+OpenStream = Callable[[Stream], SymbolReader]
+
+
+@dataclass
+class TileContent:
+    """Exact content of one tile, at one layer (decoder) or the last (encoder).
+
+    Attributes:
+        codes: (n,) uint64 local Morton codes.
+        classes: (n,) int64.
+        values: per channel (n, components) int32, v after the steps the layer table gives; offsets (n, K, 3).
+        first: per channel (n, components) int32 first-step values (the offsets channel: empty).
+        indices: (n, stages) int16 codeword numbers, 0 where none was received.
+        slot_layers: (n, K) int64 layer that turned the slot on, 0 = off; K = 0 in the explicit profile.
+    """
+
+    codes: U64
+    classes: I64
+    values: list[I32]
+    first: list[I32]
+    indices: I16
+    slot_layers: I64
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    @classmethod
+    def empty(cls, model: SceneModel, count: int = 0) -> TileContent:
+        """`count` anchors of class 0 with nothing received."""
+        slots = model.slots if model.profile == Profile.ANCHOR else 0
+        values = [
+            np.zeros((count, slots, c.components) if c.stream == Stream.OFFSETS else (count, c.components), np.int32)
+            for c in model.channels
+        ]
+        first = [np.zeros((count, c.components if c.stream != Stream.OFFSETS else 0), np.int32) for c in model.channels]
+        return cls(
+            np.zeros(count, np.uint64),
+            np.zeros(count, np.int64),
+            values,
+            first,
+            np.zeros((count, model.max_stages), np.int16),
+            np.zeros((count, slots), np.int64),
+        )
+
+    def extended(self, other: TileContent) -> TileContent:
+        """These anchors followed by those of `other`."""
+        return TileContent(
+            np.concatenate([self.codes, other.codes]),
+            np.concatenate([self.classes, other.classes]),
+            [np.concatenate(pair) for pair in zip(self.values, other.values, strict=True)],
+            [np.concatenate(pair) for pair in zip(self.first, other.first, strict=True)],
+            np.concatenate([self.indices, other.indices]),
+            np.concatenate([self.slot_layers, other.slot_layers]),
+        )
+
+
+def first_values(model: SceneModel, content: TileContent) -> list[I32]:
+    """First-step values of every channel, from values at the model's last layer; zeros where none is sent."""
+    layer = len(model.layers)
+    out = []
+    for index, channel in enumerate(model.channels):
+        if channel.stream == Stream.OFFSETS:
+            out.append(np.zeros((len(content), 0), np.int32))
+            continue
+        steps = model.steps(layer, index, content.classes)
+        coarse = coarsen(content.values[index], np.maximum(steps - 1, 0)[:, None])
+        out.append(np.where(steps[:, None] > 0, coarse, 0).astype(np.int32))
+    return out
+
+
+def put_layer(
+    model: SceneModel, layer: int, bits: int, content: TileContent, emitters: Callable[[Stream], Emitter]
+) -> int:
+    """Emit one layer of one tile.
+
+    Args:
+        model: layer table and channels.
+        layer: 1-based.
+        bits: local bits per axis.
+        content: the tile at the model's last layer, anchors in order.
+        emitters: gives the emitter of a stream kind.
+
+    Returns:
+        How many anchors first appear in it.
+    """
+    known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
+    classes = content.classes
+    new = np.flatnonzero((classes >= known) & (classes < past))
+    put_positions(emitters(Stream.POSITIONS), content.codes[new], bits)
+    put_classes(emitters(Stream.CLASSES), classes[new], known, past)
+    if model.profile == Profile.ANCHOR:
+        here = np.flatnonzero(classes < past)
+        slot_layers = content.slot_layers[here]
+        before, after = (slot_layers > 0) & (slot_layers < layer), (slot_layers > 0) & (slot_layers <= layer)
+        put_masks(emitters(Stream.MASKS), before, after)
+    last = len(model.layers)
+    known_first: list[I32] = []
+    for index, channel in enumerate(model.channels):
+        emitter = emitters(channel.stream)
+        if channel.stream == Stream.OFFSETS:
+            put_offsets(emitter, channel, content.values[index][here], classes[here], after & ~before)
+            continue
+        before_steps, after_steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)
+        # A context source counts as 0 until its own first step has travelled, as the decoder sees it.
+        known_first.append(content.first[index] * (after_steps > 0)[:, None].astype(np.int32))
+        final = (content.values[index], model.steps(last, index, classes))
+        put_channel(emitter, channel, classes, before_steps, after_steps, final, known_first)
+    stages = model.stages(layer - 1, classes), model.stages(layer, classes)
+    put_indices(emitters(Stream.INDICES), content.indices, classes, *stages)
+    return len(new)
+
+
+def needed_channels(model: SceneModel, wanted: Collection[Stream]) -> list[bool]:
+    """Per channel, whether it must be decoded for the streams wanted: itself, or as a context source."""
+    need = [channel.stream in wanted for channel in model.channels]
+    for index in range(len(need) - 1, -1, -1):
+        if need[index]:
+            for rule in model.channels[index].rules:
+                if rule.source_channel < len(need):
+                    need[rule.source_channel] = True
+    return need
+
+
+def get_layer(
+    model: SceneModel,
+    layer: int,
+    bits: int,
+    content: TileContent,
+    new: int,
+    open_stream: OpenStream,
+    wanted: Collection[Stream],
+    book_sizes: tuple[int, int],
+) -> TileContent:
+    """Read one layer of one tile: the inverse of :func:`put_layer`.
+
+    Args:
+        content: the tile after the layer before; consumed.
+        new: anchors that first appear in this layer.
+        open_stream: gives the reader of a stream kind.
+        wanted: channel streams to decode (positions, classes and masks always are); others stay 0.
+        book_sizes: codewords in the coarse and the residual codebook.
+    """
+    known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
+    arrivals = TileContent.empty(model, new)
+    if new:
+        arrivals.codes = _read(open_stream(Stream.POSITIONS), lambda r: get_positions(r, new, bits))
+        arrivals.classes = _read(open_stream(Stream.CLASSES), lambda r: get_classes(r, new, known, past))
+    content = content.extended(arrivals)
+    classes = content.classes
+    if model.profile == Profile.ANCHOR:
+        before = content.slot_layers > 0
+        after = _read(open_stream(Stream.MASKS), lambda r: get_masks(r, before))
+        content.slot_layers[after & ~before] = layer
+    need = needed_channels(model, wanted)
+    for index, channel in enumerate(model.channels):
+        if not need[index]:
+            continue
+        reader = open_stream(channel.stream)
+        if channel.stream == Stream.OFFSETS:
+            get_offsets(reader, channel, content.values[index], classes, after & ~before)
+        else:
+            steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)
+            get_channel(reader, channel, classes, *steps, content.values[index], content.first[: index + 1])
+        reader.finish()
+    if Stream.INDICES in wanted:
+        reader = open_stream(Stream.INDICES)
+        stages = model.stages(layer - 1, classes), model.stages(layer, classes)
+        get_indices(reader, content.indices, classes, *stages, book_sizes)
+        reader.finish()
+    return content
+
+
+def _read(reader: SymbolReader, get: Callable[[SymbolReader], NDArray[np.generic]]) -> NDArray:  # type: ignore[type-arg]
+    """Run `get` on a stream and check its seal."""
+    result = get(reader)
+    reader.finish()
+    return result

@@ -1,0 +1,199 @@
+"""From a quantised scene to the bytes of a file (SPEC §5-§8). The reference encoder decides, this writes.
+
+Writing is two passes over the same codecs: one counts symbols and fits each layer's tables, one codes.
+A layer's TABLES block holds a table only where that is cheaper than going on with an earlier layer's.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from scarfmt.bytefields import compress
+from scarfmt.codecs.channels import coarsen
+from scarfmt.codecs.codebooks import Codebooks, pack_codebooks
+from scarfmt.codecs.layer import pack_layer
+from scarfmt.codecs.mlp import Network, pack_networks
+from scarfmt.container import Block, HeaderFields, Tile, write_container
+from scarfmt.errors import InvalidInput
+from scarfmt.model import SceneModel
+from scarfmt.schema import BlockKind, Profile, Stream
+from scarfmt.substreams import pack_substreams
+from scarfmt.symbols import SymbolCounter, SymbolTable, SymbolWriter, TableKey, fit_table, pack_table, pack_tables
+from scarfmt.tile import TileContent, first_values, put_layer
+
+Report = Callable[[str, float], None]
+
+
+def silent(_stage: str, _fraction: float) -> None:
+    """A progress report that goes nowhere."""
+
+
+@dataclass(frozen=True)
+class QuantisedScene:
+    """All integers and models of a scene: exactly what a file holds.
+
+    Attributes:
+        fields: header fields.
+        model: channels, layers, classes.
+        tiles, contents: tile table and the content of each, at the last layer.
+        codebooks: None when no stage is used.
+        decoder: latent to SH or feature; None when no stage is used.
+        scene_mlps: opacity, covariance and colour networks of the anchor profile, else empty.
+        metadata: JSON-able annotations, or empty.
+    """
+
+    fields: HeaderFields
+    model: SceneModel
+    tiles: tuple[Tile, ...]
+    contents: tuple[TileContent, ...]
+    codebooks: Codebooks | None = None
+    decoder: Network | None = None
+    scene_mlps: tuple[Network, ...] = ()
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+
+def local_bits(fields: HeaderFields, tile: Tile) -> int:
+    """Local bits per axis of a tile (SPEC §6.2)."""
+    return fields.lattice_bits - tile.depth - tile.shift
+
+
+def first_layers(model: SceneModel) -> tuple[int | None, int | None]:
+    """The layers (1-based) in which codebook 0 and codebook 1 are first needed, None if never."""
+    found: list[int | None] = [None, None]
+    for number, row in enumerate(model.layers, start=1):
+        for book, stage in enumerate((1, 2)):
+            if found[book] is None and max(row.stages) >= stage:
+                found[book] = number
+    return found[0], found[1]
+
+
+def _model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, SymbolTable]) -> Iterator[Block]:
+    model = scene.model
+    row, channels = model.layers[layer - 1], model.channels if layer == 1 else None
+    yield Block(BlockKind.LAYER, layer, pack_layer(row, channels), count=row.class_count)
+    if tables:
+        yield Block(BlockKind.TABLES, layer, compress(pack_tables(tables)), count=len(tables))
+    books, starts = scene.codebooks, first_layers(model)
+    if books is not None:
+        needed = {n: words for n, words in ((0, books.coarse), (1, books.residual)) if starts[n] == layer}
+        if needed:
+            yield Block(BlockKind.CODEBOOKS, layer, pack_codebooks(needed), count=len(needed))
+    if scene.decoder is not None and starts[0] == layer:
+        yield Block(BlockKind.DECODER_MLP, layer, pack_networks((scene.decoder,)), count=1)
+    if layer == 1 and scene.scene_mlps:
+        yield Block(BlockKind.SCENE_MLP, layer, pack_networks(scene.scene_mlps), count=len(scene.scene_mlps))
+    if layer == 1 and scene.metadata:
+        text = json.dumps(scene.metadata, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        yield Block(BlockKind.METADATA, layer, text.encode())
+
+
+def _fit_tables(counter: SymbolCounter, known: Mapping[TableKey, SymbolTable]) -> dict[TableKey, SymbolTable]:
+    """Tables worth sending in a layer, given those of earlier layers."""
+    sent: dict[TableKey, SymbolTable] = {}
+    for key, (alphabet, counts) in counter.histograms().items():
+        table = fit_table(alphabet, counts)
+        if key in known:
+            own = float((table.table.bits * counts).sum()) + 8 * len(pack_table(key, table))
+            if known[key].cost_of_counts(alphabet, counts) <= own:
+                continue
+        sent[key] = table
+    return sent
+
+
+def _write_tile(
+    scene: QuantisedScene, layer: int, tile: int, tables: Mapping[TableKey, SymbolTable]
+) -> Block | None:
+    writers: dict[Stream, SymbolWriter] = {}
+
+    def writer(stream: Stream) -> SymbolWriter:
+        return writers.setdefault(stream, SymbolWriter(tables))
+
+    bits = local_bits(scene.fields, scene.tiles[tile])
+    new = put_layer(scene.model, layer, bits, scene.contents[tile], writer)
+    streams = {stream: writer.finish() for stream, writer in writers.items()}
+    if not new and not any(streams.values()):
+        return None
+    sizes = {int(stream): len(data) for stream, data in streams.items()}
+    return Block(BlockKind.TILE, layer, pack_substreams(streams), tile=tile, count=new, stream_bytes=sizes)
+
+
+def _check(scene: QuantisedScene) -> None:
+    scene.model.check()
+    if len(scene.tiles) != len(scene.contents):
+        raise InvalidInput("input-container", "one content per tile is needed", field="contents")
+
+
+def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
+    """The bytes of a file. Equal scenes give equal bytes.
+
+    Raises:
+        InvalidInput: the scene breaks a rule of SPEC.md.
+    """
+    _check(scene)
+    model, layers = scene.model, len(scene.model.layers)
+    known: dict[TableKey, SymbolTable] = {}
+    blocks: list[Block] = []
+    for layer in range(1, layers + 1):
+        report("code", (layer - 1) / layers)
+        counter = SymbolCounter()
+        for tile, content in zip(scene.tiles, scene.contents, strict=True):
+            put_layer(model, layer, local_bits(scene.fields, tile), content, lambda _: counter)
+        sent = _fit_tables(counter, known)
+        known = {**known, **sent}
+        blocks += _model_blocks(scene, layer, sent)
+        coded = (_write_tile(scene, layer, tile, known) for tile in range(len(scene.tiles)))
+        blocks += [block for block in coded if block is not None]
+    report("code", 1.0)
+    return write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
+
+
+def layer_counts(scene: QuantisedScene) -> list[tuple[int, int]]:
+    """Per layer, cumulative (anchors, Gaussians)."""
+    out = []
+    for layer, row in enumerate(scene.model.layers, start=1):
+        anchors = sum(int((content.classes < row.class_count).sum()) for content in scene.contents)
+        gaussians = anchors
+        if scene.fields.profile == Profile.ANCHOR:
+            shown = ((c.slot_layers > 0) & (c.slot_layers <= layer) for c in scene.contents)
+            gaussians = sum(int(mask.sum()) for mask in shown)
+        out.append((anchors, gaussians))
+    return out
+
+
+def keep_layers(scene: QuantisedScene, layers: int) -> QuantisedScene:
+    """The same scene with only its first `layers` layers, models unchanged.
+
+    ``write_scene(keep_layers(scene, k))`` is byte-equal to truncating ``write_scene(scene)`` (SPEC §14).
+    """
+    model = SceneModel(scene.model.profile, scene.model.slots, scene.model.channels, scene.model.layers[:layers])
+    contents = tuple(_content_at(scene.model, model, content) for content in scene.contents)
+    return QuantisedScene(
+        scene.fields, model, scene.tiles, contents, scene.codebooks, scene.decoder, scene.scene_mlps, scene.metadata
+    )
+
+
+def _content_at(full: SceneModel, model: SceneModel, content: TileContent) -> TileContent:
+    layer, last = len(model.layers), len(full.layers)
+    kept = content.classes < model.layers[-1].class_count
+    classes, slot_layers = content.classes[kept], content.slot_layers[kept]
+    slot_layers[slot_layers > layer] = 0
+    values = []
+    for index, channel in enumerate(model.channels):
+        here = content.values[index][kept]
+        if channel.stream == Stream.OFFSETS:
+            here = here * (slot_layers > 0)[:, :, None]
+        else:
+            now, final = model.steps(layer, index, classes), full.steps(last, index, classes)
+            here = coarsen(here, (final - now)[:, None]) * (now > 0)[:, None]
+        values.append(here.astype(np.int32))
+    received = model.stages(layer, classes)
+    indices = content.indices[kept][:, : model.max_stages]
+    indices = np.where(np.arange(model.max_stages) < received[:, None], indices, 0).astype(np.int16)
+    part = TileContent(content.codes[kept], classes, values, [], indices, slot_layers)
+    part.first = first_values(model, part)
+    return part
