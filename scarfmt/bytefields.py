@@ -120,17 +120,22 @@ def decompress(frame: bytes, limit: int, field: str) -> bytes:
 
     Raises:
         LimitExceeded: ``content-limit``.
-        Malformed: ``bad-zstd`` for anything that is not one whole frame with its content size.
+        Malformed: ``bad-zstd`` for anything that is not one whole frame with its content size, at least 1, and a
+            window of at most 8 MiB.
     """
     try:
         parameters = zstandard.get_frame_parameters(frame)
         size = parameters.content_size
-        if size in (zstandard.CONTENTSIZE_UNKNOWN, zstandard.CONTENTSIZE_ERROR) or parameters.dict_id:
+        # Size 0 too: zstandard then looks at nothing after the frame header, and no structure here is empty.
+        if size in (0, zstandard.CONTENTSIZE_UNKNOWN, zstandard.CONTENTSIZE_ERROR) or parameters.dict_id:
             raise Malformed("bad-zstd", "a zstd frame must state its content size, without dictionary", field=field)
         if size > limit:
             raise LimitExceeded("content-limit", f"{size} bytes of content, at most {limit} allowed", field=field)
-        decoder = zstandard.ZstdDecompressor(max_window_size=MAX_ZSTD_WINDOW)
-        content = decoder.decompress(frame, max_output_size=max(size, 1), allow_extra_data=False)
+        # Checked here: zstandard applies its own window limit only when it streams.
+        if parameters.window_size > MAX_ZSTD_WINDOW:
+            raise Malformed("bad-zstd", f"a window of {parameters.window_size} bytes, at most 8 MiB allowed", field=field)
+        decoder = zstandard.ZstdDecompressor()
+        content = decoder.decompress(frame, max_output_size=size, allow_extra_data=False)
     except zstandard.ZstdError as error:
         raise Malformed("bad-zstd", f"not one whole zstd frame: {error}", field=field) from error
     if len(content) != size:

@@ -14,6 +14,8 @@ A refusal id (SPEC §12) is stable: programs may match on it. The message is for
 
 from __future__ import annotations
 
+from typing import Any
+
 
 class ScarError(Exception):
     """Base of all deliberate errors.
@@ -38,6 +40,14 @@ class ScarError(Exception):
             where.append(f"byte {self.offset}")
         place = f" ({', '.join(where)})" if where else ""
         return f"{self.refusal}: {self.message}{place}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # BaseException would call the class with the printed text alone: no error would survive a worker process.
+        return _restored, (type(self), self.refusal, self.message, self.offset, self.field)
+
+
+def _restored(kind: type[ScarError], refusal: str, message: str, offset: int | None, field: str | None) -> ScarError:
+    return kind(refusal, message, offset=offset, field=field)
 
 
 class Unsupported(ScarError):

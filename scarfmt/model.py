@@ -61,12 +61,12 @@ class Channel:
 
     Attributes:
         stream: the sub-stream that carries it, one of `CHANNEL_STREAMS`.
-        step: width of the first quantiser cell, in units of the attribute.
+        step: one a component: width of the first quantiser cell, in units of the attribute.
         rules: one context rule a component; their number is the number of components.
     """
 
     stream: Stream
-    step: float
+    step: tuple[float, ...]
     rules: tuple[ContextRule, ...]
 
     @property
@@ -140,13 +140,13 @@ class SceneModel:
         """(n,) RVQ stages of anchors of `classes` after `layer`; 0 before their class appears."""
         if layer == 0:
             return np.zeros(len(classes), np.int64)
-        return self._stage_tables[layer - 1][classes, 0]
+        return self._stage_tables[layer - 1].take(classes)
 
     def steps(self, layer: int, channel: int, classes: I64) -> I64:
         """(n,) ternary steps of `channel` after `layer`; 0 before the class appears."""
         if layer == 0:
             return np.zeros(len(classes), np.int64)
-        return self._step_tables[layer - 1][classes, channel]
+        return self._step_tables[layer - 1][:, channel].take(classes)
 
     @property
     def max_stages(self) -> int:
@@ -178,7 +178,8 @@ def check_channels(channels: tuple[Channel, ...], profile: Profile) -> None:
     if len(channels) > MAX_CHANNELS or streams != sorted(set(streams)) or not set(streams) <= set(CHANNEL_STREAMS):
         raise Malformed("bad-channel", f"channels {streams} must be known and ascend (SPEC §6.4)", field="channels")
     for index, channel in enumerate(channels):
-        if not (0 < channel.step < float("inf")) or not 1 <= channel.components <= MAX_COMPONENTS:
+        fits = len(channel.step) == channel.components and 1 <= channel.components <= MAX_COMPONENTS
+        if not fits or not all(0 < step < float("inf") for step in channel.step):
             raise Malformed("bad-channel", f"channel {channel.stream.name}: bad step or size (SPEC §6.4)", field="channels")
         for component, rule in enumerate(channel.rules):
             if rule.source_channel == NO_SOURCE:

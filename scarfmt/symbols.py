@@ -230,9 +230,10 @@ def _by_context(contexts: I64) -> tuple[I64, list[tuple[int, int, int]]]:
     """Stable order by ascending context, and (context, first, past) of each run in it."""
     small = contexts.astype(np.uint8)
     order = np.argsort(small, kind="stable")
-    ends = np.cumsum(np.bincount(small, minlength=1))
-    runs = [(c, int(e) - n, int(e)) for c, (e, n) in enumerate(zip(ends, np.diff(ends, prepend=0), strict=True)) if n]
-    return order, runs
+    counts = np.bincount(small)
+    present = np.flatnonzero(counts)
+    ends = np.cumsum(counts[present]).tolist()
+    return order, list(zip(present.tolist(), [0, *ends[:-1]], ends, strict=True))
 
 
 def emit_by_context(emitter: Emitter, key: TableKey, contexts: I64, values: Values) -> None:

@@ -31,11 +31,17 @@ def coarsen(values: Ints, steps: I64 | int) -> I64:
     return (np.asarray(values, np.int64) + (power - 1) // 2) // power
 
 
-def contexts(rule: ContextRule, classes: I64, first: FirstValues) -> I64:
-    """(n,) int64 context numbers of first-step symbols: class * 16 + source bucket (SPEC §8.4)."""
+def contexts(rule: ContextRule, classes: I64, first: FirstValues, chosen: I64 | slice = slice(None)) -> I64:
+    """(n,) int64 context numbers of first-step symbols: class * 16 + source bucket (SPEC §8.4).
+
+    Args:
+        classes: (n,) classes of the anchors concerned.
+        first: first-step values of all anchors of the tile; its rows `chosen` are those concerned.
+    """
     out = classes * _SOURCE_CONTEXTS if rule.by_class else np.zeros(len(classes), np.int64)
     if rule.source_channel != NO_SOURCE:
-        source = first[rule.source_channel][:, rule.source_component]
+        # int64: `low` may be any 33-bit integer, and the difference must not wrap.
+        source = first[rule.source_channel][chosen, rule.source_component].astype(np.int64)
         out = out + np.clip((source - rule.low) >> rule.shift, 0, _SOURCE_CONTEXTS - 1)
     return out
 
@@ -72,7 +78,7 @@ def put_channel(
             key = TableKey(channel.stream, component, step, 0)
             here = coarsen(values[chosen, component], at[chosen] - step)
             if step == 1:
-                emit_by_context(emitter, key, contexts(rule, kinds, [f[chosen] for f in first]), here)
+                emit_by_context(emitter, key, contexts(rule, kinds, first, chosen), here)
             else:
                 coarse = coarsen(here, 1)
                 emit_by_context(emitter, key, trit_contexts(rule, kinds, coarse), here - 3 * coarse)
@@ -104,7 +110,7 @@ def get_channel(
         for component, rule in enumerate(channel.rules):
             key = TableKey(channel.stream, component, step, 0)
             if step == 1:
-                here = read_by_context(reader, key, contexts(rule, kinds, [f[chosen] for f in first]))
+                here = read_by_context(reader, key, contexts(rule, kinds, first, chosen))
                 first[-1][chosen, component] = here
             else:
                 coarse = values[chosen, component].astype(np.int64)

@@ -87,7 +87,8 @@ def pack_networks(networks: tuple[Network, ...]) -> bytes:
     for network in networks:
         out.append(unsigned_varint(len(network.layers)))
         for layer in network.layers:
-            wide = int(np.abs(layer.weights).max(initial=0)) > 127
+            # int64: the magnitude of -32768 does not fit int16.
+            wide = int(np.abs(layer.weights.astype(np.int64)).max(initial=0)) > 127
             out += [unsigned_varint(n) for n in layer.weights.shape] + [bytes([1 + wide])]
             out.append(layer.weights.astype("<i2" if wide else "<i1").tobytes())
             out += [layer.scales.astype("<f4").tobytes(), layer.biases.astype("<f4").tobytes()]

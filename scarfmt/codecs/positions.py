@@ -8,6 +8,8 @@ symbols an anchor are left, and duplicates need no special case: they are a leaf
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,7 @@ from scarfmt.symbols import Emitter, SymbolReader, TableKey
 
 U64 = NDArray[np.uint64]
 I64 = NDArray[np.int64]
+T = TypeVar("T", bound=np.generic)
 
 # Nodes of up to this many anchors have a table of their own; larger ones share one over 16 bins.
 LARGEST_OWN_TABLE = 16
@@ -33,11 +36,24 @@ def _bin_edges(counts: I64, bins: I64) -> I64:
     return -(-bins * (counts + 1) // _BINS)
 
 
-def _children(start: I64, count: I64, lower: I64) -> tuple[I64, I64]:
-    """Non-empty child nodes (start, count), in Morton order."""
-    starts = np.stack([start, start + lower], axis=1).ravel()
-    counts = np.stack([lower, count - lower], axis=1).ravel()
-    return starts[counts > 0], counts[counts > 0]
+def _pairs(lower: NDArray[T], upper: NDArray[T]) -> NDArray[T]:
+    """(2n,): what belongs to the lower and the upper half of each node, in turn."""
+    out = np.empty((len(lower), 2), lower.dtype)
+    out[:, 0], out[:, 1] = lower, upper
+    return out.ravel()
+
+
+def _children(start: I64, count: I64, lower: I64) -> tuple[I64, I64, I64]:
+    """Child nodes that are not empty: start, count, and number 2 * parent + half; in Morton order."""
+    counts = _pairs(lower, count - lower)
+    kept = np.flatnonzero(counts)
+    return _pairs(start, start + lower)[kept], counts[kept], kept
+
+
+def _by_size(count: I64) -> tuple[I64, list[int]]:
+    """Stable order of nodes by their table, and where each table's nodes end in it: one sort, not 16 searches."""
+    size = np.minimum(count, LARGEST_OWN_TABLE + 1).astype(np.uint8)
+    return np.argsort(size, kind="stable"), np.cumsum(np.bincount(size, minlength=LARGEST_OWN_TABLE + 2)).tolist()
 
 
 def put_positions(emitter: Emitter, codes: U64, bits: int) -> None:
@@ -57,7 +73,7 @@ def put_positions(emitter: Emitter, codes: U64, bits: int) -> None:
         below = np.concatenate(([0], np.cumsum((codes >> np.uint64(bit)) & np.uint64(1) == 0)))
         lower = below[start + count] - below[start]
         _put_splits(emitter, count, lower)
-        start, count = _children(start, count, lower)
+        start, count, _ = _children(start, count, lower)
     for width in range(3 * bits, 0, -1):
         _put_bits(emitter, codes[single_at == width - 1], width)
 
@@ -100,46 +116,60 @@ def get_positions(reader: SymbolReader, total: int, bits: int) -> U64:
     codes = np.zeros(total, np.uint64)
     start, count = np.zeros(1, np.int64), np.array([total], np.int64)
     start, count = start[count > 0], count[count > 0]
-    single_at = np.full(total, -1, np.int64)
+    # Bits left to read of each anchor that is alone in its node.
+    open_bits = np.zeros(total, np.uint8)
     prefix = np.zeros(len(start), np.uint64)
     for bit in range(3 * bits - 1, -1, -1):
         alone = count == 1
-        single_at[start[alone]] = bit
-        codes[start[alone]] = prefix[alone]
-        start, count, prefix = start[~alone], count[~alone], prefix[~alone]
+        singles = start[alone]
+        open_bits[singles] = bit + 1
+        codes[singles] = prefix[alone]
+        several = np.flatnonzero(~alone)
+        if not len(several):
+            start, count, prefix = start[:0], count[:0], prefix[:0]
+            break
+        start, count, prefix = start[several], count[several], prefix[several]
         lower = _get_splits(reader, count)
-        upper_bit = np.uint64(1) << np.uint64(bit)
-        prefix = np.stack([prefix, prefix | upper_bit], axis=1).ravel()
-        prefix = prefix[np.stack([lower, count - lower], axis=1).ravel() > 0]
-        start, count = _children(start, count, lower)
+        upper = prefix | (np.uint64(1) << np.uint64(bit))
+        start, count, kept = _children(start, count, lower)
+        prefix = _pairs(prefix, upper)[kept]
     for first, n, code in zip(start[count > 1], count[count > 1], prefix[count > 1], strict=True):
         codes[first : first + n] = code
     codes[start[count == 1]] = prefix[count == 1]
+    order = np.argsort(open_bits, kind="stable")
+    ends = np.cumsum(np.bincount(open_bits, minlength=3 * bits + 1)).tolist()
     for width in range(3 * bits, 0, -1):
-        chosen = single_at == width - 1
-        codes[chosen] |= _get_bits(reader, int(chosen.sum()), width)
+        chosen = order[ends[width - 1] : ends[width]]
+        if len(chosen):
+            codes[chosen] |= _get_bits(reader, len(chosen), width)
     return codes
 
 
 def _get_splits(reader: SymbolReader, count: I64) -> I64:
     lower = np.zeros(len(count), np.int64)
+    order, ends = _by_size(count)
     for n in range(2, LARGEST_OWN_TABLE + 1):
-        chosen = count == n
-        lower[chosen] = reader.read(_key(n), int(chosen.sum()))
-    large = np.flatnonzero(count > LARGEST_OWN_TABLE)
-    bins = reader.read(_key(LARGEST_OWN_TABLE + 1), len(large))
-    if len(bins) and (int(bins.min()) < 0 or int(bins.max()) >= _BINS):
-        raise Malformed("bad-split", "a split bin is not in 0..15 (SPEC §7.2)", field="positions")
-    first = _bin_edges(count[large], bins)
-    widths = _bin_edges(count[large], bins + 1) - first
-    rest = np.zeros(len(large), np.int64)
-    for size in np.unique(widths[widths > 1]):
-        chosen = widths == size
-        rest[chosen] = _get_uniform(reader, int(size), int(chosen.sum()))
-    lower[large] = first + rest
+        if ends[n] > ends[n - 1]:
+            lower[order[ends[n - 1] : ends[n]]] = reader.read(_key(n), ends[n] - ends[n - 1])
+    large = order[ends[LARGEST_OWN_TABLE] :]
+    if len(large):
+        lower[large] = _get_large_splits(reader, count[large])
     if bool(((lower < 0) | (lower > count)).any()):
         raise Malformed("bad-split", "a split puts more anchors below than the node holds (SPEC §7.2)", field="positions")
     return lower
+
+
+def _get_large_splits(reader: SymbolReader, count: I64) -> I64:
+    bins = reader.read(_key(LARGEST_OWN_TABLE + 1), len(count))
+    if int(bins.min()) < 0 or int(bins.max()) >= _BINS:
+        raise Malformed("bad-split", "a split bin is not in 0..15 (SPEC §7.2)", field="positions")
+    first = _bin_edges(count, bins)
+    widths = _bin_edges(count, bins + 1) - first
+    rest = np.zeros(len(count), np.int64)
+    for size in np.unique(widths[widths > 1]):
+        chosen = widths == size
+        rest[chosen] = _get_uniform(reader, int(size), int(chosen.sum()))
+    return first + rest
 
 
 def _get_uniform(reader: SymbolReader, size: int, count: int) -> I64:

@@ -1,0 +1,120 @@
+"""Exact-class reconstruction: from integers to attribute values that every decoder must equal bit by bit (SPEC §9.1-9.2).
+
+All arithmetic is binary64 without fused operations, and integers stay exact in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.directory import Tile
+from scarfmt.errors import Malformed
+from scarfmt.model import MAX_STEPS, Lattice
+from scarfmt.morton import deinterleave
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+U64 = NDArray[np.uint64]
+Ints = NDArray[np.integer[Any]]
+
+REACH = 1.0
+"""Largest magnitude of a position residual, in cells of 2^shift voxels: it bounds where a tile's anchors can be."""
+
+
+def cell_widths(step: Sequence[float], steps: I64) -> F64:
+    """(n, components) float64: step / 3^(n - 1) for each anchor's number of steps n; 0 where n is 0 (SPEC §9.2).
+
+    Args:
+        step: (components) first cell widths.
+        steps: (n,) ternary steps received, 0..20.
+    """
+    table = np.zeros((MAX_STEPS + 1, len(step)))
+    table[1:] = np.asarray(step, np.float64) / np.power(3.0, np.arange(MAX_STEPS))[:, None]
+    return table[steps]
+
+
+def channel_values(values: Ints, step: Sequence[float], steps: I64) -> F32:
+    """(n, components) float32 values of a channel: binary32(binary64(v) * cell width) (SPEC §9.2).
+
+    Args:
+        values: (n, components) int32, v after `steps` steps.
+        step: (components) first cell widths.
+        steps: (n,) ternary steps received.
+    """
+    return _single(values * cell_widths(step, steps))
+
+
+def offset_values(values: Ints, step: Sequence[float]) -> F32:
+    """(n, K, 3) float32 offsets of (n, K, 3) int32: binary32(binary64(v) * step) (SPEC §9.2)."""
+    return _single(values * np.asarray(step, np.float64))
+
+
+def _single(values: F64) -> F32:
+    with np.errstate(over="ignore"):  # an infinity is what rounding to binary32 prescribes
+        return values.astype(np.float32)
+
+
+def corner(lattice_bits: int, tile: Tile) -> F64:
+    """(3,) float64 lattice coordinates of a tile's lowest corner; integers below 2^32 (SPEC §6.2)."""
+    prefix = deinterleave(np.array([tile.prefix], np.uint64))[0]
+    return (prefix << np.uint64(lattice_bits - tile.depth)).astype(np.float64)
+
+
+def positions(lattice: Lattice, tile: Tile, codes: U64, residuals: F64 | None) -> F64:
+    """(n, 3) float64 world positions of a tile's anchors (SPEC §9.1).
+
+    Args:
+        lattice: origin, voxel and bits.
+        tile: the tile.
+        codes: (n,) uint64 local Morton codes.
+        residuals: (n, 3) float64 position residuals in cells of 2^shift voxels, None for none.
+
+    Raises:
+        Malformed: ``value-range`` when a residual leaves -1..1: the anchor would lie outside its tile.
+    """
+    cell = float(1 << tile.shift)
+    local = deinterleave(codes).astype(np.float64)
+    at = (corner(lattice.bits, tile) + local * cell) + cell / 2
+    if residuals is not None:
+        if bool((np.abs(residuals) > REACH).any()):
+            raise Malformed(
+                "value-range", "a position residual is not in -1..1 cells (SPEC §9.1)", field="POSITION_RESIDUAL"
+            )
+        at += cell * residuals
+    return np.asarray(lattice.origin, np.float64) + lattice.voxel * at
+
+
+def tile_box(lattice: Lattice, tile: Tile) -> tuple[F64, F64]:
+    """(3,) float64 lowest and highest world coordinates that anchors of a tile can have, from the tile table alone.
+
+    The tile's cube, and half a cell all round for residuals of up to one.
+    """
+    low, margin = corner(lattice.bits, tile), (REACH - 0.5) * float(1 << tile.shift)
+    high = low + float(1 << (lattice.bits - tile.depth))
+    origin = np.asarray(lattice.origin, np.float64)
+    return origin + lattice.voxel * (low - margin), origin + lattice.voxel * (high + margin)
+
+
+def latents(books: Codebooks, indices: Ints, stages: I64, dtype: type = np.int64) -> NDArray[Any]:
+    """(n, d) sums of the codewords of each anchor's first `stages` indices (SPEC §9.2).
+
+    Args:
+        books: coarse and residual codewords.
+        indices: (n, M) codeword numbers.
+        stages: (n,) stages received, 0..M.
+        dtype: int64, float32 or float64: the sums are below 2^24, so that all three are exact.
+    """
+    # A row of zeros after the last codeword stands for a stage that was not received.
+    nothing = np.zeros((1, books.dimension), np.int64)
+    coarse, residual = (np.vstack([book, nothing]).astype(dtype) for book in (books.coarse, books.residual))
+    z = np.zeros((len(indices), books.dimension), dtype)
+    for stage in range(indices.shape[1]):
+        book = residual if stage else coarse
+        z += book[np.where(stages > stage, indices[:, stage], len(book) - 1)]
+    return z

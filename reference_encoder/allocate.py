@@ -1,0 +1,220 @@
+"""Rate-distortion allocation: classes of like importance, and what each receives in each layer.
+
+Every increment a file can send, one more ternary step of one channel, one more RVQ stage, or the class
+itself, has a price in bits and a gain in squared picture error, both measured on the data. For a given
+lambda (error per bit) the best choice of each is independent; a falling lambda gives the layers. Increments
+are taken along the lower convex hull, so that a smaller lambda never takes anything back (SPEC §6.5).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reference_encoder.sensitivity import Sensitivity
+from scarfmt.codecs.channels import coarsen
+from scarfmt.model import MAX_CLASSES, MAX_STEPS, LayerRow
+from scarfmt.schema import Stream
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+_FINEST = 9
+"""Ternary steps looked at beyond which nothing ever paid (3^8 = 6561 cells across the first one)."""
+_IMPORTANCE_RATIO = 9.0
+"""Squared-error ratio between neighbouring classes: one ternary step."""
+
+
+@dataclass(frozen=True)
+class ChannelPlan:
+    """One channel's cost tables, per class.
+
+    Attributes:
+        stream: which.
+        step: first-cell width per component.
+        bits: (classes, steps + 1) cumulative bits of the class's anchors with 0.. steps.
+        error: (classes, steps + 1) squared picture error left.
+    """
+
+    stream: Stream
+    step: tuple[float, ...]
+    bits: F64
+    error: F64
+
+
+def classify(importance: F64, rate: float, bits: float, limit: int) -> tuple[I64, int]:
+    """Class 0.. of each anchor, most important first, and how many there are; -1 for anchors not worth sending.
+
+    Args:
+        importance: (N,) squared picture error of leaving the anchor out.
+        rate: lambda of the last layer.
+        bits: what the cheapest anchor costs.
+        limit: most classes.
+    """
+    worth = importance > rate * bits
+    if not worth.any():
+        worth = importance >= importance.max()
+    floor = float(importance[worth].min())
+    rank = np.zeros(len(importance))
+    positive = importance > 0
+    rank[positive] = np.log(importance[positive] / max(floor, 1e-300)) / np.log(_IMPORTANCE_RATIO)
+    count = int(min(limit, MAX_CLASSES, np.floor(rank[worth].max()) + 1)) if floor > 0 else 1
+    classes = count - 1 - np.minimum(np.floor(rank), count - 1).astype(np.int64)
+    # Empty classes would waste rows of the layer table.
+    used = np.unique(classes[worth])
+    classes = np.searchsorted(used, classes)
+    classes[~worth] = -1
+    return classes, len(used)
+
+
+def entropy_bits(symbols: I64, contexts: I64) -> float:
+    """Bits of `symbols` under ideal static tables per context, plus about a byte per table entry."""
+    if not len(symbols):
+        return 0.0
+    low = int(symbols.min())
+    span = int(symbols.max()) - low + 1
+    joint = np.unique(contexts * span + (symbols - low), return_counts=True)
+    totals = np.zeros(int(contexts.max()) + 1)
+    np.add.at(totals, joint[0] // span, joint[1])
+    counts = joint[1].astype(np.float64)
+    return float((counts * np.log2(totals[joint[0] // span] / counts)).sum()) + 8.0 * len(counts)
+
+
+def plan_channel(
+    stream: Stream, values: F64, step: tuple[float, ...], sensitivity: F64, classes: I64, count: int
+) -> ChannelPlan:
+    """Cost tables of a channel for every class and every number of steps up to `_FINEST`."""
+    bits, error = np.zeros((count, _FINEST + 1)), np.zeros((count, _FINEST + 1))
+    for kind in range(count):
+        here = np.flatnonzero(classes == kind)
+        part, weight = values[here], sensitivity[here]
+        error[kind, 0] = float((weight * part**2).sum())
+        finest = np.rint(part / (np.array(step) / 3.0 ** (_FINEST - 1))).astype(np.int64)
+        previous = None
+        for steps in range(1, _FINEST + 1):
+            now = coarsen(finest, _FINEST - steps)
+            left = part - now * (np.array(step) / 3.0 ** (steps - 1))
+            error[kind, steps] = float((weight * left**2).sum())
+            bits[kind, steps] = bits[kind, steps - 1] + _step_bits(now, previous)
+            previous = now
+    return ChannelPlan(stream, step, bits, error)
+
+
+def _step_bits(now: I64, previous: I64 | None) -> float:
+    total = 0.0
+    for component in range(now.shape[1]):
+        column = now[:, component]
+        if previous is None:
+            # The component before is a context of the first step; 16 buckets of it.
+            source = now[:, component - 1] if component else np.zeros(len(column), np.int64)
+            contexts = np.clip(source - int(np.median(source)) + 8, 0, 15) if len(source) else source
+            total += min(entropy_bits(column, contexts), entropy_bits(column, np.zeros_like(contexts)))
+        else:
+            coarse = previous[:, component]
+            total += entropy_bits(column - 3 * coarse, np.clip(coarse, -2, 2) + 2)
+    return total
+
+
+def hull_choice(bits: F64, error: F64, rate: float) -> int:
+    """Index on the lower convex hull of (bits, error) that is best at `rate`; grows as the rate falls."""
+    best = 0
+    index = 0
+    while index < len(bits) - 1:
+        slopes = (error[index] - error[index + 1 :]) / np.maximum(bits[index + 1 :] - bits[index], 1e-9)
+        steepest = int(np.argmax(slopes))
+        if slopes[steepest] <= rate:
+            break
+        index += 1 + steepest
+        best = index
+    return best
+
+
+@dataclass(frozen=True)
+class Allocation:
+    """The layer table and what it is expected to give.
+
+    Attributes:
+        rows: one a layer.
+        order: new number of each class, by first appearance.
+        error: predicted squared picture error after each layer.
+        bits: predicted bits after each layer.
+    """
+
+    rows: tuple[LayerRow, ...]
+    order: I64
+    error: tuple[float, ...]
+    bits: tuple[float, ...]
+
+
+def allocate(
+    plans: list[ChannelPlan],
+    stage_bits: F64,
+    stage_error: F64,
+    position_bits: F64,
+    absence: F64,
+    lost: float,
+    rates: list[float],
+) -> Allocation:
+    """Layer rows for falling `rates`.
+
+    Args:
+        plans: channels in coding order.
+        stage_bits, stage_error: (classes, stages + 1) cumulative bits and error left of the RVQ.
+        position_bits: (classes,) bits of the base positions and class labels.
+        absence: (classes,) error of leaving the class out.
+        lost: error of the anchors dropped for good.
+        rates: lambda per layer.
+    """
+    count = len(position_bits)
+    chosen: list[list[tuple[int, ...] | None]] = []
+    errors, spent = [], []
+    present = np.zeros(count, bool)
+    for number, rate in enumerate(rates):
+        row: list[tuple[int, ...] | None] = []
+        error, cost = lost, 0.0
+        for kind in range(count):
+            picks = [_pick(plan, kind, rate) for plan in plans]
+            stages = hull_choice(stage_bits[kind], stage_error[kind], rate)
+            e = sum(plan.error[kind, n] for plan, n in zip(plans, picks, strict=True)) + stage_error[kind, stages]
+            b = position_bits[kind] + stage_bits[kind, stages]
+            b += sum(plan.bits[kind, n] for plan, n in zip(plans, picks, strict=True))
+            first = kind == 0 and number == 0
+            last = number == len(rates) - 1
+            if present[kind] or first or last or e + rate * b < absence[kind]:
+                present[kind] = True
+                row.append((stages, *picks))
+                error, cost = error + e, cost + b
+            else:
+                row.append(None)
+                error += absence[kind]
+        chosen.append(row)
+        errors.append(float(error))
+        spent.append(float(cost))
+    return _numbered(chosen, errors, spent)
+
+
+def _pick(plan: ChannelPlan, kind: int, rate: float) -> int:
+    best = hull_choice(plan.bits[kind], plan.error[kind], rate)
+    # Scale must be there for anything to be drawn; a wild scale is worse than a coarse one.
+    return min(max(best, 1 if plan.stream == Stream.SCALE else 0), MAX_STEPS)
+
+
+def _numbered(chosen: list[list[tuple[int, ...] | None]], error: list[float], bits: list[float]) -> Allocation:
+    """Renumber classes by first appearance; drop layers that add nothing."""
+    count = len(chosen[0])
+    first = [next(layer for layer, row in enumerate(chosen) if row[kind] is not None) for kind in range(count)]
+    sequence = sorted(range(count), key=lambda kind: (first[kind], kind))
+    order = np.empty(count, np.int64)
+    order[sequence] = np.arange(count)
+    rows: list[LayerRow] = []
+    kept: list[int] = []
+    for number, choice in enumerate(chosen):
+        entries = [entry for entry in (choice[kind] for kind in sequence) if entry is not None]
+        row = LayerRow(tuple(e[0] for e in entries), tuple(e[1:] for e in entries))
+        if rows and row == rows[-1]:
+            continue
+        rows.append(row)
+        kept.append(number)
+    return Allocation(tuple(rows), order, tuple(error[k] for k in kept), tuple(bits[k] for k in kept))

@@ -1,0 +1,37 @@
+"""Encoding: from a scene to the bytes of a `.scar` file (encoder side; nothing here is normative).
+
+    sensitivity -> classes -> lattice -> RVQ -> layer table -> quantised integers -> writer
+
+Every choice is made by one currency: lambda, squared picture error per bit. `quality` sets it.
+"""
+
+from __future__ import annotations
+
+from reference_encoder.anchor_profile import encode_anchors
+from reference_encoder.explicit_profile import encode_explicit
+from reference_encoder.options import EncodeOptions
+from scarfmt.errors import InvalidInput
+from scarfmt.scene import AnchorModel, GaussianScene
+from scarfmt.writer import Report, silent, write_scene
+
+__all__ = ["EncodeOptions", "encode"]
+
+
+def encode(scene: GaussianScene | AnchorModel, options: EncodeOptions | None = None, report: Report = silent) -> bytes:
+    """The bytes of a file for `scene`. The same scene and options give the same bytes.
+
+    Args:
+        scene: without NaN or infinity (see `reference_encoder.clean`), at least one Gaussian or anchor.
+        options: None for the defaults.
+        report: told (stage, fraction done).
+
+    Raises:
+        InvalidInput: ``input-empty``, ``input-options``.
+    """
+    options = options or EncodeOptions()
+    options.check()
+    if len(scene) == 0:
+        raise InvalidInput("input-empty", "the scene holds no Gaussian: there is nothing to encode")
+    if isinstance(scene, AnchorModel):
+        return write_scene(encode_anchors(scene, options, report), report)
+    return write_scene(encode_explicit(scene, options, report), report)

@@ -1,0 +1,50 @@
+"""What a user can ask of the encoder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from scarfmt.errors import InvalidInput
+from scarfmt.limits import MAX_LAYERS
+from scarfmt.render.camera import Camera
+
+MIN_QUALITY, MAX_QUALITY = 20.0, 80.0
+DEFAULT_LAYER_GAP_DB = 5.0
+
+
+@dataclass(frozen=True)
+class EncodeOptions:
+    """Options of `encode`.
+
+    Attributes:
+        quality: about the PSNR in dB, against the source, of pictures of the last layer; 20..80.
+        effort: 1 fast, 2 default, 3 slow: size of the training sample, epochs, codebooks, views.
+        layers: most layers, 1..16; each is about `DEFAULT_LAYER_GAP_DB` better than the one before.
+        cameras: views that matter, e.g. those of the photos; None for rings round the core.
+        frame: up axis, or UP:CENTRE_DEG:SPAN_DEG for a scene seen from one side.
+        seed: of everything random; same seed, same bytes.
+        metadata: JSON-able annotations to store.
+    """
+
+    quality: float = 45.0
+    effort: int = 2
+    layers: int = 5
+    cameras: Sequence[Camera] | None = None
+    frame: str = "-y"
+    seed: int = 0
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    def check(self) -> None:
+        """Check ranges.
+
+        Raises:
+            InvalidInput: ``input-options``.
+        """
+        if not MIN_QUALITY <= self.quality <= MAX_QUALITY:
+            raise InvalidInput("input-options", f"quality {self.quality} is not in 20..80", field="quality")
+        if self.effort not in (1, 2, 3):
+            raise InvalidInput("input-options", f"effort {self.effort} is not 1, 2 or 3", field="effort")
+        if not 1 <= self.layers <= MAX_LAYERS:
+            raise InvalidInput("input-options", f"{self.layers} layers: 1..{MAX_LAYERS} are possible", field="layers")

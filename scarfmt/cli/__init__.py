@@ -1,0 +1,60 @@
+"""The `scarfmt` command. Each subcommand is one module; none imports more than click before it runs.
+
+Conventions: results that programs read (JSON, files written to `-`) on stdout, everything for people on stderr;
+exit codes in :mod:`scarfmt.cli.failures`.
+"""
+
+from __future__ import annotations
+
+import signal
+from types import FrameType
+
+import click
+
+from scarfmt import __version__
+from scarfmt.cli.compare import compare
+from scarfmt.cli.completion import completion
+from scarfmt.cli.decode import decode
+from scarfmt.cli.encode import encode
+from scarfmt.cli.failures import FailureGroup
+from scarfmt.cli.inspect import inspect
+from scarfmt.cli.render import render
+from scarfmt.cli.truncate import truncate
+from scarfmt.cli.validate import validate
+
+__all__ = ["cli", "main"]
+
+_SIGTERM_EXIT = 128 + signal.SIGTERM
+
+
+@click.group(cls=FailureGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="scarfmt")
+def cli() -> None:
+    """Make, read and judge .scar files: progressive neural-compressed 3D Gaussian scenes.
+
+    \b
+    A first round:
+      scarfmt encode scene.ply scene.scar       compress a trained scene
+      scarfmt inspect scene.scar                what is in it, layer by layer
+      scarfmt truncate scene.scar small.scar --layers 2
+      scarfmt decode small.scar small.ply       back to what viewers open
+      scarfmt compare scene.ply small.scar      how much it differs, in dB
+
+    A file name of - is standard input or output. Exit codes: 0 done; 1 the input is invalid or the work failed;
+    2 wrong arguments; 130 interrupted.
+    """
+
+
+for _command in (encode, decode, inspect, truncate, validate, compare, render, completion):
+    cli.add_command(_command)
+
+
+def _terminate(_signal: int, _frame: FrameType | None) -> None:
+    # As an exception, so that half-written files are removed.
+    raise SystemExit(_SIGTERM_EXIT)
+
+
+def main() -> None:
+    """Entry point of the `scarfmt` command."""
+    signal.signal(signal.SIGTERM, _terminate)
+    cli(prog_name="scarfmt")

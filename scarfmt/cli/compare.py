@@ -1,0 +1,168 @@
+"""`scarfmt compare`: how close the pictures of two scenes are."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from scarfmt.cli.failures import requires_extra
+from scarfmt.cli.files import print_json
+from scarfmt.cli.progress import Report, progress
+from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
+
+if TYPE_CHECKING:
+    from scarfmt.cli.scenes import Subject
+    from scarfmt.render.compare import Comparison
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to compare, and how.
+
+    Attributes:
+        views: from where.
+        ssim: whether to compute SSIM too.
+        photos: folder of photos to compare both scenes with, or None.
+    """
+
+    views: ViewOptions
+    ssim: bool
+    photos: str | None
+
+
+@click.command()
+@click.argument("a")
+@click.argument("b")
+@view_options
+@click.option("--layers-a", type=click.IntRange(min=1), help="Layers of A to use, if it is a .scar file.")
+@click.option("--layers-b", type=click.IntRange(min=1), help="Layers of B to use, if it is a .scar file.")
+@click.option("--all-layers", is_flag=True, help="Compare every layer of B, a .scar file: rate and distortion.")
+@click.option("--ssim/--no-ssim", default=True, show_default=True, help="SSIM takes as long as drawing.")
+@click.option("--photos", type=click.Path(exists=True), help="Folder with cameras.json and images/: compare with them.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout; infinite PSNR is null.")
+@requires_extra("render")
+def compare(
+    a: str,
+    b: str,
+    layers_a: int | None,
+    layers_b: int | None,
+    all_layers: bool,
+    ssim: bool,
+    photos: str | None,
+    as_json: bool,
+    **views: Any,
+) -> None:
+    """Draw the scenes A and B from the same cameras and tell PSNR (dB) and SSIM of B against A.
+
+    A and B are any scene files: .scar (path or URL), PLY, SPZ, SOG, .splat or anchor models.
+
+    \b
+    Examples:
+      scarfmt compare scene.ply scene.scar
+      scarfmt compare scene.ply scene.scar --all-layers --frame -y:125:70
+      scarfmt compare scene.ply scene.spz --cameras cameras.json --json
+      scarfmt compare scene.ply scene.scar --photos capture/
+    """
+    if all_layers and layers_b is not None:
+        raise click.UsageError("--all-layers and --layers-b exclude each other")
+    request = Request(ViewOptions(**views), ssim, photos)
+    if photos is not None and (request.views.cameras or request.views.views or request.views.size):
+        raise click.UsageError("--photos brings its own cameras: leave out --cameras, --views and --size")
+    with progress(as_json) as report:
+        if all_layers:
+            rows = _compare_layers(a, layers_a, b, request, report)
+        else:
+            result = _compare_pair(a, layers_a, b, layers_b, request, report)
+    if all_layers:
+        _print_layers(a, b, rows, as_json)
+    else:
+        _print_pair(a, b, result, as_json)
+
+
+def _compare_pair(
+    a: str, layers_a: int | None, b: str, layers_b: int | None, request: Request, report: Report
+) -> dict[str, Comparison]:
+    """Comparison by title: of B against A, or of each against the photos."""
+    from scarfmt.cli.scenes import load_subject
+
+    first, second = load_subject(a, layers_a), load_subject(b, layers_b)
+    if request.photos is not None:
+        return {name: _with_photos(subject, request) for name, subject in (("a", first), ("b", second))}
+    return {"b": _against(first, second, request, report)}
+
+
+def _against(first: Subject, second: Subject, request: Request, report: Report) -> Comparison:
+    from scarfmt.render import compare as comparison
+
+    cameras = choose_cameras(first.placed, request.views)
+    drawn = comparison.compare(first.view, second.reporting(report, len(cameras)), cameras, request.ssim)
+    return drawn
+
+
+def _with_photos(subject: Subject, request: Request) -> Comparison:
+    from scarfmt.render.compare import compare_with_photos
+
+    assert request.photos is not None
+    return compare_with_photos(subject.view, request.photos, ssim=request.ssim)
+
+
+def _compare_layers(a: str, layers_a: int | None, b: str, request: Request, report: Report) -> list[dict[str, Any]]:
+    """One row per layer of B that has arrived: layer, bytes, bytes per anchor, PSNR, SSIM."""
+    from scarfmt.cli.scenes import layer_table, load_subject
+
+    first = load_subject(a, layers_a).remembering()
+    rows = []
+    table = layer_table(b)
+    for layer in table:
+        report(f"layer {layer['layer']}", (layer["layer"] - 1) / len(table))
+        second = load_subject(b, layer["layer"])
+        quiet: Report = lambda _stage, _part: None  # noqa: E731
+        result = _with_photos(second, request) if request.photos else _against(first, second, request, quiet)
+        rows.append(
+            {
+                "layer": layer["layer"],
+                "bytes": layer["end_offset"],
+                "bytes_per_anchor": layer["bytes_per_anchor"],
+                "mean_psnr_db": result.mean_psnr_db,
+                "mean_ssim": result.mean_ssim,
+            }
+        )
+    return rows
+
+
+def _print_pair(a: str, b: str, results: dict[str, Comparison], as_json: bool) -> None:
+    if as_json:
+        print_json({"a": a, "b": b, "results": {name: _as_json(result) for name, result in results.items()}})
+        return
+    for name, result in results.items():
+        click.echo(f"{b} against {a}" if len(results) == 1 else f"{a if name == 'a' else b} against the photos")
+        width = max(len("worst"), *map(len, result.names))
+        similarities: tuple[float | None, ...] = result.ssim or (None,) * len(result.names)
+        for view in zip(result.names, result.psnr_db, similarities, strict=True):
+            click.echo(_row(view[0], width, *view[1:]))
+        has_ssim = bool(result.ssim)
+        click.echo(_row("mean", width, result.mean_psnr_db, result.mean_ssim if has_ssim else None))
+        click.echo(_row("worst", width, result.worst_psnr_db, result.worst_ssim if has_ssim else None))
+
+
+def _row(name: str, width: int, decibels: float, similarity: float | None) -> str:
+    end = "" if similarity is None else f"  {similarity:7.4f} SSIM"
+    return f"  {name:<{width}}  {decibels:7.2f} dB{end}"
+
+
+def _as_json(result: Comparison) -> dict[str, Any]:
+    means = ("mean_psnr_db", "worst_psnr_db", "mean_ssim", "worst_ssim")
+    return {**asdict(result), **{name: getattr(result, name) for name in means}}
+
+
+def _print_layers(a: str, b: str, rows: list[dict[str, Any]], as_json: bool) -> None:
+    if as_json:
+        print_json({"a": a, "b": b, "layers": rows})
+        return
+    click.echo("layer         bytes  bytes/Gaussian  PSNR dB    SSIM")
+    for row in rows:
+        each = row["bytes_per_anchor"] or float("nan")
+        line = f"{row['layer']:>5}  {row['bytes']:>12,}  {each:>14.2f}"
+        click.echo(f"{line}  {row['mean_psnr_db']:>7.2f}  {row['mean_ssim']:>6.4f}")

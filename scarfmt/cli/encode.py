@@ -1,0 +1,120 @@
+"""`scarfmt encode`: from a trained scene to a .scar file."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from scarfmt.cli.failures import requires_extra
+from scarfmt.cli.files import open_output, read_origin
+from scarfmt.cli.progress import progress
+from scarfmt.cli.views import FRAME_HELP
+
+if TYPE_CHECKING:
+    from scarfmt.scene import AnchorModel, GaussianScene
+
+FORMAT_IDS = ("compressed-ply", "ply", "spz", "sog", "anchor-npz", "splat")
+
+
+@click.command()
+@click.argument("input_", metavar="INPUT")
+@click.argument("output")
+@click.option("--quality", type=click.FloatRange(0, 100), help="Higher is closer to INPUT, and larger.")
+@click.option("--effort", type=click.IntRange(0, 10), help="Higher is smaller, and takes longer.")
+@click.option("--layers", type=click.IntRange(1, 16), help="Layers of refinement to make.")
+@click.option("--cameras", type=click.Path(exists=True, dir_okay=False), help="JSON list of the capture's cameras.")
+@click.option("--frame", help=FRAME_HELP + " Where INPUT's content is seen from, if there are no cameras.")
+@click.option("--sh-degree", type=click.IntRange(0, 3), help="Drop spherical harmonics above this degree.")
+@click.option("--drop-invalid", is_flag=True, help="Leave out Gaussians with NaN or infinite values.")
+@click.option("--format", "format_id", type=click.Choice(FORMAT_IDS), help="Format of INPUT [default: told by content].")
+@click.option("--seed", type=click.IntRange(min=0), help="Of all random choices: equal seeds give equal files.")
+@click.option("--metadata", "pairs", multiple=True, metavar="KEY=VALUE", help="Annotate the file; may be repeated.")
+@click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
+@click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@requires_extra("encode")
+def encode(
+    input_: str, output: str, format_id: str | None, sh_degree: int | None, drop_invalid: bool, force: bool, **said: Any
+) -> None:
+    """Compress the scene INPUT into the .scar file OUTPUT. Either may be - (stdin, stdout).
+
+    INPUT is a 3DGS or compressed PLY, SPZ, SOG, .splat, or an anchor model (.npz). What is rarely seen is stored
+    coarsely: --cameras or --frame tell from where the scene will be looked at.
+
+    \b
+    Examples:
+      scarfmt encode point_cloud.ply scene.scar
+      scarfmt encode scene.spz scene.scar --cameras cameras.json --layers 4
+      scarfmt encode - - --frame -y:125:70 --format ply < scene.ply > scene.scar
+      scarfmt encode scene.ply scene.scar --metadata title="Old oak" --metadata year=2024
+    """
+    quiet = said.pop("quiet")
+    with open_output(output, force) as target, progress(quiet) as report:
+        report("read", 0.0)
+        scene = _read_scene(input_, format_id, sh_degree, drop_invalid, quiet)
+        data = _encode(scene, said, report)
+        target.write(data)
+    if not quiet:
+        _print_summary(data)
+
+
+def _read_scene(
+    name: str, format_id: str | None, sh_degree: int | None, drop_invalid: bool, quiet: bool
+) -> GaussianScene | AnchorModel:
+    from reference_encoder.clean import clean
+    from reference_encoder.importers import load
+    from scarfmt.scene import GaussianScene
+
+    scene, dropped = clean(load(read_origin(name), format=format_id), drop_invalid)
+    if dropped and not quiet:
+        click.echo(f"left out {dropped:,} Gaussians with NaN or infinite values", err=True)
+    if sh_degree is None:
+        return scene
+    if not isinstance(scene, GaussianScene):
+        raise click.UsageError("--sh-degree does not apply to an anchor model")
+    return scene.with_sh_degree(min(sh_degree, scene.sh_degree))
+
+
+def _encode(scene: GaussianScene | AnchorModel, said: dict[str, Any], report: Any) -> bytes:
+    from reference_encoder.encode import EncodeOptions, encode
+
+    options = {name: value for name, value in said.items() if value is not None and name != "pairs"}
+    if "cameras" in options:
+        from scarfmt.render.camera import load_cameras
+
+        options["cameras"] = load_cameras(options["cameras"])
+    if said["pairs"]:
+        options["metadata"] = parse_metadata(said["pairs"])
+    return encode(scene, EncodeOptions(**options), report)
+
+
+def parse_metadata(pairs: tuple[str, ...]) -> dict[str, Any]:
+    """The JSON object of `KEY=VALUE` arguments: a value that is JSON is taken as such, any other as text.
+
+    Raises:
+        click.UsageError: an argument without `=`, or a key given twice.
+    """
+    values: dict[str, Any] = {}
+    for pair in pairs:
+        key, equals, text = pair.partition("=")
+        if not equals or not key or key in values:
+            raise click.UsageError(f"--metadata {pair!r}: give KEY=VALUE, each key once")
+        try:
+            values[key] = json.loads(text, parse_constant=str)
+        except ValueError:
+            values[key] = text
+    return values
+
+
+def _print_summary(data: bytes) -> None:
+    from scarfmt import inspection
+    from scarfmt.source import BytesSource
+
+    report = inspection.inspect(BytesSource(data))
+    unit = "anchor" if report["profile"] == "anchor" else "Gaussian"
+    click.echo(f"{report['source_count']:,} {unit}s in, {report['anchors']:,} kept", err=True)
+    for layer in report["layers"]:
+        each = layer["end_offset"] / layer["anchors"] if layer["anchors"] else 0.0
+        line = f"layer {layer['layer']}: {layer['end_offset']:>12,} bytes  {layer['anchors']:>10,} {unit}s"
+        click.echo(f"{line}  {each:6.2f} bytes per {unit}", err=True)

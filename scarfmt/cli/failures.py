@@ -1,0 +1,81 @@
+"""How failures end the command: one line on stderr, and an exit code.
+
+0: done. 1: the input is invalid, or the work failed. 2: the arguments are wrong, the output name included.
+130: interrupted (143 when terminated). Nothing half-written stays behind in any case.
+"""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, NoReturn, ParamSpec, TypeVar
+
+import click
+
+from scarfmt.errors import InvalidInput, ScarError
+
+FAILED = 1
+WRONG_ARGUMENTS = 2
+INTERRUPTED = 130
+
+ARGUMENT_REFUSALS = frozenset(
+    {
+        "input-attributes",
+        "input-box",
+        "input-frame",
+        "input-layers",
+        "input-options",
+        "input-tiles",
+        "output-exists",
+        "output-path",
+    }
+)
+"""Refusals about what the user typed, not about what a file holds."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def requires_extra(extra: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """A decorator: a package missing while the command runs is an error that names the pip extra to install."""
+
+    def decorate(command: Callable[P, T]) -> Callable[P, T]:
+        @wraps(command)
+        def run(*args: P.args, **kwargs: P.kwargs) -> T:
+            try:
+                return command(*args, **kwargs)
+            except ModuleNotFoundError as error:
+                package = (error.name or "").partition(".")[0]
+                if package in ("scarfmt", "reference_encoder", "reference_decoder", ""):
+                    raise
+                message = f"this needs the package {package}: pip install 'scarfmt[{extra}]'"
+                raise InvalidInput("input-dependency", message) from error
+
+        return run
+
+    return decorate
+
+
+class FailureGroup(click.Group):
+    """A command group whose subcommands fail without a traceback when the fault is the user's."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        try:
+            return super().invoke(ctx)
+        except ScarError as error:
+            _fail(ctx, str(error), WRONG_ARGUMENTS if error.refusal in ARGUMENT_REFUSALS else FAILED)
+        except KeyboardInterrupt:
+            click.echo("scarfmt: interrupted", err=True)
+            ctx.exit(INTERRUPTED)
+        except MemoryError:
+            _fail(ctx, "out-of-memory: this machine has too little memory for the scene", FAILED)
+        except OSError as error:
+            if error.errno == errno.EPIPE:
+                raise  # click ends quietly when the reader of a pipe has gone
+            _fail(ctx, f"os-error: {error}", FAILED)
+
+
+def _fail(ctx: click.Context, message: str, code: int) -> NoReturn:
+    click.echo(f"scarfmt: error: {message}", err=True)
+    ctx.exit(code)

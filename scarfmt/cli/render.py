@@ -1,0 +1,126 @@
+"""`scarfmt render`: pictures of a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from scarfmt.cli.failures import requires_extra
+from scarfmt.cli.progress import progress
+from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
+
+if TYPE_CHECKING:
+    from scarfmt.render.camera import Camera
+    from scarfmt.scene import F32
+
+ALL = "all"
+SHEET = "sheet.png"
+
+
+class LayersType(click.ParamType):
+    """A number of layers, or `all`: each in turn."""
+
+    name = "N|all"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
+        if value == ALL or isinstance(value, int):
+            return value
+        if not str(value).isdecimal() or int(value) < 1:
+            self.fail(f"{value!r} is neither a number of layers nor {ALL!r}", param, ctx)
+        return int(value)
+
+
+@click.command()
+@click.argument("file")
+@click.argument("output")
+@view_options
+@click.option("--layers", type=LayersType(), help="Layers of a .scar file to draw, or 'all': each in turn.")
+@click.option("--sheet", is_flag=True, help=f"Also put all pictures on one sheet, {SHEET}.")
+@click.option("--force", is_flag=True, help="Overwrite pictures that exist.")
+@click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@requires_extra("render")
+def render(
+    file: str, output: str, layers: int | str | None, sheet: bool, force: bool, quiet: bool, **views: Any
+) -> None:
+    """Draw the scene FILE (.scar, PLY, SPZ, SOG, .splat or anchor model) into PNG pictures.
+
+    OUTPUT is a folder, for one picture per view, or a name ending in .png, for one sheet of them all (one row per
+    layer with --layers all).
+
+    \b
+    Examples:
+      scarfmt render scene.scar pictures/ --views 4
+      scarfmt render scene.scar layers.png --views 3 --layers all --frame -y:125:70
+      scarfmt render scene.ply view.png --views 1 --size 1280x720
+    """
+    single = output.lower().endswith(".png")
+    sheet_path = Path(output) if single else Path(output) / SHEET
+    if single or sheet:
+        _check_free(sheet_path, force)
+    with progress(quiet) as report:
+        pictures = _draw(file, layers, ViewOptions(**views), report)
+    written = [] if single else _write_each(pictures, Path(output), force)
+    if single or sheet:
+        written.append(_write_sheet(pictures, sheet_path))
+    if not quiet:
+        click.echo(f"{len(written)} pictures written to {output}", err=True)
+
+
+def _draw(file: str, layers: int | str | None, options: ViewOptions, report: Any) -> dict[str, list[tuple[str, F32]]]:
+    """Pictures, with their names, by layer ('' where there is but one set)."""
+    from scarfmt.cli.scenes import layer_table, load_subject
+
+    chosen = [row["layer"] for row in layer_table(file)] if layers == ALL else [layers]
+    pictures: dict[str, list[tuple[str, F32]]] = {}
+    # The last layer places the cameras, so that all layers are seen alike.
+    cameras = choose_cameras(load_subject(file, chosen[-1]).placed, options)
+    for layer in chosen:
+        subject = load_subject(file, layer)
+        rows = pictures.setdefault(f"layer {layer}" if layers == ALL else "", [])
+        for number, camera in enumerate(cameras):
+            report(f"layer {layer}" if layer else "draw", number / len(cameras))
+            rows.append((_picture_name(number, camera), subject.picture(camera)))
+    return pictures
+
+
+def _picture_name(number: int, camera: Camera) -> str:
+    stem = Path(camera.name).stem if camera.name else ""
+    label = "".join(c if c.isalnum() or c in "-_." else "-" for c in stem)
+    return f"{number:03d}-{label}" if label else f"{number:03d}"
+
+
+def _write_each(pictures: dict[str, list[tuple[str, F32]]], folder: Path, force: bool) -> list[Path]:
+    from scarfmt.render.images import write_png
+
+    targets = [
+        (folder / (f"{layer.replace(' ', '-')}-{name}.png" if layer else f"{name}.png"), image)
+        for layer, row in pictures.items()
+        for name, image in row
+    ]
+    for path, _ in targets:
+        _check_free(path, force)
+    folder.mkdir(parents=True, exist_ok=True)
+    for path, image in targets:
+        write_png(path, image)
+    return [path for path, _ in targets]
+
+
+def _write_sheet(pictures: dict[str, list[tuple[str, F32]]], path: Path) -> Path:
+    from scarfmt.render.images import contact_sheet, write_png
+
+    rows = [(f"{layer} {name}".strip(), image) for layer, row in pictures.items() for name, image in row]
+    columns = len(next(iter(pictures.values()))) if len(pictures) > 1 else 4
+    if len(rows) == 1:
+        write_png(path, rows[0][1])
+    else:
+        write_png(path, contact_sheet([image for _, image in rows], [name for name, _ in rows], columns))
+    return path
+
+
+def _check_free(path: Path, force: bool) -> None:
+    from scarfmt.errors import InvalidInput
+
+    if path.exists() and not force:
+        raise InvalidInput("output-exists", f"{path} exists; choose another name, or use --force to overwrite it")

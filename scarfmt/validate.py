@@ -1,0 +1,387 @@
+"""Whether a file keeps every rule of SPEC.md: not the first fault a reader would meet, but all that can be found.
+
+A fault ends only what depends on it: a damaged header ends everything, a damaged tile only that tile. Decoding is
+exact up to the integers; attributes are not computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from scarfmt.bytefields import decompress
+from scarfmt.codecs.codebooks import unpack_codebooks
+from scarfmt.codecs.layer import unpack_layer
+from scarfmt.codecs.mlp import unpack_networks
+from scarfmt.container import Container, Entry, read_header
+from scarfmt.directory import block_name
+from scarfmt.errors import InvalidInput, Malformed, ScarError
+from scarfmt.inspection import read_metadata
+from scarfmt.limits import FORMAT_LIMITS, Limits
+from scarfmt.model import Channel
+from scarfmt.reader import MAX_TABLES_BYTES, SceneModels, SceneReader
+from scarfmt.schema import (
+    FILE_HEADER_SIZE,
+    LAYER_SUMMARY,
+    LAYER_SUMMARY_SIZE,
+    STREAM_COUNT,
+    BlockKind,
+    Profile,
+    Stream,
+    field_table,
+)
+from scarfmt.source import ByteSource, BytesSource
+from scarfmt.substreams import check_substream, unpack_table
+from scarfmt.symbols import SymbolTable, TableKey, unpack_tables
+from scarfmt.tile import TileContent
+from scarfmt.writer import Report, silent
+
+ERROR, WARNING = "error", "warning"
+
+_SUMMARY_OFFSETS = {row.name: row.offset for row in field_table(LAYER_SUMMARY)}
+_COMPONENTS = {
+    Stream.POSITION_RESIDUAL: 3,
+    Stream.ROTATION: 3,
+    Stream.OPACITY: 1,
+    Stream.COLOUR: 3,
+    Stream.OFFSETS: 3,
+}
+_SCENE_OUTPUTS = {"opacity": 1, "covariance": 7, "colour": 3}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fault.
+
+    Attributes:
+        refusal: refusal id of SPEC §12, or, of a warning, what is odd.
+        message: what is wrong.
+        offset: byte offset in the file, if known.
+        field: name of the field or block, if known.
+        severity: ``"error"`` for a broken rule, ``"warning"`` for wasted bytes.
+    """
+
+    refusal: str
+    message: str
+    offset: int | None = None
+    field: str | None = None
+    severity: str = ERROR
+
+
+@dataclass
+class Validation:
+    """What was looked at and what was found.
+
+    Attributes:
+        findings: in the order they were found.
+        layers_declared: layers the header declares; 0 when the header is unreadable.
+        layers_available: layers whose blocks have all arrived.
+        layers_checked: how many of these, from the first, were looked at.
+        blocks_checked: blocks read and verified.
+        tiles_decoded: tiles decoded to integers without a fault.
+    """
+
+    findings: list[Finding] = field(default_factory=list)
+    layers_declared: int = 0
+    layers_available: int = 0
+    layers_checked: int = 0
+    blocks_checked: int = 0
+    tiles_decoded: int = 0
+
+    @property
+    def valid(self) -> bool:
+        """Whether no rule is broken; warnings do not count."""
+        return all(finding.severity != ERROR for finding in self.findings)
+
+    def as_json(self) -> dict[str, Any]:
+        """A JSON-able description."""
+        return {"valid": self.valid, **asdict(self)}
+
+
+def validate(
+    source: ByteSource, *, layers: int | None = None, limits: Limits = FORMAT_LIMITS, report: Report = silent
+) -> Validation:
+    """Check a file against every rule.
+
+    Args:
+        source: the file, whole or cut short (a cut is a finding; what arrived is checked).
+        layers: check only the blocks of the first `layers` layers; None for all that arrived.
+        limits: what counts as too large; by default the format's own maxima.
+        report: told about progress.
+
+    Raises:
+        InvalidInput: ``input-layers`` when the file does not declare so many layers.
+    """
+    result = Validation()
+    opened = _open(source, limits, result)
+    if opened is None:
+        return result
+    if layers is not None and not 1 <= layers <= opened.header.layer_count:
+        raise InvalidInput("input-layers", f"layer {layers} asked for, the file has 1..{opened.header.layer_count}")
+    result.layers_checked = min(result.layers_available, layers or result.layers_available)
+    _Check(opened, result, report).run()
+    return result
+
+
+def _open(source: ByteSource, limits: Limits, result: Validation) -> SceneReader | None:
+    """A reader of the file, or None where header or tables are beyond use; faults go to `result`."""
+    try:
+        read_header(source, limits=limits)
+    except ScarError as error:
+        result.findings.append(_finding(error))
+        if error.refusal == "trailing-bytes" and error.offset is not None:
+            source = BytesSource(source.read(0, error.offset))
+        elif error.refusal != "truncated-file":
+            return None
+    container = Container.open(source, limits=limits, allow_truncated=True)
+    result.layers_declared, result.layers_available = container.header.layer_count, container.available_layers
+    try:
+        return SceneReader(source, limits=limits, allow_truncated=True)
+    except ScarError as error:
+        result.findings.append(_finding(error))
+        return None
+
+
+def _finding(error: ScarError) -> Finding:
+    return Finding(error.refusal, error.message, error.offset, error.field)
+
+
+def _summary_offset(layer: int, name: str) -> int:
+    return FILE_HEADER_SIZE + (layer - 1) * LAYER_SUMMARY_SIZE + _SUMMARY_OFFSETS[name]
+
+
+class _UsedTables(dict[TableKey, SymbolTable]):
+    """Tables of a layer that remember which of them were asked for."""
+
+    def __init__(self, tables: dict[TableKey, SymbolTable], used: set[TableKey]) -> None:
+        super().__init__(tables)
+        self._used = used
+
+    def get(self, key: TableKey, default: Any = None) -> Any:
+        self._used.add(key)
+        return super().get(key, default)
+
+
+class _Check:
+    """One validation, from an opened file on."""
+
+    def __init__(self, reader: SceneReader, result: Validation, report: Report) -> None:
+        self._reader = reader
+        self._container = reader.container
+        self._result = result
+        self._report = report
+        self._last = result.layers_checked
+        self._broken: list[Entry] = []
+        self._channels: tuple[Channel, ...] = ()
+        self._tables: list[dict[TableKey, SymbolTable]] = [{} for _ in range(self._last)]
+        self._used: list[set[TableKey]] = [set() for _ in range(self._last)]
+        self._streams = np.zeros((self._last + 1, STREAM_COUNT), np.int64)
+        self._gaussians = np.zeros(self._last + 1, np.int64)
+
+    def run(self) -> None:
+        """All checks; later ones leave out what earlier ones found broken."""
+        self._check_blocks()
+        self._check_stream_bytes()
+        models = list(self._models())
+        complete = self._check_tiles(models)
+        if complete and len(models) == self._last:
+            self._check_gaussians()
+            self._check_tables_used()
+
+    def _add(self, error: ScarError) -> None:
+        finding = _finding(error)
+        place = (finding.refusal, finding.offset, finding.field)
+        if place not in {(known.refusal, known.offset, known.field) for known in self._result.findings}:
+            self._result.findings.append(finding)
+
+    def _attempt(self, entry: Entry, act: Callable[[], object]) -> bool:
+        try:
+            act()
+        except ScarError as error:
+            offset = entry.offset if error.offset is None else error.offset
+            self._add(type(error)(error.refusal, error.message, offset=offset, field=error.field or block_name(entry)))
+            self._broken.append(entry)
+            return False
+        return True
+
+    def _check_blocks(self) -> None:
+        entries = [entry for entry in self._container.entries if entry.layer <= self._last]
+        for number, entry in enumerate(entries):
+            self._report("blocks", number / len(entries))
+            if self._attempt(entry, lambda entry=entry: self._check_block(entry)):
+                self._result.blocks_checked += 1
+
+    def _check_block(self, entry: Entry) -> None:
+        payload = self._container.read_block(entry)
+        if entry.kind == BlockKind.TILE:
+            self._check_tile_block(entry, payload)
+            return
+        self._streams[entry.layer, Stream.MODELS] += len(payload)
+        if entry.kind == BlockKind.METADATA:
+            read_metadata(self._container)
+        count = self._element_count(entry, payload)
+        if count is not None and count != entry.count:
+            message = f"the block holds {count} elements, the directory says {entry.count}"
+            raise Malformed("entry-count", message, field=f"{block_name(entry)} count")
+
+    def _element_count(self, entry: Entry, payload: bytes) -> int | None:
+        """Elements of a model block, parsed; None for kinds without a count."""
+        if entry.kind == BlockKind.LAYER:
+            if entry.layer > 1 and not self._channels:
+                return None
+            row, self._channels = unpack_layer(payload, entry.layer, self._channels)
+            return row.class_count
+        if entry.kind == BlockKind.TABLES:
+            tables = unpack_tables(decompress(payload, MAX_TABLES_BYTES, "tables"))
+            self._tables[entry.layer - 1] = tables
+            return len(tables)
+        if entry.kind == BlockKind.CODEBOOKS:
+            return len(unpack_codebooks(payload))
+        if entry.kind in (BlockKind.DECODER_MLP, BlockKind.SCENE_MLP):
+            return len(unpack_networks(payload))
+        return None
+
+    def _check_tile_block(self, entry: Entry, payload: bytes) -> None:
+        table = unpack_table(payload, len(payload))
+        rest = len(payload)
+        for kind, part in table.items():
+            check_substream(kind, part, payload[part.start : part.start + part.length])
+            self._streams[entry.layer, kind] += part.length
+            rest -= part.length
+        self._streams[entry.layer, Stream.FRAMING] += rest
+
+    def _check_stream_bytes(self) -> None:
+        """Layer summaries against the sub-streams; a layer with a broken block cannot be summed."""
+        broken = {entry.layer for entry in self._broken}
+        for layer in range(1, self._last + 1):
+            declared = self._reader.header.layers[layer - 1].stream_bytes
+            for kind in Stream if layer not in broken else ():
+                if declared[kind] != self._streams[layer, kind]:
+                    self._add(
+                        Malformed(
+                            "layer-stream-bytes",
+                            f"its blocks spend {self._streams[layer, kind]} bytes on {kind.name}, the summary says "
+                            f"{declared[kind]}",
+                            offset=_summary_offset(layer, "stream_bytes") + 8 * kind,
+                            field=f"layers[{layer - 1}].stream_bytes[{int(kind)}]",
+                        )
+                    )
+
+    def _models(self) -> Iterator[SceneModels]:
+        """The models after each layer, up to the first layer whose models are unusable."""
+        for layer in range(1, self._last + 1):
+            self._report("models", layer / self._last)
+            try:
+                models = self._reader.models(layer)
+                check_shapes(models, self._reader.header.fields.sh_degree)
+            except ScarError as error:
+                self._add(error)
+                return
+            recorded = tuple(_UsedTables(tables, used) for tables, used in zip(models.tables, self._used, strict=False))
+            yield replace(models, tables=recorded)
+
+    def _check_tiles(self, models: list[SceneModels]) -> bool:
+        """Decode every tile as far as its blocks and the models are sound; True if that is all of them."""
+        complete = True
+        tiles = self._reader.header.tile_count
+        lowest = {entry.tile: entry.layer for entry in reversed(self._broken)}
+        for tile in range(tiles):
+            self._report("tiles", tile / tiles)
+            top = min(len(models), lowest.get(tile, self._last + 1) - 1)
+            complete &= top == self._last
+            if top and not self._decode(models[top - 1], tile):
+                complete = False
+        return complete
+
+    def _decode(self, models: SceneModels, tile: int) -> bool:
+        try:
+            for _, content in self._reader.tiles(models, [tile]):
+                self._count(content)
+        except ScarError as error:
+            place = f"tile {tile}" if error.field is None else f"tile {tile} {error.field}"
+            self._add(type(error)(error.refusal, error.message, offset=error.offset, field=place))
+            return False
+        self._result.tiles_decoded += 1
+        return True
+
+    def _count(self, content: TileContent) -> None:
+        for layer in range(1, self._last + 1):
+            shown = (content.slot_layers > 0) & (content.slot_layers <= layer)
+            self._gaussians[layer] += int(shown.sum())
+
+    def _check_gaussians(self) -> None:
+        if self._reader.header.fields.profile == Profile.EXPLICIT:
+            return
+        for layer in range(1, self._last + 1):
+            declared = self._reader.header.layers[layer - 1].gaussian_count
+            if declared != self._gaussians[layer]:
+                message = f"the masks turn on {self._gaussians[layer]} Gaussians, the summary says {declared}"
+                offset, name = _summary_offset(layer, "gaussian_count"), f"layers[{layer - 1}].gaussian_count"
+                self._add(Malformed("layer-counts", message, offset=offset, field=name))
+
+    def _check_tables_used(self) -> None:
+        """Warn of tables nothing was coded with: legal, but bytes for nothing."""
+        if self._last < self._reader.header.layer_count:
+            return
+        for layer, sent in enumerate(self._tables, start=1):
+            idle = [key for key in sent if not self._is_used(key, layer)]
+            if idle:
+                entry = self._container.find(BlockKind.TABLES, layer)
+                message = f"{len(idle)} of {len(sent)} tables are never used, the first is {idle[0]}"
+                offset = entry.offset if entry else None
+                self._result.findings.append(Finding("unused-table", message, offset, f"layer {layer} TABLES", WARNING))
+
+    def _is_used(self, key: TableKey, layer: int) -> bool:
+        for later in range(layer, self._last + 1):
+            if later > layer and key in self._tables[later - 1]:
+                return False
+            if key in self._used[later - 1]:
+                return True
+        return False
+
+
+def check_shapes(models: SceneModels, sh_degree: int) -> None:
+    """Check that channels and networks fit the profile (SPEC §6.4, §9.2, §9.6).
+
+    Args:
+        models: of any number of layers.
+        sh_degree: the header's.
+
+    Raises:
+        Malformed: ``bad-channel``, ``bad-mlp`` or ``missing-block``.
+    """
+    model = models.model
+    anchor = model.profile == Profile.ANCHOR
+    expected = {**_COMPONENTS, Stream.SCALE: 6 if anchor else 3}
+    for channel in model.channels:
+        if channel.components != expected[channel.stream]:
+            message = f"{channel.stream.name} has {channel.components} components, not {expected[channel.stream]}"
+            raise Malformed("bad-channel", f"{message} (SPEC §6.4)", field="channels")
+    streams = {channel.stream for channel in model.channels}
+    if Stream.SCALE not in streams:
+        raise Malformed("bad-channel", "the SCALE channel is missing (SPEC §6.4)", field="channels")
+    if anchor:
+        _check_scene_networks(models)
+    elif models.decoder is not None:
+        wanted = 3 * ((sh_degree + 1) ** 2 - (Stream.COLOUR in streams))
+        if models.decoder.outputs != wanted:
+            message = f"the decoder gives {models.decoder.outputs} coefficients, not {wanted} (SPEC §9.2)"
+            raise Malformed("bad-mlp", message, field="decoder")
+
+
+def _check_scene_networks(models: SceneModels) -> None:
+    networks = models.scene_mlps
+    if not networks:
+        raise Malformed("missing-block", "the anchor profile needs a SCENE_MLP block (SPEC §9.6)", field="SCENE_MLP")
+    if len(networks) != len(_SCENE_OUTPUTS):
+        raise Malformed("bad-mlp", f"{len(networks)} scene networks, not 3 (SPEC §9.6)", field="SCENE_MLP")
+    for (name, per_slot), network in zip(_SCENE_OUTPUTS.items(), networks, strict=True):
+        if network.outputs != per_slot * models.model.slots:
+            message = f"the {name} network gives {network.outputs} values, not {per_slot * models.model.slots}"
+            raise Malformed("bad-mlp", f"{message} (SPEC §9.6)", field="SCENE_MLP")
+        if models.decoder is not None and network.inputs - models.decoder.outputs not in (3, 4):
+            message = f"the {name} network takes {network.inputs} inputs for features of {models.decoder.outputs}"
+            raise Malformed("bad-mlp", f"{message} (SPEC §9.6)", field="SCENE_MLP")

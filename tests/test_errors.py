@@ -1,0 +1,43 @@
+"""Errors carry what a program matches on and what a person needs."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import pytest
+
+from scarfmt import errors
+from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError, Truncated, Unsupported
+
+CLASSES = [ScarError, Unsupported, Malformed, Truncated, LimitExceeded, InvalidInput]
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_message_names_refusal_place_and_reason(kind: type[ScarError]) -> None:
+    """Refusal id first, then the message, then field and byte where known."""
+    assert str(kind("some-id", "what is wrong")) == "some-id: what is wrong"
+    assert str(kind("some-id", "wrong", field="layers[0]")) == "some-id: wrong (layers[0])"
+    assert str(kind("some-id", "wrong", offset=0)) == "some-id: wrong (byte 0)"
+    error = kind("some-id", "wrong", offset=7, field="x")
+    assert str(error) == "some-id: wrong (x, byte 7)"
+    assert (error.refusal, error.message, error.offset, error.field) == ("some-id", "wrong", 7, "x")
+
+
+def test_the_hierarchy_sorts_by_what_to_do() -> None:
+    """A cut file is damage; a bad argument is also a ValueError; no class is another's cousin by accident."""
+    assert issubclass(Truncated, Malformed)
+    assert issubclass(InvalidInput, ValueError)
+    assert not any(issubclass(kind, Malformed) for kind in (Unsupported, LimitExceeded, InvalidInput))
+    public = {value for value in vars(errors).values() if isinstance(value, type)}
+    assert public == set(CLASSES)
+
+
+@pytest.mark.parametrize("kind", CLASSES)
+def test_errors_survive_copying_between_processes(kind: type[ScarError]) -> None:
+    """A worker process hands its error over unchanged."""
+    error = kind("some-id", "wrong", offset=7, field="x")
+    for twin in (pickle.loads(pickle.dumps(error)), copy.copy(error)):
+        assert type(twin) is kind
+        assert str(twin) == str(error)
+        assert (twin.refusal, twin.offset, twin.field) == ("some-id", 7, "x")
