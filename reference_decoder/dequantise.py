@@ -1,4 +1,4 @@
-"""Exact-class reconstruction: from integers to attribute values that every decoder must equal bit by bit (SPEC §9.1-9.2).
+"""Exact-class reconstruction: from integers to values that every decoder must equal bit by bit (SPEC §9.1-9.2).
 
 All arithmetic is binary64 without fused operations, and integers stay exact in it.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.codecs.codebooks import Codebooks
-from scarfmt.directory import Tile
+from scarfmt.directory import Table, Tile
 from scarfmt.errors import Malformed
 from scarfmt.model import MAX_STEPS, Lattice
 from scarfmt.morton import deinterleave
@@ -47,12 +47,12 @@ def channel_values(values: Ints, step: Sequence[float], steps: I64) -> F32:
         step: (components) first cell widths.
         steps: (n,) ternary steps received.
     """
-    return _single(values * cell_widths(step, steps))
+    return _single(values.astype(np.float64) * cell_widths(step, steps))
 
 
 def offset_values(values: Ints, step: Sequence[float]) -> F32:
     """(n, K, 3) float32 offsets of (n, K, 3) int32: binary32(binary64(v) * step) (SPEC §9.2)."""
-    return _single(values * np.asarray(step, np.float64))
+    return _single(values.astype(np.float64) * np.asarray(step, np.float64))
 
 
 def _single(values: F64) -> F32:
@@ -60,10 +60,10 @@ def _single(values: F64) -> F32:
         return values.astype(np.float32)
 
 
-def corner(lattice_bits: int, tile: Tile) -> F64:
-    """(3,) float64 lattice coordinates of a tile's lowest corner; integers below 2^32 (SPEC §6.2)."""
-    prefix = deinterleave(np.array([tile.prefix], np.uint64))[0]
-    return (prefix << np.uint64(lattice_bits - tile.depth)).astype(np.float64)
+def corners(lattice_bits: int, depth: NDArray[np.uint8], prefix: U64) -> F64:
+    """(T, 3) float64 lattice coordinates of the lowest corners of T tiles; integers below 2^32 (SPEC §6.2)."""
+    free = (lattice_bits - depth.astype(np.int64)).astype(np.uint64)
+    return (deinterleave(prefix) << free[:, None]).astype(np.float64)
 
 
 def positions(lattice: Lattice, tile: Tile, codes: U64, residuals: F64 | None) -> F64:
@@ -80,7 +80,8 @@ def positions(lattice: Lattice, tile: Tile, codes: U64, residuals: F64 | None) -
     """
     cell = float(1 << tile.shift)
     local = deinterleave(codes).astype(np.float64)
-    at = (corner(lattice.bits, tile) + local * cell) + cell / 2
+    depth, prefix = np.array([tile.depth], np.uint8), np.array([tile.prefix], np.uint64)
+    at = (corners(lattice.bits, depth, prefix) + local * cell) + cell / 2
     if residuals is not None:
         if bool((np.abs(residuals) > REACH).any()):
             raise Malformed(
@@ -90,31 +91,41 @@ def positions(lattice: Lattice, tile: Tile, codes: U64, residuals: F64 | None) -
     return np.asarray(lattice.origin, np.float64) + lattice.voxel * at
 
 
-def tile_box(lattice: Lattice, tile: Tile) -> tuple[F64, F64]:
-    """(3,) float64 lowest and highest world coordinates that anchors of a tile can have, from the tile table alone.
+def tile_boxes(lattice: Lattice, tiles: Table) -> tuple[F64, F64]:
+    """(T, 3) float64 lowest and highest world coordinates anchors of each tile can have, from the tile table alone.
 
-    The tile's cube, and half a cell all round for residuals of up to one.
-    """
-    low, margin = corner(lattice.bits, tile), (REACH - 0.5) * float(1 << tile.shift)
-    high = low + float(1 << (lattice.bits - tile.depth))
-    origin = np.asarray(lattice.origin, np.float64)
-    return origin + lattice.voxel * (low - margin), origin + lattice.voxel * (high + margin)
-
-
-def latents(books: Codebooks, indices: Ints, stages: I64, dtype: type = np.int64) -> NDArray[Any]:
-    """(n, d) sums of the codewords of each anchor's first `stages` indices (SPEC §9.2).
+    A tile's cube, and half a cell all round for residuals of up to one.
 
     Args:
-        books: coarse and residual codewords.
+        lattice: origin, voxel and bits.
+        tiles: (T,) TILE_DTYPE.
+    """
+    low = corners(lattice.bits, tiles["depth"], tiles["prefix"])
+    size = np.exp2(lattice.bits - tiles["depth"].astype(np.float64))[:, None]
+    margin = (REACH - 0.5) * np.exp2(tiles["shift"].astype(np.float64))[:, None]
+    origin = np.asarray(lattice.origin, np.float64)
+    return origin + lattice.voxel * (low - margin), origin + lattice.voxel * (low + size + margin)
+
+
+def latents(books: Codebooks | None, indices: Ints, stages: I64, refinements: F32 | None, dimension: int) -> F32:
+    """(n, d) float32 latents: binary32(sum of codewords) + value of the latent channel, in binary32 (SPEC §9.2).
+
+    Args:
+        books: coarse and residual codewords; None where no layer so far has stages.
         indices: (n, M) codeword numbers.
         stages: (n,) stages received, 0..M.
-        dtype: int64, float32 or float64: the sums are below 2^24, so that all three are exact.
+        refinements: (n, d) values of the latent channel, None where there is none.
+        dimension: d.
     """
-    # A row of zeros after the last codeword stands for a stage that was not received.
-    nothing = np.zeros((1, books.dimension), np.int64)
-    coarse, residual = (np.vstack([book, nothing]).astype(dtype) for book in (books.coarse, books.residual))
-    z = np.zeros((len(indices), books.dimension), dtype)
-    for stage in range(indices.shape[1]):
-        book = residual if stage else coarse
-        z += book[np.where(stages > stage, indices[:, stage], len(book) - 1)]
+    # Sums of codewords are integers below 2^24: exact in binary32, in any order.
+    z = np.zeros((len(indices), dimension), np.float32)
+    if books is not None:
+        # A row of zeros after the last codeword stands for a stage that was not received.
+        nothing = np.zeros((1, dimension), np.int64)
+        padded = [np.vstack([book, nothing]).astype(np.float32) for book in (books.coarse, books.residual)]
+        for stage in range(indices.shape[1]):
+            book = padded[min(stage, 1)]
+            z += book[np.where(stages > stage, indices[:, stage], len(book) - 1)]
+    if refinements is not None:
+        z += refinements
     return z

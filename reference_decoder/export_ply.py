@@ -33,8 +33,8 @@ def write_inria_ply(
     Raises:
         InvalidInput: the file exists and `force` is not set, or a comment cannot be written.
     """
-    rows = _rows(scene)
-    header = _header(len(scene), _property_names(scene.sh.shape[1] - 1), comments)
+    rows = ply_rows(scene)
+    header = ply_header(len(scene), property_names(scene.sh.shape[1] - 1), comments)
     if isinstance(destination, str | PathLike):
         with atomic_write(destination, force=force) as stream:
             stream.write(header)
@@ -44,13 +44,14 @@ def write_inria_ply(
         destination.write(rows.data)
 
 
-def _property_names(rest: int) -> list[str]:
+def property_names(rest: int) -> list[str]:
+    """INRIA's columns for `rest` coefficients a colour above degree 0."""
     names = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"]
     names += [f"f_rest_{i}" for i in range(3 * rest)]
     return [*names, "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"]
 
 
-def _rows(scene: GaussianScene) -> F32:
+def ply_rows(scene: GaussianScene) -> F32:
     """(N, properties) little-endian float32, in the order of the header."""
     rest = 3 * (scene.sh.shape[1] - 1)
     table = np.zeros((len(scene), 17 + rest), "<f4")
@@ -65,7 +66,12 @@ def _rows(scene: GaussianScene) -> F32:
     return table
 
 
-def _header(count: int, names: list[str], comments: Iterable[str]) -> bytes:
+def ply_header(count: int, names: list[str], comments: Iterable[str]) -> bytes:
+    """The header of `count` Gaussians with properties `names`.
+
+    Raises:
+        InvalidInput: ``output-comment``.
+    """
     lines = ["ply", "format binary_little_endian 1.0"]
     for comment in comments:
         if not comment.isascii() or not comment.isprintable():

@@ -23,6 +23,8 @@ I64 = NDArray[np.int64]
 
 _FINEST = 9
 """Ternary steps looked at beyond which nothing ever paid (3^8 = 6561 cells across the first one)."""
+TABLE_ENTRY_BITS = 8.0
+_SAMPLE = 12_000
 _IMPORTANCE_RATIO = 9.0
 """Squared-error ratio between neighbouring classes: one ternary step."""
 
@@ -75,34 +77,56 @@ def entropy_bits(symbols: I64, contexts: I64) -> float:
         return 0.0
     low = int(symbols.min())
     span = int(symbols.max()) - low + 1
-    joint = np.unique(contexts * span + (symbols - low), return_counts=True)
-    totals = np.zeros(int(contexts.max()) + 1)
-    np.add.at(totals, joint[0] // span, joint[1])
-    counts = joint[1].astype(np.float64)
-    return float((counts * np.log2(totals[joint[0] // span] / counts)).sum()) + 8.0 * len(counts)
+    joint = contexts * span + (symbols - low)
+    if span * 256 < 1 << 22:
+        counts = np.bincount(joint).astype(np.float64)
+        counts = np.pad(counts, (0, -len(counts) % span)).reshape(-1, span)
+        totals = np.broadcast_to(counts.sum(axis=1, keepdims=True), counts.shape)[counts > 0]
+        counts = counts[counts > 0]
+    else:
+        kinds, amounts = np.unique(joint, return_counts=True)
+        counts = amounts.astype(np.float64)
+        totals = np.bincount(kinds // span, counts)[kinds // span]
+    return float((counts * np.log2(totals / counts)).sum()) + TABLE_ENTRY_BITS * len(counts)
 
 
 def plan_channel(
     stream: Stream, values: F64, step: tuple[float, ...], sensitivity: F64, classes: I64, count: int
 ) -> ChannelPlan:
-    """Cost tables of a channel for every class and every number of steps up to `_FINEST`."""
+    """Cost tables of a channel for every class and every number of steps up to `_FINEST`.
+
+    Large classes are judged by a sample.
+
+    Args:
+        values: (N, components) in units of the attribute.
+        sensitivity: (N, components) or (N, 1) squared picture error per squared unit.
+    """
     bits, error = np.zeros((count, _FINEST + 1)), np.zeros((count, _FINEST + 1))
     for kind in range(count):
         here = np.flatnonzero(classes == kind)
-        part, weight = values[here], sensitivity[here]
-        error[kind, 0] = float((weight * part**2).sum())
+        sampled = here[:: max(1, len(here) // _SAMPLE)]
+        scale = len(here) / max(len(sampled), 1)
+        part, weight = values[sampled], sensitivity[sampled]
+        error[kind, 0] = scale * float((weight * part**2).sum())
         finest = np.rint(part / (np.array(step) / 3.0 ** (_FINEST - 1))).astype(np.int64)
         previous = None
         for steps in range(1, _FINEST + 1):
             now = coarsen(finest, _FINEST - steps)
             left = part - now * (np.array(step) / 3.0 ** (steps - 1))
-            error[kind, steps] = float((weight * left**2).sum())
-            bits[kind, steps] = bits[kind, steps - 1] + _step_bits(now, previous)
+            error[kind, steps] = scale * float((weight * left**2).sum())
+            bits[kind, steps] = bits[kind, steps - 1] + _step_bits(now, previous, scale)
             previous = now
     return ChannelPlan(stream, step, bits, error)
 
 
-def _step_bits(now: I64, previous: I64 | None) -> float:
+def _scaled(symbols: I64, contexts: I64, scale: float) -> float:
+    """Bits of `scale` times as many symbols as were sampled; the tables are paid once."""
+    entries = len(np.unique(contexts * (1 << 20) + symbols - symbols.min())) if len(symbols) else 0
+    tables = TABLE_ENTRY_BITS * entries
+    return (entropy_bits(symbols, contexts) - tables) * scale + tables
+
+
+def _step_bits(now: I64, previous: I64 | None, scale: float) -> float:
     total = 0.0
     for component in range(now.shape[1]):
         column = now[:, component]
@@ -110,10 +134,10 @@ def _step_bits(now: I64, previous: I64 | None) -> float:
             # The component before is a context of the first step; 16 buckets of it.
             source = now[:, component - 1] if component else np.zeros(len(column), np.int64)
             contexts = np.clip(source - int(np.median(source)) + 8, 0, 15) if len(source) else source
-            total += min(entropy_bits(column, contexts), entropy_bits(column, np.zeros_like(contexts)))
+            total += min(_scaled(column, contexts, scale), _scaled(column, np.zeros_like(contexts), scale))
         else:
             coarse = previous[:, component]
-            total += entropy_bits(column - 3 * coarse, np.clip(coarse, -2, 2) + 2)
+            total += _scaled(column - 3 * coarse, np.clip(coarse, -2, 2) + 2, scale)
     return total
 
 
@@ -129,6 +153,20 @@ def hull_choice(bits: F64, error: F64, rate: float) -> int:
         index += 1 + steepest
         best = index
     return best
+
+
+@dataclass(frozen=True)
+class LatentChain:
+    """What the latent can receive, in order: RVQ stages, then steps of the latent channel.
+
+    Attributes:
+        stages: M.
+        bits, error: (classes, M + steps + 1) cumulative bits and squared picture error left.
+    """
+
+    stages: int
+    bits: F64
+    error: F64
 
 
 @dataclass(frozen=True)
@@ -150,8 +188,7 @@ class Allocation:
 
 def allocate(
     plans: list[ChannelPlan],
-    stage_bits: F64,
-    stage_error: F64,
+    latent: LatentChain,
     position_bits: F64,
     absence: F64,
     lost: float,
@@ -161,7 +198,7 @@ def allocate(
 
     Args:
         plans: channels in coding order.
-        stage_bits, stage_error: (classes, stages + 1) cumulative bits and error left of the RVQ.
+        latent: RVQ stages, then steps of the latent channel.
         position_bits: (classes,) bits of the base positions and class labels.
         absence: (classes,) error of leaving the class out.
         lost: error of the anchors dropped for good.
@@ -176,15 +213,16 @@ def allocate(
         error, cost = lost, 0.0
         for kind in range(count):
             picks = [_pick(plan, kind, rate) for plan in plans]
-            stages = hull_choice(stage_bits[kind], stage_error[kind], rate)
-            e = sum(plan.error[kind, n] for plan, n in zip(plans, picks, strict=True)) + stage_error[kind, stages]
-            b = position_bits[kind] + stage_bits[kind, stages]
+            link = hull_choice(latent.bits[kind], latent.error[kind], rate)
+            stages, latent_steps = min(link, latent.stages), max(link - latent.stages, 0)
+            e = sum(plan.error[kind, n] for plan, n in zip(plans, picks, strict=True)) + latent.error[kind, link]
+            b = position_bits[kind] + latent.bits[kind, link]
             b += sum(plan.bits[kind, n] for plan, n in zip(plans, picks, strict=True))
             first = kind == 0 and number == 0
             last = number == len(rates) - 1
             if present[kind] or first or last or e + rate * b < absence[kind]:
                 present[kind] = True
-                row.append((stages, *picks))
+                row.append((stages, *picks, latent_steps))
                 error, cost = error + e, cost + b
             else:
                 row.append(None)

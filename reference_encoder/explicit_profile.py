@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.allocate import ChannelPlan, allocate, classify, plan_channel
+from reference_encoder.allocate import ChannelPlan, LatentChain, allocate, classify, plan_channel
 from reference_encoder.attributes import Attributes, from_scene
 from reference_encoder.contexts import choose_rules
 from reference_encoder.latent import Latent, linear_latent
@@ -35,11 +35,14 @@ FIRST_STEP: dict[Stream, tuple[float, ...]] = {
     Stream.OPACITY: (1.0,),
     Stream.COLOUR: (1.5, 1.5, 1.8),
 }
+_LATENT_STEP = 81.0
 # Measured: picture error per Gaussian that one lambda buys (docs/decisions/0004).
 _RATE_CONSTANT = 6.0
 # The cheapest anchor: a position, a class and first steps.
 _CHEAPEST_BITS = 40.0
 _MOST_CLASSES = 8
+# Errors of view-dependent colour agree between neighbours more than others do: they count for more.
+_REST_SHARE = 2.5
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class _Effort:
     thorough_views: bool
 
 
-_EFFORT = {1: _Effort(16384, 4, 3, False), 2: _Effort(65536, 7, 5, False), 3: _Effort(262144, 12, 6, True)}
+_EFFORT = {1: _Effort(16384, 4, 1, False), 2: _Effort(65536, 7, 2, False), 3: _Effort(262144, 12, 2, True)}
 
 
 def codebook_size(anchors: int) -> int:
@@ -76,7 +79,7 @@ def encode_explicit(scene: GaussianScene, options: EncodeOptions, report: Report
     report("visibility", 1.0)
     wanted = np.sqrt(6 * rate / np.log(2) / np.maximum(sensitivity.channels[Stream.POSITION_RESIDUAL][:, 0], 1e-300))
     placement = place(attributes.positions, wanted)
-    latent = linear_latent(attributes.rest, sensitivity.colour, rate * len(kept)) if degree else None
+    latent = linear_latent(attributes.rest, sensitivity.colour * _REST_SHARE, rate * len(kept)) if degree else None
     rvq = _quantise_latent(latent, classes, rate, effort, options, report)
     values = {stream: attributes.channel(stream) for stream in CHANNELS[1:]}
     values[Stream.POSITION_RESIDUAL] = placement.residual
@@ -85,10 +88,12 @@ def encode_explicit(scene: GaussianScene, options: EncodeOptions, report: Report
     report("allocate", 0.0)
     plans = [plan_channel(s, values[s], FIRST_STEP[s], weights[s], classes, count) for s in CHANNELS]
     rates = [rate * 10 ** (DEFAULT_LAYER_GAP_DB / 10 * k) for k in range(options.layers - 1, -1, -1)]
-    allocation = allocate(plans, *_stage_tables(rvq, classes, count), _position_bits(classes, count),
+    chain, latent_plan, latent_left = _latent_chain(latent, rvq, classes, count)
+    allocation = allocate(plans, chain, _position_bits(classes, count),
                           np.bincount(classes, sensitivity.absence, count), lost, rates)
     classes = allocation.order[classes]
-    model, finals = _model(plans, allocation.rows, values, classes)
+    values[Stream.LATENT] = latent_left
+    model, finals = _model([*plans, latent_plan], allocation.rows, values, classes)
     report("allocate", 1.0)
     fields = HeaderFields(
         Profile.EXPLICIT, degree, 1, placement.lattice.bits, placement.lattice.origin, placement.lattice.voxel,
@@ -97,8 +102,9 @@ def encode_explicit(scene: GaussianScene, options: EncodeOptions, report: Report
     stages = max(allocation.rows[-1].stages)
     contents = _contents(model, placement, classes, finals, rvq, stages)
     books = Codebooks(rvq.coarse, rvq.residual) if rvq and stages else None
+    has_latent = bool(stages) or any(c.stream == Stream.LATENT for c in model.channels)
     return QuantisedScene(fields, model, placement.tiles, contents, books,
-                          latent.decoder if latent and stages else None, (), dict(options.metadata))
+                          latent.decoder if latent and has_latent else None, (), dict(options.metadata))
 
 
 def _quantise_latent(
@@ -110,13 +116,27 @@ def _quantise_latent(
     return quantise(latent.values, latent.weight, classes, rvq, lambda fraction: report("codebooks", fraction))
 
 
-def _stage_tables(rvq: RvqResult | None, classes: I64, count: int) -> tuple[F64, F64]:
-    """(classes, stages + 1) cumulative bits and error left."""
-    if rvq is None:
-        return np.zeros((count, 1)), np.zeros((count, 1))
+def _latent_chain(
+    latent: Latent | None, rvq: RvqResult | None, classes: I64, count: int
+) -> tuple[LatentChain, ChannelPlan, F64]:
+    """What the latent can receive, the plan of its channel, and what the RVQ leaves for that channel."""
+    if latent is None or rvq is None:
+        none = np.zeros((count, 1))
+        return LatentChain(0, none, none), ChannelPlan(Stream.LATENT, (1.0,), none, none), np.zeros((len(classes), 1))
     error = np.stack([np.bincount(classes, row, count) for row in rvq.distortion], axis=1)
-    bits = np.stack([np.bincount(classes, row, count) for row in rvq.bits], axis=1)
-    return np.concatenate([np.zeros((count, 1)), np.cumsum(bits, axis=1)], axis=1), error
+    bits = np.concatenate([np.zeros((1, len(classes))), np.cumsum(rvq.bits, axis=0)])
+    bits = np.stack([np.bincount(classes, row, count) for row in bits], axis=1)
+    stages = len(rvq.bits)
+    received = np.full(len(classes), stages)
+    left = latent.values.astype(np.float64) - Codebooks(rvq.coarse, rvq.residual).latents(rvq.indices, received)
+    step = (_LATENT_STEP,) * left.shape[1]
+    plan = plan_channel(Stream.LATENT, left, step, latent.weight[:, None].astype(np.float64), classes, count)
+    chain = LatentChain(
+        stages,
+        np.concatenate([bits, bits[:, -1:] + plan.bits[:, 1:]], axis=1),
+        np.concatenate([error, plan.error[:, 1:]], axis=1),
+    )
+    return chain, plan, left
 
 
 def _position_bits(classes: I64, count: int) -> F64:

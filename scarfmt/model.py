@@ -20,7 +20,7 @@ I64 = NDArray[np.int64]
 
 MAX_CLASSES = 15
 MAX_CHANNELS = 8
-MAX_COMPONENTS = 32
+MAX_COMPONENTS = 64
 MAX_STAGES = 8
 MAX_STEPS = 20
 """3^19 ternary cells span more than 2^30: enough to refine any binary32 channel."""
@@ -31,6 +31,7 @@ CHANNEL_STREAMS = (
     Stream.ROTATION,
     Stream.OPACITY,
     Stream.COLOUR,
+    Stream.LATENT,
     Stream.OFFSETS,
 )
 NO_SOURCE = 255

@@ -6,12 +6,14 @@ and attributes asked for need.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scarfmt.bytefields import decompress
 from scarfmt.codecs.codebooks import Codebooks, unpack_codebooks
@@ -127,17 +129,25 @@ class SceneReader:
 
     def _latent_models(self, model: SceneModel) -> tuple[Codebooks | None, Network | None]:
         starts = first_layers(model)
-        if starts[0] is None:
+        if starts[2] is None:
             return None, None
-        books = self._required(BlockKind.CODEBOOKS, starts[0], unpack_codebooks)
-        if starts[1] is not None and starts[1] != starts[0]:
-            books = {**books, **self._required(BlockKind.CODEBOOKS, starts[1], unpack_codebooks)}
-        if set(books) != {n for n in (0, 1) if starts[n] is not None} or len({w.shape[1] for w in books.values()}) > 1:
-            raise Malformed("bad-codebook", "codebooks do not match the stages used (SPEC §7.8)", field="codebooks")
-        networks = self._required(BlockKind.DECODER_MLP, starts[0], unpack_networks)
-        if len(networks) != 1 or networks[0].inputs != books[0].shape[1]:
-            raise Malformed("bad-mlp", "the decoder does not take the latent (SPEC §7.9)", field="decoder")
-        residual = books.get(1, np.zeros((0, books[0].shape[1]), np.int64))
+        networks = self._required(BlockKind.DECODER_MLP, starts[2], unpack_networks)
+        dimension = networks[0].inputs if len(networks) == 1 else 0
+        for channel in model.channels:
+            if channel.stream == Stream.LATENT and channel.components != dimension:
+                raise Malformed("bad-mlp", "the decoder does not take the latent channel (SPEC §7.9)", field="decoder")
+        if starts[0] is None:
+            return None, networks[0]
+        books: dict[int, NDArray[np.int64]] = {}
+        for layer in sorted({start for start in starts[:2] if start is not None}):
+            here = self._required(BlockKind.CODEBOOKS, layer, unpack_codebooks)
+            # Exactly the books first needed here: else a cut file would be refused where the whole one is read.
+            if set(here) != {number for number in (0, 1) if starts[number] == layer}:
+                raise Malformed("bad-codebook", "codebooks do not match the stages used (SPEC §7.8)", field="codebooks")
+            books.update(here)
+        if {words.shape[1] for words in books.values()} != {dimension}:
+            raise Malformed("bad-mlp", "the decoder does not take the codewords (SPEC §7.9)", field="decoder")
+        residual = books.get(1, np.zeros((0, dimension), np.int64))
         return Codebooks(books[0], residual), networks[0]
 
     def tiles(
@@ -164,7 +174,20 @@ class SceneReader:
             yield from ((tile, one(tile)) for tile in chosen)
             return
         with ThreadPoolExecutor(threads) as pool:
-            yield from zip(chosen, pool.map(one, chosen), strict=True)
+            ahead: deque[tuple[int, Future[TileContent]]] = deque()
+            try:
+                for tile in chosen:
+                    ahead.append((tile, pool.submit(one, tile)))
+                    # A slow consumer must not let all tiles of a scene pile up.
+                    if len(ahead) > 2 * threads:
+                        done, content = ahead.popleft()
+                        yield done, content.result()
+                while ahead:
+                    done, content = ahead.popleft()
+                    yield done, content.result()
+            finally:
+                for _, content in ahead:
+                    content.cancel()
 
     def _tile(self, models: SceneModels, tile: int, streams: Collection[Stream]) -> TileContent:
         model = models.model

@@ -118,8 +118,9 @@ class Stream(IntEnum):
     OPACITY = 7
     COLOUR = 8
     INDICES = 9
-    OFFSETS = 10
-    FRAMING = 11
+    LATENT = 10
+    OFFSETS = 11
+    FRAMING = 12
     """The rest of a TILE block: its sub-stream table and anything not listed."""
 
 
@@ -160,7 +161,7 @@ LAYER_SUMMARY: Any = Struct(
     ),
     "byte_count" / Int64ul * "Bytes of all blocks of this layer",
     "end_offset" / Int64ul * "Absolute offset one past the last block of this layer",
-    "stream_bytes" / Array(STREAM_COUNT, Int64ul) * "Of byte_count, the bytes per stream kind 0..11; their sum is it",
+    "stream_bytes" / Array(STREAM_COUNT, Int64ul) * "Of byte_count, the bytes per stream kind 0..12; their sum is it",
 )
 
 HEADER_CHECKSUM: Any = Struct(
@@ -187,7 +188,7 @@ DIRECTORY_ENTRY: Any = Struct(
 )
 
 SUBSTREAM_RECORD: Any = Struct(
-    "stream" / Int8ul * "Stream kind, 1..10, ascending within the block",
+    "stream" / Int8ul * "Stream kind, 1..11, ascending within the block",
     "length" / Int32ul * "Bytes of the sub-stream, a multiple of 4, not 0",
     "crc32" / Int32ul * "CRC-32 of the sub-stream",
 )

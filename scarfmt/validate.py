@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from reference_decoder.requirements import check_models
 from scarfmt.bytefields import decompress
 from scarfmt.codecs.codebooks import unpack_codebooks
 from scarfmt.codecs.layer import unpack_layer
@@ -42,14 +44,6 @@ from scarfmt.writer import Report, silent
 ERROR, WARNING = "error", "warning"
 
 _SUMMARY_OFFSETS = {row.name: row.offset for row in field_table(LAYER_SUMMARY)}
-_COMPONENTS = {
-    Stream.POSITION_RESIDUAL: 3,
-    Stream.ROTATION: 3,
-    Stream.OPACITY: 1,
-    Stream.COLOUR: 3,
-    Stream.OFFSETS: 3,
-}
-_SCENE_OUTPUTS = {"opacity": 1, "covariance": 7, "colour": 3}
 
 
 @dataclass(frozen=True)
@@ -211,7 +205,7 @@ class _Check:
         entries = [entry for entry in self._container.entries if entry.layer <= self._last]
         for number, entry in enumerate(entries):
             self._report("blocks", number / len(entries))
-            if self._attempt(entry, lambda entry=entry: self._check_block(entry)):
+            if self._attempt(entry, partial(self._check_block, entry)):
                 self._result.blocks_checked += 1
 
     def _check_block(self, entry: Entry) -> None:
@@ -276,7 +270,7 @@ class _Check:
             self._report("models", layer / self._last)
             try:
                 models = self._reader.models(layer)
-                check_shapes(models, self._reader.header.fields.sh_degree)
+                check_models(self._reader.header.fields, models)
             except ScarError as error:
                 self._add(error)
                 return
@@ -341,47 +335,3 @@ class _Check:
             if key in self._used[later - 1]:
                 return True
         return False
-
-
-def check_shapes(models: SceneModels, sh_degree: int) -> None:
-    """Check that channels and networks fit the profile (SPEC §6.4, §9.2, §9.6).
-
-    Args:
-        models: of any number of layers.
-        sh_degree: the header's.
-
-    Raises:
-        Malformed: ``bad-channel``, ``bad-mlp`` or ``missing-block``.
-    """
-    model = models.model
-    anchor = model.profile == Profile.ANCHOR
-    expected = {**_COMPONENTS, Stream.SCALE: 6 if anchor else 3}
-    for channel in model.channels:
-        if channel.components != expected[channel.stream]:
-            message = f"{channel.stream.name} has {channel.components} components, not {expected[channel.stream]}"
-            raise Malformed("bad-channel", f"{message} (SPEC §6.4)", field="channels")
-    streams = {channel.stream for channel in model.channels}
-    if Stream.SCALE not in streams:
-        raise Malformed("bad-channel", "the SCALE channel is missing (SPEC §6.4)", field="channels")
-    if anchor:
-        _check_scene_networks(models)
-    elif models.decoder is not None:
-        wanted = 3 * ((sh_degree + 1) ** 2 - (Stream.COLOUR in streams))
-        if models.decoder.outputs != wanted:
-            message = f"the decoder gives {models.decoder.outputs} coefficients, not {wanted} (SPEC §9.2)"
-            raise Malformed("bad-mlp", message, field="decoder")
-
-
-def _check_scene_networks(models: SceneModels) -> None:
-    networks = models.scene_mlps
-    if not networks:
-        raise Malformed("missing-block", "the anchor profile needs a SCENE_MLP block (SPEC §9.6)", field="SCENE_MLP")
-    if len(networks) != len(_SCENE_OUTPUTS):
-        raise Malformed("bad-mlp", f"{len(networks)} scene networks, not 3 (SPEC §9.6)", field="SCENE_MLP")
-    for (name, per_slot), network in zip(_SCENE_OUTPUTS.items(), networks, strict=True):
-        if network.outputs != per_slot * models.model.slots:
-            message = f"the {name} network gives {network.outputs} values, not {per_slot * models.model.slots}"
-            raise Malformed("bad-mlp", f"{message} (SPEC §9.6)", field="SCENE_MLP")
-        if models.decoder is not None and network.inputs - models.decoder.outputs not in (3, 4):
-            message = f"the {name} network takes {network.inputs} inputs for features of {models.decoder.outputs}"
-            raise Malformed("bad-mlp", f"{message} (SPEC §9.6)", field="SCENE_MLP")

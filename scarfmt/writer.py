@@ -62,14 +62,17 @@ def local_bits(fields: HeaderFields, tile: Tile) -> int:
     return fields.lattice_bits - tile.depth - tile.shift
 
 
-def first_layers(model: SceneModel) -> tuple[int | None, int | None]:
-    """The layers (1-based) in which codebook 0 and codebook 1 are first needed, None if never."""
-    found: list[int | None] = [None, None]
+def first_layers(model: SceneModel) -> tuple[int | None, int | None, int | None]:
+    """The layers (1-based) in which codebook 0, codebook 1 and the decoder are first needed, None if never."""
+    latent = [index for index, channel in enumerate(model.channels) if channel.stream == Stream.LATENT]
+    found: list[int | None] = [None, None, None]
     for number, row in enumerate(model.layers, start=1):
-        for book, stage in enumerate((1, 2)):
-            if found[book] is None and max(row.stages) >= stage:
-                found[book] = number
-    return found[0], found[1]
+        stages = max(row.stages)
+        refined = any(steps[index] for steps in row.steps for index in latent)
+        for item, needed in enumerate((stages >= 1, stages >= 2, stages >= 1 or refined)):
+            if found[item] is None and needed:
+                found[item] = number
+    return found[0], found[1], found[2]
 
 
 def _model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, SymbolTable]) -> Iterator[Block]:
@@ -83,7 +86,7 @@ def _model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, S
         needed = {n: words for n, words in ((0, books.coarse), (1, books.residual)) if starts[n] == layer}
         if needed:
             yield Block(BlockKind.CODEBOOKS, layer, pack_codebooks(needed), count=len(needed))
-    if scene.decoder is not None and starts[0] == layer:
+    if scene.decoder is not None and starts[2] == layer:
         yield Block(BlockKind.DECODER_MLP, layer, pack_networks((scene.decoder,)), count=1)
     if layer == 1 and scene.scene_mlps:
         yield Block(BlockKind.SCENE_MLP, layer, pack_networks(scene.scene_mlps), count=len(scene.scene_mlps))

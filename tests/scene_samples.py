@@ -15,7 +15,7 @@ from scarfmt.limits import MAX_LOCAL_BITS
 from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
 from scarfmt.schema import Profile, Stream
 from scarfmt.tile import TileContent, first_values
-from scarfmt.writer import QuantisedScene, local_bits
+from scarfmt.writer import QuantisedScene, first_layers, local_bits
 
 TILE_DEPTH = 2
 FEATURES = 8
@@ -47,20 +47,20 @@ def random_scene(
     degree = 0 if profile == Profile.ANCHOR else degree
     bits = int(rng.choice([4, 12, 16, 24, 32]))
     fields = HeaderFields(profile, degree, slots, bits, (-1.5, 0.25, 3.0), 2.0**-bits, anchors)
-    channels = _channels(rng, profile)
+    channels = _channels(rng, profile, degree)
     outputs = _decoder_outputs(profile, degree, channels)
     model = SceneModel(profile, slots, channels, _rows(rng, channels, layers, bool(outputs)))
     table = _tiles(rng, bits, tiles)
     counts = rng.multinomial(anchors, rng.dirichlet(np.ones(tiles)))
     contents = tuple(_content(rng, model, local_bits(fields, t), int(n)) for t, n in zip(table, counts, strict=True))
-    latent = model.max_stages > 0
+    coarse, _, decoder = first_layers(model)
     return QuantisedScene(
         fields,
         model,
         table,
         contents,
-        _books(rng, model.max_stages) if latent else None,
-        _network(rng, (LATENT, 12, outputs)) if latent else None,
+        _books(rng, model.max_stages) if coarse else None,
+        _network(rng, (LATENT, 12, outputs)) if decoder else None,
         _scene_mlps(rng, slots) if profile == Profile.ANCHOR else (),
         {"title": f"scene {seed}"} if rng.random() < 0.5 else {},
     )
@@ -78,7 +78,7 @@ def quantised_scenes(max_anchors: int = 60, max_layers: int = 4) -> st.SearchStr
     )
 
 
-def _channels(rng: Generator, profile: Profile) -> tuple[Channel, ...]:
+def _channels(rng: Generator, profile: Profile, degree: int) -> tuple[Channel, ...]:
     """SCALE always, OFFSETS by profile, the others by chance; rules point at any earlier component."""
     chosen: list[tuple[Stream, float, int]] = []
     if rng.random() < 0.5:
@@ -87,6 +87,9 @@ def _channels(rng: Generator, profile: Profile) -> tuple[Channel, ...]:
     if profile == Profile.EXPLICIT:
         others = [(Stream.ROTATION, 0.2, 3), (Stream.OPACITY, 0.3, 1), (Stream.COLOUR, 0.1, 3)]
         chosen += [other for other in others if rng.random() < 0.7]
+    has_colour = any(stream == Stream.COLOUR for stream, _, _ in chosen)
+    if (profile == Profile.ANCHOR or degree > 0 or not has_colour) and rng.random() < 0.5:
+        chosen.append((Stream.LATENT, 9.0, LATENT))
     sources = [(i, c) for i, (_, _, size) in enumerate(chosen) for c in range(size)]
     out = []
     for index, (stream, step, size) in enumerate(chosen):
@@ -117,6 +120,8 @@ def _rows(rng: Generator, channels: tuple[Channel, ...], layers: int, latent: bo
         steps = np.append(steps, np.zeros((count - len(steps), len(channels)), np.int64), axis=0)
         if latent:
             stages = np.minimum(stages + rng.integers(0, 3, count), 5)
+        if channels[-1].stream == Stream.OFFSETS:
+            stages[0] = max(stages[0], 1)  # without any stage there is no decoder, and so no feature to draw with
         steps = np.minimum(steps + rng.integers(0, 3, steps.shape), 5)
         for index, channel in enumerate(channels):
             if channel.stream == Stream.SCALE:

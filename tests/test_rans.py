@@ -89,7 +89,7 @@ def test_streams_that_are_not_words_are_refused(decoder: type, data: bytes, refu
 
 
 @pytest.mark.parametrize("size", [2, 16, 4096])
-def test_no_flipped_bit_leaves_the_symbols_unchanged(size: int) -> None:
+def test_no_flipped_bit_goes_without_effect(size: int) -> None:
     """A damaged stream breaks the seal or gives other symbols: nothing in a stream is without meaning.
 
     With uniform tables a flip usually changes one symbol and keeps the seal: only the CRC catches it.
@@ -104,9 +104,9 @@ def test_no_flipped_bit_leaves_the_symbols_unchanged(size: int) -> None:
         flipped[bit // 8] ^= 1 << bit % 8
         if bit // 8 >= len(data) - 4 and not any(flipped[-4:]):
             continue
-        found, refusal = outcome(RansDecoder(bytes(flipped)), groups)
-        assert found != [symbols]
-        accepted += not refusal
+        found = outcome(RansDecoder(bytes(flipped)), groups)
+        assert found != ([symbols], "")
+        accepted += not found[1]
     assert accepted, "the seal alone is no integrity check, and no code may rely on it"
 
 

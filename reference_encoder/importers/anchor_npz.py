@@ -18,6 +18,7 @@ from __future__ import annotations
 import io
 import tokenize
 from os import PathLike
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,12 +70,14 @@ def load(source: Source) -> AnchorModel:
         )
 
 
-def save_anchor_npz(model: AnchorModel, destination: str | PathLike[str], *, force: bool = False) -> None:
+def save_anchor_npz(
+    model: AnchorModel, destination: str | PathLike[str] | BinaryIO, *, force: bool = False
+) -> None:
     """Write the layout above, compressed. Positions become float32 where that loses nothing, else stay float64.
 
     Args:
         model: a model with all three networks.
-        destination: path of the file, written whole or not at all.
+        destination: a path, written whole or not at all, or an open binary file.
         force: overwrite an existing file.
 
     Raises:
@@ -93,8 +96,11 @@ def save_anchor_npz(model: AnchorModel, destination: str | PathLike[str], *, for
             arrays[f"mlp_{name}.{layer}.bias"] = bias
     if model.slot_mask is not None:
         arrays["slot_mask"] = model.slot_mask
-    with atomic_write(destination, force=force) as stream:
-        np.savez_compressed(stream, allow_pickle=False, **arrays)
+    if isinstance(destination, str | PathLike):
+        with atomic_write(destination, force=force) as stream:
+            np.savez_compressed(stream, allow_pickle=False, **arrays)
+    else:
+        np.savez_compressed(destination, allow_pickle=False, **arrays)
 
 
 def _read_mlp(archive: Archive, name: str, inputs: int, outputs: int) -> Mlp:

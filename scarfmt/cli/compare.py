@@ -32,7 +32,7 @@ class Request:
     photos: str | None
 
 
-@click.command()
+@click.command(short_help="Tell PSNR and SSIM between two scenes.")
 @click.argument("a")
 @click.argument("b")
 @view_options
@@ -97,8 +97,7 @@ def _against(first: Subject, second: Subject, request: Request, report: Report) 
     from scarfmt.render import compare as comparison
 
     cameras = choose_cameras(first.placed, request.views)
-    drawn = comparison.compare(first.view, second.reporting(report, len(cameras)), cameras, request.ssim)
-    return drawn
+    return comparison.compare(first.view, second.reporting(report, len(cameras)).view, cameras, request.ssim)
 
 
 def _with_photos(subject: Subject, request: Request) -> Comparison:

@@ -9,7 +9,7 @@ import click
 
 from scarfmt.cli.failures import requires_extra
 from scarfmt.cli.files import open_output, read_origin
-from scarfmt.cli.progress import progress
+from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import FRAME_HELP
 
 if TYPE_CHECKING:
@@ -18,19 +18,44 @@ if TYPE_CHECKING:
 FORMAT_IDS = ("compressed-ply", "ply", "spz", "sog", "anchor-npz", "splat")
 
 
-@click.command()
+def parse_metadata(_ctx: click.Context, _parameter: click.Parameter, pairs: tuple[str, ...]) -> dict[str, Any]:
+    """The JSON object of `KEY=VALUE` arguments: a value that is JSON is taken as such, any other as text.
+
+    Raises:
+        click.BadParameter: an argument without `=`, or a key given twice.
+    """
+    values: dict[str, Any] = {}
+    for pair in pairs:
+        key, equals, text = pair.partition("=")
+        if not equals or not key or key in values:
+            raise click.BadParameter(f"{pair!r}: give KEY=VALUE, each key once")
+        try:
+            values[key] = json.loads(text, parse_constant=_refuse_constant)
+        except ValueError:
+            values[key] = text
+    return values
+
+
+def _refuse_constant(name: str) -> Any:
+    # NaN and Infinity are not JSON, though Python reads them: they stay text.
+    raise ValueError(name)
+
+
+@click.command(short_help="Compress a scene into a .scar file.")
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
-@click.option("--quality", type=click.FloatRange(0, 100), help="Higher is closer to INPUT, and larger.")
-@click.option("--effort", type=click.IntRange(0, 10), help="Higher is smaller, and takes longer.")
-@click.option("--layers", type=click.IntRange(1, 16), help="Layers of refinement to make.")
+@click.option("--quality", type=click.FloatRange(20, 80), help="About the PSNR of the last layer, dB [default: 45].")
+@click.option("--effort", type=click.IntRange(1, 3), help="1 is fast, 3 slow and a little smaller [default: 2].")
+@click.option("--layers", type=click.IntRange(1, 16), help="Most layers to make, about 5 dB each [default: 5].")
 @click.option("--cameras", type=click.Path(exists=True, dir_okay=False), help="JSON list of the capture's cameras.")
-@click.option("--frame", help=FRAME_HELP + " Where INPUT's content is seen from, if there are no cameras.")
+@click.option("--frame", help=FRAME_HELP + " [default: -y]")
 @click.option("--sh-degree", type=click.IntRange(0, 3), help="Drop spherical harmonics above this degree.")
 @click.option("--drop-invalid", is_flag=True, help="Leave out Gaussians with NaN or infinite values.")
-@click.option("--format", "format_id", type=click.Choice(FORMAT_IDS), help="Format of INPUT [default: told by content].")
+@click.option("--format", "format_id", type=click.Choice(FORMAT_IDS), help="Format of INPUT [default: as it looks].")
 @click.option("--seed", type=click.IntRange(min=0), help="Of all random choices: equal seeds give equal files.")
-@click.option("--metadata", "pairs", multiple=True, metavar="KEY=VALUE", help="Annotate the file; may be repeated.")
+@click.option(
+    "--metadata", multiple=True, metavar="KEY=VALUE", callback=parse_metadata, help="Annotate the file; repeatable."
+)
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @requires_extra("encode")
@@ -50,6 +75,8 @@ def encode(
       scarfmt encode scene.ply scene.scar --metadata title="Old oak" --metadata year=2024
     """
     quiet = said.pop("quiet")
+    if said["cameras"] is not None and said["frame"] is not None:
+        raise click.UsageError("--cameras and --frame exclude each other")
     with open_output(output, force) as target, progress(quiet) as report:
         report("read", 0.0)
         scene = _read_scene(input_, format_id, sh_degree, drop_invalid, quiet)
@@ -76,35 +103,15 @@ def _read_scene(
     return scene.with_sh_degree(min(sh_degree, scene.sh_degree))
 
 
-def _encode(scene: GaussianScene | AnchorModel, said: dict[str, Any], report: Any) -> bytes:
+def _encode(scene: GaussianScene | AnchorModel, said: dict[str, Any], report: Report) -> bytes:
     from reference_encoder.encode import EncodeOptions, encode
 
-    options = {name: value for name, value in said.items() if value is not None and name != "pairs"}
+    options = {name: value for name, value in said.items() if value is not None}
     if "cameras" in options:
         from scarfmt.render.camera import load_cameras
 
         options["cameras"] = load_cameras(options["cameras"])
-    if said["pairs"]:
-        options["metadata"] = parse_metadata(said["pairs"])
     return encode(scene, EncodeOptions(**options), report)
-
-
-def parse_metadata(pairs: tuple[str, ...]) -> dict[str, Any]:
-    """The JSON object of `KEY=VALUE` arguments: a value that is JSON is taken as such, any other as text.
-
-    Raises:
-        click.UsageError: an argument without `=`, or a key given twice.
-    """
-    values: dict[str, Any] = {}
-    for pair in pairs:
-        key, equals, text = pair.partition("=")
-        if not equals or not key or key in values:
-            raise click.UsageError(f"--metadata {pair!r}: give KEY=VALUE, each key once")
-        try:
-            values[key] = json.loads(text, parse_constant=str)
-        except ValueError:
-            values[key] = text
-    return values
 
 
 def _print_summary(data: bytes) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +18,7 @@ STANDARD = "-"
 
 def read_origin(name: str) -> str | bytes:
     """What `name` stands for: the bytes of standard input for `-`, else the path or URL itself."""
-    return click.get_binary_stream("stdin").read() if name == STANDARD else name
+    return sys.stdin.buffer.read() if name == STANDARD else name
 
 
 def open_input(name: str) -> ByteSource:
@@ -41,7 +42,7 @@ def open_output(name: str, force: bool) -> Iterator[BinaryIO]:
     from scarfmt.atomic import atomic_write
 
     if name == STANDARD:
-        stream = click.get_binary_stream("stdout")
+        stream = sys.stdout.buffer
         if stream.isatty():
             raise click.UsageError("refusing to write binary data to a terminal: redirect it, or give a file name")
         yield stream

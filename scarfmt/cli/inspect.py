@@ -7,7 +7,7 @@ import click
 from scarfmt.cli.files import open_input, print_json
 
 
-@click.command()
+@click.command(short_help="Tell what a file holds.")
 @click.argument("file")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout.")
 @click.option("--metadata", is_flag=True, help="Also read and show the metadata the file carries.")

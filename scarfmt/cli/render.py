@@ -8,41 +8,41 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from scarfmt.cli.failures import requires_extra
-from scarfmt.cli.progress import progress
+from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
 
 if TYPE_CHECKING:
     from scarfmt.render.camera import Camera
     from scarfmt.scene import F32
 
+    Pictures = dict[str, list[tuple[str, F32]]]
+
 ALL = "all"
 SHEET = "sheet.png"
 
 
-class LayersType(click.ParamType):
-    """A number of layers, or `all`: each in turn."""
+def parse_layers(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
+    """`all`, or the digits of a number of layers.
 
-    name = "N|all"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int | str:
-        if value == ALL or isinstance(value, int):
-            return value
-        if not str(value).isdecimal() or int(value) < 1:
-            self.fail(f"{value!r} is neither a number of layers nor {ALL!r}", param, ctx)
-        return int(value)
+    Raises:
+        click.BadParameter: neither.
+    """
+    if value in (None, ALL) or (value.isdecimal() and int(value) >= 1):
+        return value
+    raise click.BadParameter(f"{value!r} is neither a number of layers nor {ALL!r}")
 
 
-@click.command()
+@click.command(short_help="Draw a scene into PNG pictures.")
 @click.argument("file")
 @click.argument("output")
 @view_options
-@click.option("--layers", type=LayersType(), help="Layers of a .scar file to draw, or 'all': each in turn.")
+@click.option("--layers", metavar="N|all", callback=parse_layers, help="Layers of a .scar to draw; all: each in turn.")
 @click.option("--sheet", is_flag=True, help=f"Also put all pictures on one sheet, {SHEET}.")
 @click.option("--force", is_flag=True, help="Overwrite pictures that exist.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @requires_extra("render")
 def render(
-    file: str, output: str, layers: int | str | None, sheet: bool, force: bool, quiet: bool, **views: Any
+    file: str, output: str, layers: str | None, sheet: bool, force: bool, quiet: bool, **views: Any
 ) -> None:
     """Draw the scene FILE (.scar, PLY, SPZ, SOG, .splat or anchor model) into PNG pictures.
 
@@ -68,12 +68,12 @@ def render(
         click.echo(f"{len(written)} pictures written to {output}", err=True)
 
 
-def _draw(file: str, layers: int | str | None, options: ViewOptions, report: Any) -> dict[str, list[tuple[str, F32]]]:
+def _draw(file: str, layers: str | None, options: ViewOptions, report: Report) -> Pictures:
     """Pictures, with their names, by layer ('' where there is but one set)."""
-    from scarfmt.cli.scenes import layer_table, load_subject
+    from scarfmt.cli.scenes import load_subject
 
-    chosen = [row["layer"] for row in layer_table(file)] if layers == ALL else [layers]
-    pictures: dict[str, list[tuple[str, F32]]] = {}
+    chosen = _layer_numbers(file, layers)
+    pictures: Pictures = {}
     # The last layer places the cameras, so that all layers are seen alike.
     cameras = choose_cameras(load_subject(file, chosen[-1]).placed, options)
     for layer in chosen:
@@ -85,13 +85,21 @@ def _draw(file: str, layers: int | str | None, options: ViewOptions, report: Any
     return pictures
 
 
+def _layer_numbers(file: str, layers: str | None) -> list[int | None]:
+    from scarfmt.cli.scenes import layer_table
+
+    if layers == ALL:
+        return [row["layer"] for row in layer_table(file)]
+    return [None if layers is None else int(layers)]
+
+
 def _picture_name(number: int, camera: Camera) -> str:
     stem = Path(camera.name).stem if camera.name else ""
     label = "".join(c if c.isalnum() or c in "-_." else "-" for c in stem)
     return f"{number:03d}-{label}" if label else f"{number:03d}"
 
 
-def _write_each(pictures: dict[str, list[tuple[str, F32]]], folder: Path, force: bool) -> list[Path]:
+def _write_each(pictures: Pictures, folder: Path, force: bool) -> list[Path]:
     from scarfmt.render.images import write_png
 
     targets = [
@@ -107,7 +115,7 @@ def _write_each(pictures: dict[str, list[tuple[str, F32]]], folder: Path, force:
     return [path for path, _ in targets]
 
 
-def _write_sheet(pictures: dict[str, list[tuple[str, F32]]], path: Path) -> Path:
+def _write_sheet(pictures: Pictures, path: Path) -> Path:
     from scarfmt.render.images import contact_sheet, write_png
 
     rows = [(f"{layer} {name}".strip(), image) for layer, row in pictures.items() for name, image in row]

@@ -7,7 +7,7 @@ import click
 from scarfmt.cli.files import open_input, open_output
 
 
-@click.command()
+@click.command(short_help="Keep only the first layers of a file.")
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
 @click.option("--layers", type=click.IntRange(min=1), required=True, help="Layers to keep, from the first.")

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from scarfmt.validate import Finding, Validation
 
 
-@click.command()
+@click.command(short_help="Tell every rule a file breaks.")
 @click.argument("file")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout.")
 @click.option("--layers", type=click.IntRange(min=1), help="Check only the blocks of the first so many layers.")

@@ -21,22 +21,21 @@ FRAME_HELP = (
     "Which way is up, and the part of the circle to look from: UP or UP:CENTRE_DEG:SPAN_DEG with UP one of "
     "x, -x, y, -y, z, -z."
 )
+SIZE_HELP = "Pixels of each picture [default: 640x480, or the cameras' own]."
 
 
-class SizeType(click.ParamType):
-    """A picture size, as WIDTHxHEIGHT."""
+def parse_size(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[int, int] | None:
+    """(width, height) of `WIDTHxHEIGHT`, pixels.
 
-    name = "WxH"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        if isinstance(value, tuple):
-            return value
-        match = re.fullmatch(r"([1-9]\d{0,3})[xX×]([1-9]\d{0,3})", value)
-        if match is None:
-            self.fail(f"{value!r} is not WIDTHxHEIGHT in pixels, up to 9999 each, e.g. 640x480", param, ctx)
-        return int(match[1]), int(match[2])
+    Raises:
+        click.BadParameter: the text has another shape.
+    """
+    if value is None:
+        return None
+    match = re.fullmatch(r"([1-9]\d{0,3})[xX×]([1-9]\d{0,3})", value)
+    if match is None:
+        raise click.BadParameter(f"{value!r} is not WIDTHxHEIGHT in pixels, up to 9999 each, e.g. 640x480")
+    return int(match[1]), int(match[2])
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def view_options(command: Command) -> Command:
     """Add --views, --frame, --cameras and --size to a command."""
     cameras = click.Path(exists=True, dir_okay=False)
     for option in (
-        click.option("--size", type=SizeType(), help="Pixels of each picture [default: 640x480, or the cameras' own]."),
+        click.option("--size", metavar="WxH", callback=parse_size, help=SIZE_HELP),
         click.option("--cameras", type=cameras, help="JSON list of cameras to look from, instead of an orbit."),
         click.option("--frame", default="-y", show_default=True, help=FRAME_HELP),
         click.option("--views", type=click.IntRange(1, 10000), help="Number of views [default: 8, or all cameras]."),

@@ -1,0 +1,170 @@
+"""Anchor profile: anchors, and the Gaussians their networks make for a camera (SPEC §9.6; Scaffold-GS section 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reference_decoder.explicit import CHUNK, network_outputs, opacity_logits
+from scarfmt.codecs.mlp import Network
+from scarfmt.errors import InvalidInput, Malformed
+from scarfmt.reader import SceneModels
+from scarfmt.scene import F32, F64, AnchorModel, GaussianScene, Mlp
+from scarfmt.schema import Stream
+
+Floats = NDArray[np.floating]
+I16 = NDArray[np.int16]
+I64 = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+NETWORKS = ("opacity", "cov", "color")
+SH_C0 = 0.28209479177387814
+"""Degree-0 spherical harmonic: colour = 0.5 + SH_C0 * coefficient."""
+
+
+@dataclass(frozen=True)
+class CameraGaussians:
+    """M Gaussians as one camera sees them.
+
+    Attributes:
+        scene: the Gaussians; its degree-0 spherical harmonics are the colours.
+        colours: (M, 3) R, G, B, 0..1, for :func:`scarfmt.render.rasterise.render`.
+        anchors: (M,) int64 row of the anchor each belongs to, ascending.
+        slots: (M,) int64 its slot.
+    """
+
+    scene: GaussianScene
+    colours: Floats
+    anchors: I64
+    slots: I64
+
+
+def decoded_model(
+    positions: F64,
+    values: Mapping[Stream, F32],
+    models: SceneModels,
+    slots: Mask,
+    indices: I16,
+    stages: I64,
+    dtype: type = np.float32,
+) -> AnchorModel:
+    """The anchor model of N decoded anchors.
+
+    Args:
+        positions: (N, 3) float64.
+        values: SCALE (N, 6) and OFFSETS (N, K, 3) float32.
+        models: codebooks and networks.
+        slots: (N, K) bool, slots that are on.
+        indices: (N, M) int16 codeword numbers.
+        stages: (N,) int64 stages received.
+        dtype: of the features: float32, or float64 for the reference.
+
+    Raises:
+        Malformed: ``missing-block`` when the layers decoded hold no latent decoder: there are no features yet.
+    """
+    if models.decoder is None:
+        message = "the anchor profile needs a latent decoder, which these layers do not hold (SPEC §9.6)"
+        raise Malformed("missing-block", message, field="decoder")
+    features: NDArray[Any] = np.zeros((len(positions), models.decoder.outputs), dtype)
+    for first in range(0, len(positions), CHUNK):
+        rows = slice(first, first + CHUNK)
+        features[rows] = network_outputs(models, values.get(Stream.LATENT), indices, stages, rows, dtype)
+    mlps = {name: _perceptron(network, dtype) for name, network in zip(NETWORKS, models.scene_mlps, strict=True)}
+    return AnchorModel(positions, features, values[Stream.OFFSETS], values[Stream.SCALE], mlps, slots)
+
+
+def _perceptron(network: Network, dtype: type) -> Mlp:
+    first, second = network.layers
+    return Mlp(
+        (first.matrix.astype(dtype), second.matrix.astype(dtype)),
+        (first.biases.astype(dtype), second.biases.astype(dtype)),
+    )
+
+
+def gaussians(model: AnchorModel, camera_centre: Floats, dtype: type = np.float32) -> CameraGaussians:
+    """The Gaussians a camera at `camera_centre` sees, in anchor then slot order.
+
+    Only slots of positive opacity are made; the covariance and colour networks run only for anchors that have one.
+
+    Args:
+        model: a decoded or an imported model, with all three networks.
+        camera_centre: (3,) world units.
+        dtype: float32, or float64 for the reference of the tolerances (SPEC §9.5).
+
+    Raises:
+        InvalidInput: ``input-mlp`` when a network is missing.
+    """
+    if not set(NETWORKS) <= set(model.mlps):
+        raise InvalidInput("input-mlp", f"an anchor model needs the networks {', '.join(NETWORKS)}", field="mlps")
+    may_show = np.arange(len(model)) if model.slot_mask is None else np.flatnonzero(model.slot_mask.any(axis=1))
+    parts = [
+        _chunk(model, may_show[first : first + CHUNK], np.asarray(camera_centre, np.float64), dtype)
+        for first in range(0, max(len(may_show), 1), CHUNK)
+    ]
+    positions, scales, rotations, logits, colours, anchors, slots = map(np.concatenate, zip(*parts, strict=True))
+    sh: NDArray[Any] = ((colours - 0.5) / SH_C0).astype(dtype)[:, None, :]
+    return CameraGaussians(GaussianScene(positions, scales, rotations, logits, sh), colours, anchors, slots)
+
+
+def outlook(model: AnchorModel, rows: I64, camera_centre: F64, dtype: type) -> Floats:
+    """(n, D + 3 or D + 4) network inputs of anchors `rows`: feature, unit view direction, and distance if taken."""
+    away = model.anchors[rows] - camera_centre
+    distance = np.linalg.norm(away, axis=1, keepdims=True)
+    # An eye exactly at an anchor sees it in no direction.
+    direction = away / np.where(distance > 0, distance, 1.0)
+    inputs = [model.features[rows].astype(dtype), direction.astype(dtype), distance.astype(dtype)]
+    takes_distance = model.mlps["opacity"].weights[0].shape[1] - model.features.shape[1] == 4
+    return np.concatenate(inputs if takes_distance else inputs[:2], axis=1)
+
+
+def run(mlp: Mlp, inputs: Floats) -> Floats:
+    """(n, out) of (n, in), in the type of the inputs."""
+    dtype = inputs.dtype
+    with np.errstate(over="ignore", invalid="ignore"):
+        hidden = np.maximum(inputs @ mlp.weights[0].astype(dtype).T + mlp.biases[0].astype(dtype), 0)
+        return np.asarray(hidden @ mlp.weights[1].astype(dtype).T + mlp.biases[1].astype(dtype))
+
+
+def sigmoid(x: Floats) -> Floats:
+    """1 / (1 + e^-x), without overflow."""
+    return np.asarray(0.5 * (1 + np.tanh(0.5 * x)))
+
+
+def log_sigmoid(x: Floats) -> Floats:
+    """ln(sigmoid(x)), exact also where the sigmoid itself underflows."""
+    return np.asarray(-np.logaddexp(0, -x))
+
+
+def unit_quaternions(q: Floats) -> Floats:
+    """(n, 4) of length 1; a zero quaternion becomes the identity."""
+    length = np.linalg.norm(q, axis=1, keepdims=True)
+    identity = np.array([1, 0, 0, 0], q.dtype)
+    return np.asarray(np.where(length > 0, q / np.where(length > 0, length, 1), identity))
+
+
+def slot_centres(model: AnchorModel, anchors: I64, slots: I64) -> F64:
+    """(n, 3) float64 centres: anchor + offset * exp(scaling[:3])."""
+    reach = np.exp(model.log_scaling[anchors, :3].astype(np.float64))
+    return np.asarray(model.anchors[anchors] + model.offsets[anchors, slots] * reach)
+
+
+def _chunk(model: AnchorModel, rows: I64, eye: F64, dtype: type) -> tuple[NDArray[np.generic], ...]:
+    inputs = outlook(model, rows, eye, dtype)
+    opacity = np.tanh(run(model.mlps["opacity"], inputs))
+    shown = opacity > 0
+    if model.slot_mask is not None:
+        shown &= model.slot_mask[rows]
+    some = np.flatnonzero(shown.any(axis=1))
+    anchor, slot = np.nonzero(shown[some])
+    inputs = inputs[some]
+    covariance = run(model.mlps["cov"], inputs).reshape(len(some), model.slots, 7)[anchor, slot]
+    colour = sigmoid(run(model.mlps["color"], inputs).reshape(len(some), model.slots, 3)[anchor, slot])
+    rows = rows[some][anchor]
+    scales = model.log_scaling[rows, 3:6].astype(dtype) + log_sigmoid(covariance[:, :3])
+    logits: NDArray[Any] = opacity_logits(np.log(opacity[some][anchor, slot].astype(np.float64))).astype(dtype)
+    centres = slot_centres(model, rows, slot)
+    return centres, scales, unit_quaternions(covariance[:, 3:]), logits, colour, rows, slot

@@ -1,0 +1,178 @@
+"""Baking: view-independent Gaussians fitted to an anchor model, for viewers that know only PLY. Lossy.
+
+Over a set of eyes, the networks give every slot an opacity o_e (none where it is not drawn), a covariance and a
+colour. What is kept per slot, with weights w_e = o_e / distance^2 (how much of the picture from e it may cover):
+
+- opacity: the mean of the o_e, eyes that do not draw it counting as 0, weighted by 1 / distance^2;
+- covariance: the mean weighted by w_e, split into axes and lengths;
+- colour: spherical harmonics by least squares weighted by w_e, in the direction from the eye to the slot's
+  centre. A ridge draws the bands above 0 towards none, since eyes seldom surround an anchor.
+
+Slots whose opacity never reaches 1/255 are left out. Work goes in chunks of anchors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reference_decoder.anchors import NETWORKS, log_sigmoid, outlook, run, sigmoid, slot_centres, unit_quaternions
+from reference_decoder.explicit import opacity_logits
+from scarfmt.errors import InvalidInput
+from scarfmt.rotation import matrix_from_quaternion, quaternion_from_matrix
+from scarfmt.scene import F64, AnchorModel, GaussianScene
+
+I64 = NDArray[np.int64]
+
+BAKE_CHUNK = 1 << 10
+MIN_OPACITY = 1 / 255
+"""Less is never drawn (3DGS, appendix C)."""
+RIDGE = 0.001
+"""Added to the normal matrix for the bands above 0, as a part of the sum of the weights."""
+DEFAULT_EYES = 32
+# Eyes of unknown cameras stand at this many times the scene's radius.
+_EYE_DISTANCE = 2.0
+
+
+@dataclass(frozen=True)
+class _Views:
+    """Slots m of a chunk from all eyes: opacity (E, m), covariance (E, m, 3, 3), colour (E, m, 3), all float64."""
+
+    opacity: F64
+    covariance: F64
+    colour: F64
+
+
+def default_eyes(positions: F64, count: int = DEFAULT_EYES) -> F64:
+    """(count, 3) float64 eyes evenly round a scene of which only (N, 3) anchor positions are known.
+
+    On a Fibonacci sphere about the median, twice as far away as 90 % of the anchors.
+    """
+    centre = np.median(positions, axis=0)
+    radius = np.quantile(np.linalg.norm(positions - centre, axis=1), 0.9) if len(positions) > 1 else 1.0
+    k = np.arange(count) + 0.5
+    z, angle = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
+    ring = np.sqrt(1 - z * z)
+    directions = np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
+    return np.asarray(centre + _EYE_DISTANCE * max(float(radius), np.finfo(float).tiny) * directions)
+
+
+def comments(eyes: int, sh_degree: int) -> tuple[str, ...]:
+    """Header comments that say what a baked PLY is."""
+    return (
+        "baked from a .scar anchor model; lossy, view dependence fitted",
+        f"fitted over {eyes} eyes, spherical harmonics of degree {sh_degree}",
+    )
+
+
+def bake(model: AnchorModel, eyes: F64, sh_degree: int = 2) -> GaussianScene:
+    """Fit view-independent Gaussians to an anchor model.
+
+    Args:
+        model: a decoded or imported model with all three networks.
+        eyes: (E, 3) float64 camera centres, at least one; those the scene was captured from fit best.
+        sh_degree: of the fitted spherical harmonics, 0..3.
+
+    Returns:
+        Slots ever drawn from an eye, in anchor then slot order.
+
+    Raises:
+        InvalidInput: ``input-mlp`` when a network is missing, ``input-eyes`` without eyes.
+    """
+    eyes = np.asarray(eyes, np.float64)
+    if eyes.ndim != 2 or eyes.shape[1] != 3 or not len(eyes):
+        raise InvalidInput("input-eyes", f"baking needs eyes of shape (E, 3), got {eyes.shape}", field="eyes")
+    if not set(NETWORKS) <= set(model.mlps):
+        raise InvalidInput("input-mlp", f"an anchor model needs the networks {', '.join(NETWORKS)}", field="mlps")
+    parts = [
+        _bake_chunk(model, np.arange(first, min(first + BAKE_CHUNK, len(model))), eyes, sh_degree)
+        for first in range(0, max(len(model), 1), BAKE_CHUNK)
+    ]
+    fields = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
+    return GaussianScene(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
+
+
+def _bake_chunk(model: AnchorModel, rows: I64, eyes: F64, sh_degree: int) -> GaussianScene:
+    inputs = [outlook(model, rows, eye, np.float32) for eye in eyes]
+    opacity = np.stack([np.tanh(run(model.mlps["opacity"], x)) for x in inputs]).astype(np.float64)
+    opacity = np.maximum(opacity, 0.0)
+    if model.slot_mask is not None:
+        opacity *= model.slot_mask[rows]
+    anchor, slot = np.nonzero(opacity.max(axis=0) >= MIN_OPACITY)
+    centres = slot_centres(model, rows[anchor], slot)
+    views = _views(model, rows, inputs, opacity, anchor, slot)
+    towards = centres - eyes[:, None, :]
+    square = np.maximum((towards * towards).sum(axis=2), 1e-300)
+    near = square.min(axis=0, initial=np.inf) / square
+    weights = views.opacity * near
+    fitted = (views.opacity * near).sum(axis=0) / near.sum(axis=0)
+    scales, rotations = _mean_shape(views.covariance, weights)
+    sh = _fit_colour(towards / np.sqrt(square)[:, :, None], views.colour, weights, sh_degree)
+    logits = opacity_logits(np.log(fitted))
+    single = np.float32
+    return GaussianScene(
+        centres, scales.astype(single), rotations.astype(single), logits.astype(single), sh.astype(single)
+    )
+
+
+def _views(
+    model: AnchorModel, rows: I64, inputs: list[NDArray[np.floating]], opacity: F64, anchor: I64, slot: I64
+) -> _Views:
+    covariances, colours = [], []
+    for x in inputs:
+        shape = run(model.mlps["cov"], x).reshape(len(rows), model.slots, 7)[anchor, slot].astype(np.float64)
+        colours.append(sigmoid(run(model.mlps["color"], x).reshape(len(rows), model.slots, 3)[anchor, slot]))
+        lengths = np.exp(model.log_scaling[rows[anchor], 3:6] + log_sigmoid(shape[:, :3]))
+        axes = matrix_from_quaternion(unit_quaternions(shape[:, 3:])) * lengths[:, None, :]
+        covariances.append(axes @ axes.transpose(0, 2, 1))
+    return _Views(opacity[:, anchor, slot], np.stack(covariances), np.stack(colours).astype(np.float64))
+
+
+def _mean_shape(covariances: F64, weights: F64) -> tuple[F64, F64]:
+    """(m, 3) log scales and (m, 4) quaternions of the weighted mean of (E, m, 3, 3) covariances."""
+    mean = np.einsum("em,emij->mij", weights / weights.sum(axis=0), covariances)
+    squares, axes = np.linalg.eigh(mean)
+    # eigh may give a reflection; turning one axis round leaves the ellipsoid as it is.
+    axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
+    smallest = squares[:, 2:] * 1e-14 + 1e-300
+    return 0.5 * np.log(np.maximum(squares, smallest)), quaternion_from_matrix(axes)
+
+
+def _fit_colour(directions: F64, colours: F64, weights: F64, degree: int) -> F64:
+    """(m, (degree + 1)^2, 3) coefficients of the weighted ridge fit to colours - 0.5, all (E, m, 3)."""
+    basis = sh_basis(directions, degree)
+    weighted = basis * (weights / weights.sum(axis=0))[:, :, None]
+    normal = np.einsum("emb,emc->mbc", weighted, basis, optimize=True)
+    bands = np.arange(1, basis.shape[2])
+    normal[:, bands, bands] += RIDGE
+    right = np.einsum("emb,emc->mbc", weighted, colours - 0.5, optimize=True)
+    return np.linalg.solve(normal, right)
+
+
+def sh_basis(directions: F64, degree: int) -> F64:
+    """(..., (degree + 1)^2) float64 real spherical harmonics of unit (..., 3) directions, INRIA's sign and order."""
+    x, y, z = np.moveaxis(directions, -1, 0)
+    out = [np.full(x.shape, 0.28209479177387814)]
+    if degree >= 1:
+        out += [-0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x]
+    if degree >= 2:
+        out += [
+            1.0925484305920792 * x * y,
+            -1.0925484305920792 * y * z,
+            0.31539156525252005 * (2 * z * z - x * x - y * y),
+            -1.0925484305920792 * x * z,
+            0.5462742152960396 * (x * x - y * y),
+        ]
+    if degree >= 3:
+        out += [
+            -0.5900435899266435 * y * (3 * x * x - y * y),
+            2.890611442640554 * x * y * z,
+            -0.4570457994644658 * y * (4 * z * z - x * x - y * y),
+            0.3731763325901154 * z * (2 * z * z - 3 * x * x - 3 * y * y),
+            -0.4570457994644658 * x * (4 * z * z - x * x - y * y),
+            1.445305721320277 * z * (x * x - y * y),
+            -0.5900435899266435 * x * (x * x - 3 * y * y),
+        ]
+    return np.stack(out, axis=-1)

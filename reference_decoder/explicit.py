@@ -1,0 +1,99 @@
+"""Explicit profile: from exact channel values and latents to Gaussians (SPEC §9.3-9.5).
+
+These are activated outputs: within a tolerance of the float64 reference, not bit-exact. Work goes in chunks, so
+that scratch memory does not grow with the scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reference_decoder.dequantise import latents
+from reference_decoder.requirements import network_coefficients
+from scarfmt.reader import SceneModels
+from scarfmt.rotation import quaternion_from
+from scarfmt.scene import F32, F64, GaussianScene
+from scarfmt.schema import Stream
+
+Floats = NDArray[np.floating]
+I16 = NDArray[np.int16]
+I64 = NDArray[np.int64]
+
+CHUNK = 1 << 14
+"""Rows at a time; the networks' hidden layers of so many rows fit in the caches."""
+MAX_LOG_OPACITY = -(2.0**-13)
+"""Opacity 1 has no logit: ln(opacity) is capped here, where the logit is 9.01 (SPEC §9.4)."""
+
+
+def opacity_logits(log_opacities: Floats) -> F64:
+    """(n,) float64 logits of opacities given as natural logarithms: y - ln(1 - e^y) with y capped (SPEC §9.4)."""
+    y = np.minimum(np.asarray(log_opacities, np.float64), MAX_LOG_OPACITY)
+    # expm1: 1 - e^y would cancel for y near 0.
+    return np.asarray(y - np.log(-np.expm1(y)), np.float64)
+
+
+def spherical_harmonics_from_colour(colours: Floats) -> Floats:
+    """(n, 3) degree-0 coefficients R, G, B of (n, 3) coded (Y, G, O) (SPEC §9.4)."""
+    y, green, orange = colours.T
+    return np.stack([y - green + orange, y + green, y - green - orange], axis=1)
+
+
+def gaussians(
+    positions: F64,
+    values: Mapping[Stream, F32],
+    models: SceneModels,
+    sh_degree: int,
+    indices: I16,
+    stages: I64,
+    dtype: type = np.float32,
+) -> GaussianScene:
+    """The Gaussians of n anchors.
+
+    Args:
+        positions: (n, 3) float64, used as they are.
+        values: exact channel values, (n, components) float32; SCALE is needed, the others count as 0.
+        models: codebooks and latent decoder.
+        sh_degree: of the file, 0..3.
+        indices: (n, M) int16 codeword numbers.
+        stages: (n,) int64 stages received.
+        dtype: float32, or float64 for the reference the tolerances are relative to (SPEC §9.5).
+    """
+    count = len(positions)
+    rotations: NDArray[Any] = np.zeros((count, 4), dtype)
+    logits: NDArray[Any] = np.zeros(count, dtype)
+    sh: NDArray[Any] = np.zeros((count, (sh_degree + 1) ** 2, 3), dtype)
+    given = network_coefficients(sh_degree, models.model) if models.decoder else 0
+    for first in range(0, count, CHUNK):
+        rows = slice(first, first + CHUNK)
+        rotations[rows] = _rotations(values.get(Stream.ROTATION), rows, len(logits[rows]), dtype)
+        if Stream.OPACITY in values:
+            logits[rows] = opacity_logits(values[Stream.OPACITY][rows, 0])
+        if Stream.COLOUR in values:
+            sh[rows, 0] = spherical_harmonics_from_colour(values[Stream.COLOUR][rows].astype(dtype))
+        if given:
+            rest = network_outputs(models, values.get(Stream.LATENT), indices, stages, rows, dtype)
+            sh[rows, sh.shape[1] - given :] = rest.reshape(-1, given, 3)
+    if Stream.OPACITY not in values:
+        logits[:] = opacity_logits(np.zeros(1))
+    return GaussianScene(positions, values[Stream.SCALE].astype(dtype, copy=False), rotations, logits, sh)
+
+
+def network_outputs(
+    models: SceneModels, refinements: F32 | None, indices: I16, stages: I64, rows: slice, dtype: type
+) -> Floats:
+    """(n, outputs) of the latent decoder for `rows`, computed in `dtype`; the latents themselves are exact."""
+    assert models.decoder is not None
+    refined = None if refinements is None else refinements[rows]
+    z = latents(models.codebooks, indices[rows], stages[rows], refined, models.decoder.inputs)
+    with np.errstate(over="ignore", invalid="ignore"):  # weights may be any finite number: not a reason to warn
+        return models.decoder.apply(z, dtype)
+
+
+def _rotations(values: F32 | None, rows: slice, count: int, dtype: type) -> Floats:
+    uvt: NDArray[Any] = np.zeros((count, 3), dtype) if values is None else values[rows].astype(dtype)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return quaternion_from(uvt[:, :2], uvt[:, 2])

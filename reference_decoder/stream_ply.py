@@ -1,0 +1,143 @@
+"""From a file to a PLY, tile by tile: memory does not grow with the scene."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import BinaryIO
+
+import numpy as np
+
+from reference_decoder.bake import bake, default_eyes
+from reference_decoder.bake import comments as bake_comments
+from reference_decoder.decode import Box, Decoded, Origin, iter_tiles, opened
+from reference_decoder.export_ply import ply_header, ply_rows, property_names
+from scarfmt.atomic import atomic_write
+from scarfmt.limits import DEFAULT_LIMITS, Limits
+from scarfmt.reader import SceneReader
+from scarfmt.scene import F64, GaussianScene
+from scarfmt.schema import Profile
+
+_SPOOL_BYTES = 1 << 26
+_EYE_SAMPLE = 1 << 16
+
+
+def export_ply(
+    source: Origin,
+    destination: str | os.PathLike[str] | BinaryIO,
+    *,
+    layers: int | None = None,
+    tiles: Sequence[int] | None = None,
+    box: Box | None = None,
+    limits: Limits = DEFAULT_LIMITS,
+    threads: int = 1,
+    allow_truncated: bool = False,
+    eyes: F64 | None = None,
+    bake_degree: int = 2,
+    comments: Sequence[str] = (),
+    force: bool = False,
+) -> int:
+    """Write what a file holds as an INRIA PLY. An anchor model is baked, which loses its view dependence.
+
+    Args:
+        source, layers, tiles, box, limits, threads, allow_truncated: as for :func:`reference_decoder.decode.decode`.
+        destination: a path, written whole or not at all, or an open binary file.
+        eyes: anchor profile: (E, 3) camera centres to fit at. Give those the scene was captured from: the default,
+            a sphere round the scene, sees anchors as no training camera did.
+        bake_degree: anchor profile: degree of the fitted spherical harmonics, 0..3.
+        comments: header comment lines, ASCII, after those of a baked model.
+        force: overwrite an existing file.
+
+    Returns:
+        Gaussians written.
+
+    Raises:
+        InvalidInput: the file exists and `force` is not set, a comment cannot be written, or arguments do not fit.
+        Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
+    """
+
+    def parts(attributes: frozenset[str] | None = None) -> Iterator[Decoded]:
+        return iter_tiles(
+            source,
+            layers=layers,
+            tiles=tiles,
+            box=box,
+            attributes=attributes,
+            limits=limits,
+            threads=threads,
+            allow_truncated=allow_truncated,
+        )
+
+    ply_header(0, [], comments)  # a comment that cannot be written is better refused before than after decoding
+    known = _known_size(source, layers, limits, allow_truncated) if tiles is None and box is None else None
+    scenes = _scenes(parts, eyes, bake_degree)
+    with _target(destination, force) as target:
+        if known is None:
+            return _write_counting(scenes, target, comments)
+        target.write(ply_header(known[0], property_names(known[1]), comments))
+        for scene, _ in scenes:
+            target.write(ply_rows(scene).data)
+        return known[0]
+
+
+def _known_size(
+    source: Origin, layers: int | None, limits: Limits, allow_truncated: bool
+) -> tuple[int, int] | None:
+    """Gaussians in `layers` whole layers and coefficients a colour above degree 0; None where baking decides."""
+    with opened(source) as stream:
+        reader = SceneReader(stream, limits=limits, allow_truncated=allow_truncated)
+        fields = reader.header.fields
+        if fields.profile != Profile.EXPLICIT:
+            return None
+        summary = reader.header.layers[reader.layer_number(layers) - 1]
+        return summary.anchor_count, (fields.sh_degree + 1) ** 2 - 1
+
+
+def _write_counting(
+    scenes: Iterator[tuple[GaussianScene, tuple[str, ...]]], target: BinaryIO, comments: Sequence[str]
+) -> int:
+    """Rows go aside until their number is known, which the header must state first."""
+    count, names = 0, property_names(0)
+    notes: tuple[str, ...] = ()
+    with tempfile.SpooledTemporaryFile(_SPOOL_BYTES) as rows:
+        for scene, scene_notes in scenes:
+            notes = scene_notes
+            names = property_names(scene.sh.shape[1] - 1)
+            rows.write(ply_rows(scene).data)
+            count += len(scene)
+        target.write(ply_header(count, names, [*notes, *comments]))
+        rows.seek(0)
+        shutil.copyfileobj(rows, target, 1 << 20)
+    return count
+
+
+def _scenes(
+    parts: Callable[[frozenset[str] | None], Iterator[Decoded]], eyes: F64 | None, degree: int
+) -> Iterator[tuple[GaussianScene, tuple[str, ...]]]:
+    """The Gaussians of each tile, and the comments that belong to them."""
+    for part in parts(None):
+        scene = part.scene
+        if isinstance(scene, GaussianScene):
+            yield scene, ()
+            continue
+        if eyes is None:
+            eyes = default_eyes(_sample(parts(frozenset({"positions"}))))
+        yield bake(scene, eyes, degree), bake_comments(len(eyes), degree)
+
+
+def _sample(parts: Iterator[Decoded]) -> F64:
+    """(n, 3) positions of some anchors of every tile."""
+    kept = [part.positions[:: 1 + len(part) // _EYE_SAMPLE] for part in parts if part.positions is not None]
+    return np.concatenate(kept)
+
+
+@contextmanager
+def _target(destination: str | os.PathLike[str] | BinaryIO, force: bool) -> Iterator[BinaryIO]:
+    if isinstance(destination, str | os.PathLike):
+        with atomic_write(destination, force=force) as stream:
+            yield stream
+    else:
+        yield destination

@@ -1,0 +1,199 @@
+"""`scarfmt decode`: from a .scar file to what viewers and other programs open."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import click
+
+from scarfmt.cli.failures import requires_extra
+from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output
+
+if TYPE_CHECKING:
+    from reference_decoder.decode import Decoded
+    from scarfmt.scene import AnchorModel, GaussianScene
+    from scarfmt.source import ByteSource
+
+    Bake = Callable[[AnchorModel], tuple[GaussianScene, tuple[str, ...]]]
+
+BAKED_SH_DEGREE = 2
+
+ATTRIBUTE_NAMES = ("positions", "scales", "rotations", "opacity", "colour", "latents", "offsets")
+ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTE_NAMES)}."
+
+
+def parse_box(
+    _ctx: click.Context, _parameter: click.Parameter, value: str | None
+) -> tuple[list[float], list[float]] | None:
+    """Lowest and highest corner of `X0,Y0,Z0,X1,Y1,Z1`.
+
+    Raises:
+        click.BadParameter: not six finite numbers.
+    """
+    if value is None:
+        return None
+    try:
+        numbers = [float(part) for part in value.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 6 or not all(map(math.isfinite, numbers)):
+        raise click.BadParameter(f"{value!r} is not six numbers X0,Y0,Z0,X1,Y1,Z1")
+    return numbers[:3], numbers[3:]
+
+
+def parse_tiles(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> list[int] | None:
+    """Tile indices of `I,J,...`.
+
+    Raises:
+        click.BadParameter: not natural numbers.
+    """
+    if value is None:
+        return None
+    parts = value.split(",")
+    if not all(part.isdecimal() for part in parts):
+        raise click.BadParameter(f"{value!r} is not tile numbers separated by commas")
+    return [int(part) for part in parts]
+
+
+def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> list[str] | None:
+    """Names of `NAME,...`.
+
+    Raises:
+        click.BadParameter: a name that no attribute has.
+    """
+    if value is None:
+        return None
+    names = value.split(",")
+    if not set(names) <= set(ATTRIBUTE_NAMES):
+        raise click.BadParameter(f"{value!r}: choose from {', '.join(ATTRIBUTE_NAMES)}")
+    return names
+
+
+@click.command(short_help="Decode a file into a PLY that viewers open.")
+@click.argument("input_", metavar="INPUT")
+@click.argument("output")
+@click.option("--layers", type=click.IntRange(min=1), help="Layers to decode, from the first [default: all].")
+@click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", callback=parse_box, help="Decode only what lies in a box.")
+@click.option("--tiles", metavar="I,J,...", callback=parse_tiles, help="Decode only these tiles.")
+@click.option("--attributes", metavar="NAME,...", callback=parse_attributes, help=ATTRIBUTES_HELP)
+@click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians, for .ply; loses quality.")
+@click.option("--cameras", type=click.Path(exists=True, dir_okay=False), help="JSON list of cameras to --bake for.")
+@click.option("--allow-truncated", is_flag=True, help="Take the whole layers of a file cut short.")
+@click.option("--threads", type=click.IntRange(1, 256), default=1, show_default=True, help="Tiles decoded at once.")
+@click.option("--stats", is_flag=True, help="Tell bytes read and time taken, on stderr.")
+@click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
+@click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@requires_extra("encode")
+def decode(
+    input_: str,
+    output: str,
+    bake: bool,
+    cameras: str | None,
+    stats: bool,
+    force: bool,
+    quiet: bool,
+    **wanted: Any,
+) -> None:
+    """Decode INPUT (a path, a URL or -) into OUTPUT, a .ply or .npz file, or - for a PLY on stdout.
+
+    A .ply holds Gaussians as INRIA's trainer writes them. An .npz holds the arrays of the scene; of an anchor model,
+    an anchor model that 'encode' and 'compare' read. Of a URL only the bytes needed are transferred.
+
+    \b
+    Examples:
+      scarfmt decode scene.scar scene.ply
+      scarfmt decode https://example.org/scene.scar preview.ply --layers 1 --stats
+      scarfmt decode scene.scar corner.ply --box -1,-1,-1,1,1,1
+      scarfmt decode scene.scar points.npz --attributes positions,opacity
+    """
+    extension = ".ply" if output == STANDARD else check_extension(output, (".ply", ".npz"))
+    if cameras is not None and not bake:
+        raise click.UsageError("--cameras is for --bake")
+    if wanted["attributes"] is not None and extension == ".ply":
+        raise click.UsageError("--attributes needs an .npz output: a PLY holds all of them")
+    start = time.perf_counter()
+    with open_output(output, force) as target, open_input(input_) as source:
+        decoded = _decode(source, wanted)
+        _write(decoded, target, extension, _bake_with(cameras) if bake else None)
+        _print_summary(decoded, source, time.perf_counter() - start, stats, quiet)
+
+
+def _decode(source: ByteSource, wanted: dict[str, Any]) -> Decoded:
+    from reference_decoder.decode import decode
+
+    return decode(source, **wanted)
+
+
+def _write(decoded: Decoded, target: BinaryIO, extension: str, bake: Bake | None) -> None:
+    from reference_decoder.decode import ATTRIBUTES
+    from reference_decoder.export_ply import write_inria_ply
+    from reference_encoder.importers import save_anchor_npz
+    from scarfmt.scene import AnchorModel
+
+    if decoded.attributes != frozenset(ATTRIBUTES):
+        _write_arrays(_attribute_arrays(decoded), target)
+        return
+    scene = decoded.scene
+    comments: tuple[str, ...] = ()
+    if bake is not None and isinstance(scene, AnchorModel):
+        scene, comments = bake(scene)
+    if isinstance(scene, AnchorModel):
+        if extension == ".ply":
+            raise click.UsageError("an anchor model has no fixed Gaussians: decode to .npz, or give --bake")
+        save_anchor_npz(scene, target)
+    elif extension == ".ply":
+        write_inria_ply(scene, target, comments=comments)
+    else:
+        _write_arrays(vars(scene), target)
+
+
+def _bake_with(cameras: str | None) -> Bake:
+    """A function that bakes a model for the cameras of that list, or for eyes all round."""
+
+    def act(model: AnchorModel) -> tuple[GaussianScene, tuple[str, ...]]:
+        import numpy as np
+
+        from reference_decoder.bake import bake, comments, default_eyes
+
+        eyes = default_eyes(model.anchors)
+        if cameras is not None:
+            from scarfmt.render.camera import load_cameras
+
+            eyes = np.array([camera.centre for camera in load_cameras(cameras)])
+        return bake(model, eyes, BAKED_SH_DEGREE), comments(len(eyes), BAKED_SH_DEGREE)
+
+    return act
+
+
+def _attribute_arrays(decoded: Decoded) -> dict[str, Any]:
+    """The arrays decoded, by name: channels as coded values, with tile and class of each anchor."""
+    from reference_decoder.decode import ATTRIBUTES
+
+    arrays = {"tiles": decoded.tiles, "classes": decoded.classes}
+    for name, stream in ATTRIBUTES.items():
+        if stream in decoded.values:
+            arrays[name] = decoded.values[stream]
+    if decoded.positions is not None:
+        arrays["positions"] = decoded.positions
+    if decoded.indices is not None:
+        arrays["latents"] = decoded.latents
+    return arrays
+
+
+def _write_arrays(arrays: dict[str, Any], target: BinaryIO) -> None:
+    import numpy as np
+
+    np.savez(target, **arrays)
+
+
+def _print_summary(decoded: Decoded, source: ByteSource, seconds: float, stats: bool, quiet: bool) -> None:
+    if not quiet:
+        click.echo(f"{len(decoded):,} anchors of {decoded.layers} layers", err=True)
+    if stats:
+        part = 100 * source.bytes_read / source.size if source.size else 0.0
+        read = f"{source.bytes_read:,} of {source.size:,} bytes read ({part:.1f} %), {source.reads} reads"
+        click.echo(read, err=True)
+        click.echo(f"{seconds:.2f} s, {len(decoded) / seconds:,.0f} anchors/s", err=True)

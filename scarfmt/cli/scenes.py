@@ -1,0 +1,146 @@
+"""Scene files of any kind as something that can be drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from scarfmt.cli.files import STANDARD, open_input
+from scarfmt.cli.progress import Report
+from scarfmt.scene import AnchorModel, GaussianScene
+from scarfmt.schema import SIGNATURE
+
+if TYPE_CHECKING:
+    from scarfmt.render.camera import Camera
+    from scarfmt.scene import F32, F64
+
+    View = GaussianScene | Callable[[Camera], F32]
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A scene to look at.
+
+    Attributes:
+        view: explicit Gaussians, or a function from camera to picture.
+        placed: Gaussians of which only the positions count: where cameras are to look.
+    """
+
+    view: View
+    placed: GaussianScene
+
+    def picture(self, camera: Camera) -> F32:
+        """The (height, width, 3) picture from `camera`."""
+        from scarfmt.render.rasterise import render
+
+        return render(self.view, camera) if isinstance(self.view, GaussianScene) else self.view(camera)
+
+    def remembering(self) -> Subject:
+        """The same, drawing each view only once."""
+        seen: dict[bytes, F32] = {}
+
+        def picture(camera: Camera) -> F32:
+            key = camera.world_to_camera.tobytes() + repr((camera.width, camera.height, camera.fx)).encode()
+            if key not in seen:
+                seen[key] = self.picture(camera)
+            return seen[key]
+
+        return replace(self, view=picture)
+
+    def reporting(self, report: Report, count: int) -> Subject:
+        """The same, telling `report` which of `count` pictures it draws."""
+        drawn = 0
+
+        def picture(camera: Camera) -> F32:
+            nonlocal drawn
+            report("draw", drawn / count)
+            drawn += 1
+            return self.picture(camera)
+
+        return replace(self, view=picture)
+
+
+def is_scar(name: str) -> bool:
+    """Whether `name` is a .scar file: by its signature, or, for a URL, taken for granted."""
+    if "://" in name:
+        return True
+    if name == STANDARD:
+        raise click.UsageError("this command reads its scenes from files, not from standard input")
+    path = Path(name)
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(len(SIGNATURE)) == SIGNATURE
+
+
+def layer_table(name: str) -> list[dict[str, Any]]:
+    """The layers of a .scar file that have arrived whole, as :func:`scarfmt.inspection.inspect` tells them.
+
+    Raises:
+        click.UsageError: another kind of file.
+        ScarError: the file is refused.
+    """
+    from scarfmt import inspection
+
+    if not is_scar(name):
+        raise click.UsageError(f"{name} is not a .scar file: it has no layers")
+    with open_input(name) as source:
+        report = inspection.inspect(source)
+    rows: list[dict[str, Any]] = report["layers"][: report["layers_available"]]
+    return rows
+
+
+def load_subject(name: str, layers: int | None = None) -> Subject:
+    """A scene file, ready to be drawn.
+
+    Args:
+        name: path of any scene file, or URL of a .scar file.
+        layers: layers of a .scar file to use; None for all that have arrived.
+
+    Raises:
+        click.UsageError: `layers` for another kind of file.
+        ScarError: the file is refused.
+    """
+    if is_scar(name):
+        return _subject(_decode(name, layers))
+    if layers is not None:
+        raise click.UsageError(f"{name} is not a .scar file: it has no layers")
+    from reference_encoder.clean import clean
+    from reference_encoder.importers import load
+
+    return _subject(clean(load(name), drop_invalid=True)[0])
+
+
+def _decode(name: str, layers: int | None) -> GaussianScene | AnchorModel:
+    from reference_decoder.decode import decode
+
+    with open_input(name) as source:
+        return decode(source, layers=layers, allow_truncated=True).scene
+
+
+def _subject(scene: GaussianScene | AnchorModel) -> Subject:
+    if isinstance(scene, GaussianScene):
+        return Subject(scene, scene)
+    return Subject(_anchor_view(scene), _placed(scene.anchors))
+
+
+def _placed(positions: F64) -> GaussianScene:
+    count = len(positions)
+    zeros = np.zeros((count, 4), np.float32)
+    return GaussianScene(positions, zeros[:, :3], zeros, zeros[:, 0], np.zeros((count, 1, 3), np.float32))
+
+
+def _anchor_view(model: AnchorModel) -> Callable[[Camera], F32]:
+    from reference_decoder.anchors import gaussians
+    from scarfmt.render.rasterise import render
+
+    def picture(camera: Camera) -> F32:
+        seen = gaussians(model, camera.centre)
+        return render(seen.scene, camera, colours=seen.colours)
+
+    return picture

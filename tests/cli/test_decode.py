@@ -1,0 +1,125 @@
+"""decode: what is asked for is what is written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scene_samples import random_scene
+
+from reference_decoder.decode import ATTRIBUTES
+from reference_decoder.decode import decode as decode_file
+from reference_encoder.importers import load
+from scarfmt.cli.decode import ATTRIBUTE_NAMES
+from scarfmt.scene import AnchorModel, GaussianScene
+from scarfmt.schema import Profile
+from scarfmt.writer import write_scene
+from tests.cli.conftest import Run
+
+
+def test_a_ply_holds_what_the_decoder_gives(run: Run, encoded: Path, tmp_path: Path) -> None:
+    assert run("decode", encoded, tmp_path / "a.ply").exit_code == 0
+    written, expected = load(tmp_path / "a.ply"), decode_file(encoded).scene
+    assert isinstance(written, GaussianScene)
+    assert isinstance(expected, GaussianScene)
+    np.testing.assert_array_equal(written.positions, expected.positions.astype(np.float32))
+    np.testing.assert_array_equal(written.sh, expected.sh)
+
+
+def test_pipes_carry_a_ply(shell, encoded: Path, tmp_path: Path, run: Run) -> None:  # type: ignore[no-untyped-def]
+    done = shell("decode", "-", "-", "-q", cwd=tmp_path, input=encoded.read_bytes())
+    run("decode", encoded, tmp_path / "a.ply")
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout == (tmp_path / "a.ply").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "arguments"),
+    [
+        (("--layers", 1), {"layers": 1}),
+        (("--tiles", "0,2"), {"tiles": [0, 2]}),
+        (("--box", "-1.5,0,0,0,2,5"), {"box": ((-1.5, 0, 0), (0, 2, 5))}),
+        (("--threads", 2), {}),
+    ],
+)
+def test_parts(run: Run, explicit_scar: Path, tmp_path: Path, options: tuple[object, ...], arguments: dict) -> None:  # type: ignore[type-arg]
+    assert run("decode", explicit_scar, tmp_path / "a.npz", *options).exit_code == 0
+    expected = decode_file(explicit_scar, **arguments).scene
+    assert len(expected) > 0
+    with np.load(tmp_path / "a.npz") as arrays:
+        assert set(arrays) == set(vars(expected))
+        for name in arrays:
+            np.testing.assert_array_equal(arrays[name], getattr(expected, name))
+
+
+def test_attributes_are_written_alone(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    assert run("decode", explicit_scar, tmp_path / "a.npz", "--attributes", "positions,latents").exit_code == 0
+    expected = decode_file(explicit_scar)
+    with np.load(tmp_path / "a.npz") as arrays:
+        assert set(arrays) == {"tiles", "classes", "positions", "latents"}
+        np.testing.assert_array_equal(arrays["positions"], expected.positions)
+        np.testing.assert_array_equal(arrays["latents"], expected.latents)
+
+
+def test_attributes_do_not_fit_a_ply(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    assert run("decode", explicit_scar, tmp_path / "a.ply", "--attributes", "positions").exit_code == 2
+
+
+def test_attribute_names_are_the_decoders() -> None:
+    assert tuple(ATTRIBUTES) == ATTRIBUTE_NAMES
+
+
+def test_a_cut_file_needs_leave(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    cut = explicit_scar.read_bytes()[:-1]
+    refused = run("decode", "-", tmp_path / "a.ply", input=cut)
+    assert refused.exit_code == 1
+    assert "truncated-file" in refused.stderr
+    allowed = run("decode", "-", tmp_path / "a.ply", "--allow-truncated", input=cut)
+    assert allowed.exit_code == 0
+    assert "2 layers" in allowed.stderr
+
+
+def test_stats_tell_that_little_was_read(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    result = run("decode", explicit_scar, tmp_path / "a.ply", "--layers", 1, "--stats")
+    assert f"of {explicit_scar.stat().st_size:,} bytes read" in result.stderr
+    assert "anchors/s" in result.stderr
+
+
+@pytest.fixture(scope="module")
+def anchors_with_distance(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An anchor file whose networks take the distance, as the .npz layout demands."""
+    scenes = (random_scene(seed, Profile.ANCHOR, anchors=40) for seed in range(100))
+    scene = next(s for s in scenes if s.decoder and s.scene_mlps[0].inputs == s.decoder.outputs + 4)
+    path = tmp_path_factory.mktemp("anchors") / "anchors.scar"
+    path.write_bytes(write_scene(scene))
+    return path
+
+
+def test_an_anchor_model_becomes_an_npz_that_can_be_read_back(
+    run: Run, anchors_with_distance: Path, tmp_path: Path
+) -> None:
+    assert run("decode", anchors_with_distance, tmp_path / "a.npz").exit_code == 0
+    model, expected = load(tmp_path / "a.npz"), decode_file(anchors_with_distance).scene
+    assert isinstance(model, AnchorModel)
+    assert isinstance(expected, AnchorModel)
+    np.testing.assert_array_equal(model.features, expected.features)
+
+
+def test_an_anchor_model_does_not_fit_a_ply_as_it_is(run: Run, anchors_with_distance: Path, tmp_path: Path) -> None:
+    result = run("decode", anchors_with_distance, tmp_path / "a.ply")
+    assert result.exit_code == 2
+    assert "--bake" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_anchor_model_can_be_baked(run: Run, anchors_with_distance: Path, tmp_path: Path) -> None:
+    result = run("decode", anchors_with_distance, tmp_path / "a.ply", "--bake")
+    assert result.exit_code == 0, result.stderr
+    assert b"comment baked from a .scar anchor model" in (tmp_path / "a.ply").read_bytes()[:500]
+    assert isinstance(load(tmp_path / "a.ply"), GaussianScene)
+
+
+def test_cameras_without_bake_are_an_argument_error(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    (tmp_path / "cameras.json").write_text('{"images": []}')
+    assert run("decode", explicit_scar, tmp_path / "a.ply", "--cameras", tmp_path / "cameras.json").exit_code == 2

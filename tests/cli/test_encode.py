@@ -1,0 +1,102 @@
+"""encode: what reaches the encoder, and what comes out."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+
+from reference_decoder.export_ply import write_inria_ply
+from reference_encoder.importers import FORMATS
+from reference_encoder.options import MAX_QUALITY, MIN_QUALITY, EncodeOptions
+from scarfmt.cli import cli
+from scarfmt.cli.encode import FORMAT_IDS, parse_metadata
+from scarfmt.inspection import inspect
+from scarfmt.source import FileSource
+from tests.cli.conftest import Run, gaussians
+
+FAST = ("--effort", 1, "--layers", 1, "--quality", 25)
+
+
+def test_the_file_is_valid_and_counts_its_input(run: Run, encoded: Path) -> None:
+    assert run("validate", encoded).exit_code == 0
+    with FileSource(encoded) as source:
+        report = inspect(source)
+    assert report["source_count"] == 300
+    assert report["sh_degree"] == 1
+
+
+def test_the_summary_tells_size_and_bytes_per_gaussian(run: Run, ply: Path, tmp_path: Path) -> None:
+    result = run("encode", ply, tmp_path / "a.scar", *FAST)
+    assert (result.exit_code, result.stdout) == (0, "")
+    assert "300 Gaussians in" in result.stderr
+    assert f"{(tmp_path / 'a.scar').stat().st_size:,} bytes" in result.stderr
+    assert "bytes per Gaussian" in result.stderr
+
+
+def test_pipes_give_the_file_that_files_give(shell, ply: Path, run: Run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    done = shell("encode", "-", "-", *FAST, "-q", cwd=tmp_path, input=ply.read_bytes())
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert run("encode", ply, tmp_path / "a.scar", *FAST, "-q").exit_code == 0
+    assert done.stdout == (tmp_path / "a.scar").read_bytes()
+
+
+def test_metadata_and_sh_degree_arrive_in_the_file(run: Run, ply: Path, tmp_path: Path) -> None:
+    target = tmp_path / "a.scar"
+    pairs = ("--metadata", "title=Old oak", "--metadata", "year=2024", "--metadata", 'tags=["tree"]')
+    assert run("encode", ply, target, *FAST, *pairs, "--sh-degree", 0).exit_code == 0
+    report = json.loads(run("inspect", target, "--json", "--metadata").stdout)
+    assert {key: report["metadata"][key] for key in ("title", "year", "tags")} == {
+        "title": "Old oak",
+        "year": 2024,
+        "tags": ["tree"],
+    }
+    assert report["sh_degree"] == 0
+
+
+def test_metadata_that_json_cannot_say_stays_text() -> None:
+    command = cli.commands["encode"]
+    context = click.Context(command)
+    assert parse_metadata(context, command.params[0], ("a=NaN", "b=", "c=x=y")) == {"a": "NaN", "b": "", "c": "x=y"}
+
+
+def test_invalid_rows_are_refused_or_dropped(run: Run, tmp_path: Path) -> None:
+    scene = gaussians(50)
+    scene.positions[7] = np.nan
+    write_inria_ply(scene, tmp_path / "bad.ply")
+    refused = run("encode", tmp_path / "bad.ply", tmp_path / "a.scar", *FAST)
+    assert refused.exit_code == 1
+    assert "input-not-finite" in refused.stderr
+    assert not (tmp_path / "a.scar").exists()
+    dropped = run("encode", tmp_path / "bad.ply", tmp_path / "a.scar", *FAST, "--drop-invalid")
+    assert dropped.exit_code == 0, dropped.stderr
+    assert "left out 1 Gaussians" in dropped.stderr
+
+
+def test_a_missing_package_is_told_with_the_extra_to_install(
+    run: Run, ply: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_arguments: object) -> bytes:
+        raise ModuleNotFoundError("No module named 'torch'", name="torch")
+
+    monkeypatch.setattr("reference_encoder.encode.encode", broken)
+    result = run("encode", ply, tmp_path / "a.scar")
+    assert result.exit_code == 1
+    assert "input-dependency: this needs the package torch: pip install 'scarfmt[encode]'" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_choices_and_defaults_told_are_those_of_the_encoder() -> None:
+    options = {parameter.name: parameter for parameter in cli.commands["encode"].params}
+    assert tuple(known.id for known in FORMATS) == FORMAT_IDS
+    defaults = EncodeOptions()
+    for name in ("quality", "effort", "layers", "frame"):
+        parameter = options[name]
+        assert isinstance(parameter, click.Option)
+        assert f"[default: {getattr(defaults, name)!s}]".replace(".0]", "]") in (parameter.help or "")
+    quality = options["quality"].type
+    assert isinstance(quality, click.FloatRange)
+    assert (quality.min, quality.max) == (MIN_QUALITY, MAX_QUALITY)

@@ -1,0 +1,136 @@
+"""compare and render."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from scarfmt.render.camera import Camera, orbit_cameras
+from scarfmt.render.images import write_png
+from scarfmt.render.rasterise import render
+from tests.cli.conftest import Run, gaussians
+
+SMALL = ("--size", "64x48", "--views", 2)
+
+
+def camera_list(cameras: list[Camera], path: Path) -> Path:
+    images = [
+        {
+            "name": f"{index}.png",
+            "W": c.width,
+            "H": c.height,
+            "fx": c.fx,
+            "fy": c.fy,
+            "cx": c.cx,
+            "cy": c.cy,
+            "world_to_camera": c.world_to_camera.tolist(),
+            "split": "test" if index else "train",
+        }
+        for index, c in enumerate(cameras)
+    ]
+    path.write_text(json.dumps({"images": images}))
+    return path
+
+
+def compare_json(run: Run, *arguments: object) -> dict:  # type: ignore[type-arg]
+    result = run("compare", *arguments, "--json")
+    assert result.exit_code == 0, result.stderr
+    return json.loads(result.stdout)  # type: ignore[no-any-return]
+
+
+def test_a_scene_equals_itself(run: Run, ply: Path) -> None:
+    result = compare_json(run, ply, ply, *SMALL)["results"]["b"]
+    assert result["psnr_db"] == [None, None]  # infinite, which JSON cannot say
+    assert result["ssim"] == [1.0, 1.0]
+
+
+def test_a_coded_scene_is_near_and_its_first_layer_less_so(run: Run, ply: Path, encoded: Path) -> None:
+    whole = compare_json(run, ply, encoded, *SMALL, "--no-ssim")["results"]["b"]
+    first = compare_json(run, ply, encoded, *SMALL, "--no-ssim", "--layers-b", 1)["results"]["b"]
+    assert whole["mean_psnr_db"] > first["mean_psnr_db"] > 10
+    assert whole["mean_ssim"] is None
+
+
+def test_all_layers_are_tabled_with_their_sizes(run: Run, ply: Path, encoded: Path) -> None:
+    rows = compare_json(run, ply, encoded, *SMALL, "--all-layers")["layers"]
+    inspected = json.loads(run("inspect", encoded, "--json").stdout)["layers"]
+    assert [row["bytes"] for row in rows] == [layer["end_offset"] for layer in inspected]
+    single = compare_json(run, ply, encoded, *SMALL, "--layers-b", 1)["results"]["b"]
+    assert rows[0]["mean_psnr_db"] == pytest.approx(single["mean_psnr_db"])
+    table = run("compare", ply, encoded, *SMALL, "--all-layers").stdout.splitlines()
+    assert len(table) == 1 + len(rows)
+    assert "bytes/Gaussian" in table[0]
+
+
+def test_the_table_ends_with_mean_and_worst(run: Run, ply: Path, encoded: Path) -> None:
+    lines = run("compare", ply, encoded, *SMALL).stdout.splitlines()
+    assert [line.split()[0] for line in lines[-2:]] == ["mean", "worst"]
+
+
+def test_layers_of_a_file_without_layers_are_an_argument_error(run: Run, ply: Path) -> None:
+    assert run("compare", ply, ply, "--layers-a", 1).exit_code == 2
+    assert run("compare", ply, ply, "--all-layers").exit_code == 2
+
+
+def test_anchor_models_can_be_compared(run: Run, anchor_scar: Path) -> None:
+    result = compare_json(run, anchor_scar, anchor_scar, *SMALL)["results"]["b"]
+    assert result["psnr_db"] == [None, None]
+
+
+def test_listed_cameras_replace_the_orbit(run: Run, ply: Path, tmp_path: Path) -> None:
+    listing = camera_list(orbit_cameras(gaussians(300), 4, 80, 60), tmp_path / "cameras.json")
+    everything = compare_json(run, ply, ply, "--cameras", listing, "--no-ssim")["results"]["b"]
+    assert everything["names"] == ["1.png", "2.png", "3.png"]  # the test split
+    two = compare_json(run, ply, ply, "--cameras", listing, "--no-ssim", "--views", 2)["results"]["b"]
+    assert two["names"] == ["1.png", "2.png"]
+
+
+def test_photos_judge_both_scenes(run: Run, ply: Path, encoded: Path, tmp_path: Path) -> None:
+    scene = gaussians(300)
+    cameras = orbit_cameras(scene, 2, 64, 48)
+    camera_list(cameras, tmp_path / "cameras.json")
+    (tmp_path / "images").mkdir()
+    for index, camera in enumerate(cameras):
+        write_png(tmp_path / "images" / f"{index}.png", render(scene, camera))
+    results = compare_json(run, ply, encoded, "--photos", tmp_path)["results"]
+    assert results["a"]["mean_psnr_db"] > 45 > results["b"]["mean_psnr_db"]
+
+
+def test_render_writes_a_picture_per_view_and_a_sheet(run: Run, encoded: Path, tmp_path: Path) -> None:
+    result = run("render", encoded, tmp_path / "out", *SMALL, "--sheet")
+    assert result.exit_code == 0, result.stderr
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["000-0-deg.png", "001-180-deg.png", "sheet.png"]
+    with Image.open(tmp_path / "out" / names[0]) as picture:
+        assert picture.size == (64, 48)
+        assert picture.getextrema() != ((0, 0),) * 3
+
+
+def test_render_layers_into_one_sheet_a_row_each(run: Run, encoded: Path, tmp_path: Path) -> None:
+    result = run("render", encoded, tmp_path / "sheet.png", *SMALL, "--layers", "all")
+    assert result.exit_code == 0, result.stderr
+    with Image.open(tmp_path / "sheet.png") as picture:
+        assert picture.width == 2 * 64
+        assert picture.height > 2 * 48
+
+
+def test_render_one_view_into_one_picture(run: Run, ply: Path, tmp_path: Path) -> None:
+    assert run("render", ply, tmp_path / "one.png", "--size", "64x48", "--views", 1).exit_code == 0
+    with Image.open(tmp_path / "one.png") as picture:
+        assert picture.size == (64, 48)
+
+
+def test_pictures_that_exist_are_kept_unless_forced(run: Run, ply: Path, tmp_path: Path) -> None:
+    target = tmp_path / "one.png"
+    target.write_bytes(b"precious")
+    assert run("render", ply, target, "--size", "64x48", "--views", 1).exit_code == 2
+    assert target.read_bytes() == b"precious"
+    assert run("render", ply, target, "--size", "64x48", "--views", 1, "--force").exit_code == 0
+
+
+def test_an_impossible_frame_is_an_argument_error(run: Run, ply: Path, tmp_path: Path) -> None:
+    assert run("render", ply, tmp_path / "a.png", "--frame", "up").exit_code == 2
+    assert run("compare", ply, ply, "--frame", "-y:0:400").exit_code == 2

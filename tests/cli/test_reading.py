@@ -1,0 +1,82 @@
+"""inspect, validate and truncate."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from scarfmt.source import BytesSource, FileSource
+from scarfmt.truncate import truncate
+from tests.cli.conftest import Run
+
+
+def test_inspect_prints_a_table(run: Run, explicit_scar: Path) -> None:
+    result = run("inspect", explicit_scar)
+    assert result.exit_code == 0
+    assert "explicit profile" in result.stdout
+    assert result.stderr == ""
+
+
+def test_inspect_prints_json_alone_on_stdout(run: Run, explicit_scar: Path) -> None:
+    report = json.loads(run("inspect", explicit_scar, "--json", "--metadata").stdout)
+    assert report["layer_count"] == 3
+    assert report["file_bytes"] == explicit_scar.stat().st_size
+    assert "metadata" in report
+
+
+def test_inspect_reads_stdin_and_urls(run: Run, explicit_scar: Path) -> None:
+    direct = run("inspect", explicit_scar).stdout
+    assert run("inspect", "-", input=explicit_scar.read_bytes()).stdout == direct
+    assert run("inspect", explicit_scar.as_uri()).stdout == direct
+
+
+def test_inspect_takes_a_file_cut_short(run: Run, explicit_scar: Path) -> None:
+    result = run("inspect", "-", input=explicit_scar.read_bytes()[:-1])
+    assert result.exit_code == 0
+    assert "2 whole layers" in result.stdout
+
+
+def test_validate_says_valid(run: Run, explicit_scar: Path) -> None:
+    result = run("validate", explicit_scar)
+    assert (result.exit_code, result.stdout) == (0, "")
+    assert "valid; 3 of 3 layers" in result.stderr
+
+
+def test_validate_prints_each_fault_with_its_place(run: Run, explicit_scar: Path) -> None:
+    data = bytearray(explicit_scar.read_bytes())
+    data[-1] ^= 1
+    result = run("validate", "-", input=bytes(data))
+    assert result.exit_code == 1
+    assert result.stderr.startswith("error: crc-mismatch @ ")
+    assert "not valid" in result.stderr
+
+
+def test_validate_as_json(run: Run, explicit_scar: Path) -> None:
+    result = run("validate", "-", "--json", input=explicit_scar.read_bytes()[:-1])
+    document = json.loads(result.stdout)
+    assert result.exit_code == 1
+    assert document["valid"] is False
+    assert document["layers_available"] == 2
+    assert [finding["refusal"] for finding in document["findings"]] == ["truncated-file"]
+
+
+def test_validate_can_be_quiet(run: Run, explicit_scar: Path) -> None:
+    result = run("validate", "-", "-q", input=explicit_scar.read_bytes()[:-1])
+    assert (result.exit_code, result.output) == (1, "")
+
+
+@pytest.mark.parametrize("layers", [1, 2, 3])
+def test_truncate_writes_what_the_module_makes(run: Run, explicit_scar: Path, tmp_path: Path, layers: int) -> None:
+    target = tmp_path / "out.scar"
+    assert run("truncate", explicit_scar, target, "--layers", layers).exit_code == 0
+    with FileSource(explicit_scar) as source:
+        assert target.read_bytes() == truncate(source, layers)
+
+
+def test_truncate_saves_a_broken_download(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    cut = explicit_scar.read_bytes()[:-1]
+    assert run("truncate", "-", tmp_path / "a.scar", "--layers", 3, input=cut).exit_code == 1
+    assert run("truncate", "-", tmp_path / "b.scar", "--layers", 2, input=cut).exit_code == 0
+    assert (tmp_path / "b.scar").read_bytes() == truncate(BytesSource(explicit_scar.read_bytes()), 2)

@@ -1,0 +1,46 @@
+"""Classes of the anchors that appear in a layer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from codec_samples import Recorder, emitting, reader_of, refuses
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scarfmt.codecs.classes import get_classes, put_classes
+from scarfmt.model import MAX_CLASSES
+from scarfmt.schema import Stream
+from scarfmt.symbols import TableKey
+
+KEY = TableKey(Stream.CLASSES, 0, 0, 0)
+
+
+@given(st.data())
+def test_classes_come_back(data: st.DataObject) -> None:
+    """Any range of new classes."""
+    first = data.draw(st.integers(0, MAX_CLASSES - 1))
+    past = data.draw(st.integers(first + 1, MAX_CLASSES))
+    classes = np.array(data.draw(st.lists(st.integers(first, past - 1), max_size=40)), np.int64)
+    reader = reader_of(lambda emitter: put_classes(emitter, classes, first, past))
+    assert get_classes(reader, len(classes), first, past).tolist() == classes.tolist()
+    reader.finish()
+
+
+def test_a_single_new_class_costs_nothing() -> None:
+    """No symbol is coded where there is no choice."""
+    recorder = Recorder()
+    put_classes(recorder, np.full(9, 4), 4, 5)
+    assert recorder.groups == []
+
+
+@pytest.mark.parametrize("symbol", [-1, 3, 2**31 - 1])
+def test_a_class_that_is_not_new_is_refused(symbol: int) -> None:
+    """Symbols count from the first new class; 3 of them are new here."""
+    refuses("bad-class", lambda: get_classes(emitting((KEY, [0, symbol])), 2, 2, 5))
+
+
+def test_anchors_in_a_layer_without_new_classes_are_refused() -> None:
+    """The directory says anchors appear, the layer table that none can."""
+    refuses("bad-class", lambda: get_classes(emitting(), 1, 3, 3))
+    assert get_classes(emitting(), 0, 3, 3).tolist() == []

@@ -1,0 +1,61 @@
+"""RVQ indices: stages from any to any, and no index without a codeword."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from codec_samples import Recorder, emitting, reader_of, refuses
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scarfmt.codecs.indices import get_indices, put_indices
+from scarfmt.schema import Stream
+from scarfmt.symbols import TableKey
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 40), st.integers(1, 8))
+def test_stages_come_back_from_anywhere_to_anywhere(seed: int, count: int, stages: int) -> None:
+    """Anchors of any class with any stages received before; codeword 4095 included."""
+    rng = np.random.default_rng(seed)
+    before, after = np.sort(rng.integers(0, stages + 1, (2, count)), axis=0)
+    classes = rng.integers(0, 15, count)
+    indices = rng.choice([0, 1, 50, 4095], (count, stages)).astype(np.int16)
+    reader = reader_of(lambda emitter: put_indices(emitter, indices, classes, before, after))
+    place = np.arange(stages)
+    found = np.where(place < before[:, None], indices, 0).astype(np.int16)
+    get_indices(reader, found, classes, before, after, (4096, 4096))
+    reader.finish()
+    assert np.array_equal(found, np.where(place < after[:, None], indices, 0))
+
+
+def test_the_context_is_class_and_whether_the_stage_before_chose_0() -> None:
+    """SPEC §7.6; stage 1 has no stage before it."""
+    recorder = Recorder()
+    indices = np.array([[0, 7], [3, 8], [0, 9]], np.int16)
+    put_indices(recorder, indices, np.array([0, 0, 2]), np.zeros(3, np.int64), np.full(3, 2))
+    key = TableKey(Stream.INDICES, 0, 0, 0)
+    expected = [(1, 0, [0, 3]), (1, 32, [0]), (2, 0, [8]), (2, 1, [7]), (2, 33, [9])]
+    assert recorder.groups == [(key._replace(component=s, context=c), values) for s, c, values in expected]
+
+
+def read(stage: int, symbol: int, sizes: tuple[int, int]) -> int:
+    """Read one stage of one anchor whose stage before chose codeword 1."""
+    reader = emitting((TableKey(Stream.INDICES, stage, 0, 0), [symbol]))
+    indices = np.ones((1, 2), np.int16)
+    before = np.array([stage - 1])
+    get_indices(reader, indices, np.zeros(1, np.int64), before, before + 1, sizes)
+    return int(indices[0, stage - 1])
+
+
+@pytest.mark.parametrize(("stage", "sizes"), [(1, (20, 9)), (2, (9, 20))])
+def test_each_stage_has_its_book(stage: int, sizes: tuple[int, int]) -> None:
+    """Stage 1 the coarse one, later ones the residual one."""
+    assert read(stage, 19, sizes) == 19
+    for symbol in (20, -1, 65536, 2**31 - 1):
+        refuses("bad-index", lambda symbol=symbol: read(stage, symbol, sizes))
+
+
+def test_an_empty_book_has_no_index() -> None:
+    """A file that sends a stage without its codebook cannot be read into nothing."""
+    refuses("bad-index", lambda: read(2, 0, (20, 0)))

@@ -1,0 +1,204 @@
+"""Positions: any sorted multiset, at less than an octree costs, and no split that does not add up."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from codec_samples import coded, cost_bits, emitting, reader_of, refuses
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from reference_encoder.importers import load
+from scarfmt.codecs.positions import LARGEST_OWN_TABLE, get_positions, put_positions
+from scarfmt.errors import ScarError
+from scarfmt.morton import interleave
+from scarfmt.rans import PureRansDecoder
+from scarfmt.scene import GaussianScene
+from scarfmt.schema import Stream
+from scarfmt.symbols import Emitter, SymbolReader, TableKey
+
+U64 = NDArray[np.uint64]
+
+LARGE = LARGEST_OWN_TABLE + 1
+
+
+def round_trip(codes: U64, bits: int) -> bytes:
+    data, tables = coded(lambda emitter: put_positions(emitter, codes, bits))
+    reader = SymbolReader(data, tables)
+    assert np.array_equal(get_positions(reader, len(codes), bits), codes)
+    reader.finish()
+    return data
+
+
+@st.composite
+def multisets(draw: st.DrawFn) -> tuple[U64, int]:
+    """Sorted codes with duplicates, near each other or not, at any depth."""
+    bits = draw(st.integers(0, 21))
+    top = (1 << 3 * bits) - 1
+    base = draw(st.integers(0, top))
+    near = st.integers(max(0, base - 9), min(top, base + 9))
+    codes = draw(st.lists(st.one_of(near, st.integers(0, top), st.sampled_from([0, top])), max_size=50))
+    codes += codes[:1] * draw(st.sampled_from([0, 1, 20, 300]))
+    return np.array(sorted(codes), np.uint64), bits
+
+
+@settings(deadline=None, max_examples=150)
+@given(multisets())
+@example((np.zeros(0, np.uint64), 21))
+@example((np.zeros(1, np.uint64), 0))
+@example((np.array([(1 << 63) - 1], np.uint64), 21))
+@example((np.full(40, (1 << 63) - 1, np.uint64), 21))
+def test_any_multiset_comes_back(case: tuple[U64, int]) -> None:
+    """Empty, alone, all in one cell, spread out, at 0 to 21 bits an axis; with both decoders."""
+    codes, bits = case
+    data, tables = coded(lambda emitter: put_positions(emitter, codes, bits))
+    for reader in (SymbolReader(data, tables), SymbolReader(data, tables, PureRansDecoder(data))):
+        assert np.array_equal(get_positions(reader, len(codes), bits), codes)
+        reader.finish()
+
+
+def clustered(seed: int, count: int, bits: int) -> NDArray[np.int64]:
+    """(count, 3) points on a few noisy surfaces, as trained scenes have them."""
+    rng = np.random.default_rng(seed)
+    centre, axes = rng.uniform(0.2, 0.8, (6, 3)), rng.normal(size=(6, 2, 3)) * 0.06
+    which = rng.integers(0, 6, count)
+    flat = (rng.normal(size=(count, 2))[:, :, None] * axes[which]).sum(1)
+    points = centre[which] + flat + rng.normal(size=(count, 3)) * 0.001
+    return np.clip((points * (1 << bits)).astype(np.int64), 0, (1 << bits) - 1)
+
+
+@pytest.mark.parametrize(
+    ("count", "bits"), [(65534, 21), (65535, 16), (65536, 16), (65537, 12), (70000, 9), (70000, 1), (70000, 0)]
+)
+def test_full_tiles_come_back(count: int, bits: int) -> None:
+    """Node sizes around 2^16, where a split's remainder no longer fits one alphabet."""
+    codes = np.sort(np.random.default_rng(bits).integers(0, 1 << 3 * bits, count, np.uint64))
+    round_trip(codes, bits)
+
+
+def test_a_crowded_cell_costs_next_to_nothing() -> None:
+    """70000 anchors at one place: all splits are empty on one side."""
+    codes = np.full(70000, 0x123456789ABCDEF, np.uint64)
+    assert len(round_trip(codes, 21)) < 400
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_cell_clusters_come_back(seed: int) -> None:
+    """Many anchors in few cells far apart."""
+    rng = np.random.default_rng(seed)
+    cells = rng.integers(0, 1 << 63, 40, np.uint64)
+    round_trip(np.sort(np.repeat(cells, rng.integers(1, 900, 40))), 21)
+
+
+def occupancies(codes: U64, bits: int) -> list[NDArray[np.int64]]:
+    """(255,) counts of the occupancy bytes 1..255 of every octree level."""
+    out = []
+    for level in range(bits):
+        children = np.unique(codes >> np.uint64(3 * (bits - level - 1)))
+        _, parent = np.unique(children >> np.uint64(3), return_inverse=True)
+        byte = np.bincount(parent, weights=1 << (children & np.uint64(7)).astype(np.int64)).astype(np.int64)
+        out.append(np.bincount(byte, minlength=256)[1:])
+    return out
+
+
+def entropy_bits(counts: NDArray[np.int64]) -> float:
+    """Cost of symbols under their own frequencies, the table free of charge."""
+    present = counts[counts > 0]
+    return float(-(present * np.log2(present / present.sum())).sum())
+
+
+def adaptive_bits(counts: NDArray[np.int64]) -> float:
+    """Cost of symbols under an adaptive model that starts all counts at 1/2 (Krichevsky-Trofimov)."""
+    learnt = math.lgamma(counts.sum() + len(counts) / 2) - math.lgamma(len(counts) / 2)
+    return (learnt - sum(math.lgamma(n + 0.5) - math.lgamma(0.5) for n in counts.tolist())) / math.log(2)
+
+
+def multiplicities(codes: U64) -> NDArray[np.int64]:
+    """How many leaves hold 1, 2, ... anchors: what an octree has to say besides occupancy."""
+    return np.bincount(np.unique(codes, return_counts=True)[1])
+
+
+@pytest.mark.parametrize(("count", "bits"), [(3000, 12), (3000, 16), (20000, 12), (20000, 16)])
+def test_cost_is_below_that_of_an_adaptive_octree(count: int, bits: int) -> None:
+    """Tables included, against order-0 adaptive occupancy bytes, one model a level or one for all."""
+    codes = np.sort(interleave(clustered(1, count, bits)))
+    ours = cost_bits(lambda emitter: put_positions(emitter, codes, bits))
+    levels = occupancies(codes, bits)
+    assert ours < sum(map(adaptive_bits, levels))
+    assert ours < adaptive_bits(np.sum(levels, axis=0))
+
+
+@pytest.mark.scene
+@pytest.mark.parametrize("name", ["flowers", "plush-on-bed"])
+def test_cost_on_real_scenes_is_below_that_of_an_octree(shared_data: Path, name: str) -> None:
+    """Against order-0 occupancy bytes of every level, their tables free, plus how many anchors a leaf holds.
+
+    Where nearly every anchor has a cell of its own, also without the latter.
+    """
+    scene = load(shared_data / "splats" / f"{name}.ply")
+    assert isinstance(scene, GaussianScene)
+    positions = scene.positions
+    low, high = np.percentile(positions, [1, 99], axis=0)
+    for core in (12, 14):
+        points = np.floor((positions - positions.min(0)) / ((high - low).max() / 2**core)).astype(np.int64)
+        bits = int(points.max()).bit_length()
+        codes = np.sort(interleave(points))
+        ours = cost_bits(lambda emitter, codes=codes, bits=bits: put_positions(emitter, codes, bits))
+        octree = sum(map(entropy_bits, occupancies(codes, bits)))
+        assert ours <= octree + entropy_bits(multiplicities(codes))
+        if len(np.unique(codes)) > 0.99 * len(codes):
+            assert ours <= octree
+
+
+def key(context: int) -> TableKey:
+    return TableKey(Stream.POSITIONS, 0, 0, context)
+
+
+@pytest.mark.parametrize("lower", [-1, 4, 2**31 - 1, -(2**31) + 1])
+def test_a_split_larger_than_its_node_is_refused(lower: int) -> None:
+    """A static table can hold any integer; only 0..n is a split."""
+    refuses("bad-split", lambda: get_positions(emitting((key(3), [lower])), 3, 1))
+
+
+@pytest.mark.parametrize("bin_number", [-1, 16, 2**31 - 1])
+def test_a_bin_outside_the_sixteen_is_refused(bin_number: int) -> None:
+    """Before any arithmetic is done with it."""
+    refuses("bad-split", lambda: get_positions(emitting((key(LARGE), [bin_number])), 40, 1))
+
+
+def test_a_remainder_outside_its_bin_is_refused() -> None:
+    """4097 remainders are coded as two parts, of which not all combinations mean something."""
+
+    def put(emitter: Emitter) -> None:
+        emitter.emit(key(LARGE), np.array([0]))
+        emitter.emit_uniform(2, np.array([1]))
+        emitter.emit_uniform(4096, np.array([1]))
+
+    refuses("bad-split", lambda: get_positions(reader_of(put), 65536, 1))
+
+
+def test_a_node_size_without_table_is_refused() -> None:
+    """The reader asks for the table of the node it has."""
+    refuses("missing-table", lambda: get_positions(emitting((key(3), [1])), 2, 1))
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.integers(0, 2**32 - 1))
+def test_damaged_streams_give_codes_in_range_or_a_refusal(seed: int) -> None:
+    """Whatever the words: sorted codes below 2^(3 bits), or one of our errors."""
+    rng = np.random.default_rng(seed)
+    codes = np.sort(interleave(clustered(seed, 300, 8)))
+    data, tables = coded(lambda emitter: put_positions(emitter, codes, 8))
+    words = np.frombuffer(data, "<u4").copy()
+    words[rng.integers(0, len(words), rng.integers(1, 4))] ^= rng.integers(1, 1 << 32, dtype=np.uint32)
+    try:
+        reader = SymbolReader(words[: rng.integers(1, len(words) + 1)].tobytes(), tables)
+        found = get_positions(reader, int(rng.choice([300, 1, 17, 301])), int(rng.choice([8, 3, 21])))
+        reader.finish()
+    except ScarError:
+        return
+    assert bool((found[1:] >= found[:-1]).all())

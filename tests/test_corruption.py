@@ -1,0 +1,190 @@
+"""Damage: every flipped bit and every cut is noticed, and no file makes a reader do anything but refuse or read."""
+
+from __future__ import annotations
+
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from file_surgery import blocks_of, read_everything, rebuilt, resealed, resealed_tile, same_content
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.random import Generator
+from scene_samples import random_scene
+
+from scarfmt.bytefields import compress, decompress
+from scarfmt.container import Block, Container
+from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
+from scarfmt.reader import SceneReader
+from scarfmt.schema import BlockKind, Profile, header_length
+from scarfmt.source import BytesSource
+from scarfmt.truncate import truncate
+from scarfmt.writer import write_scene
+
+SMALL = {profile: write_scene(random_scene(6, profile, anchors=6, layers=2, tiles=1)) for profile in Profile}
+LARGER = [write_scene(random_scene(seed, p, anchors=150, layers=3, tiles=2)) for seed in range(4) for p in Profile]
+MIB = 1 << 20
+
+
+# ------------------------------------------------------------------------------------------------ accidental damage
+
+
+@pytest.mark.parametrize("profile", Profile)
+def test_every_flipped_bit_is_noticed(profile: Profile) -> None:
+    """All bits of a small file, one at a time, when everything is read."""
+    data = SMALL[profile]
+    read_everything(data)
+    unnoticed = []
+    for bit in range(8 * len(data)):
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << bit % 8
+        try:
+            read_everything(bytes(flipped))
+        except ScarError:
+            continue
+        unnoticed.append(bit)
+    assert unnoticed == []
+
+
+@pytest.mark.parametrize("profile", Profile)
+def test_every_cut_is_noticed_and_what_arrived_is_readable(profile: Profile) -> None:
+    """Any prefix: refused as truncated, or on request read as the whole layers in it, exactly."""
+    data = write_scene(random_scene(6, profile, anchors=20, layers=3, tiles=2))
+    whole = SceneReader(BytesSource(data))
+    ends = [layer.end_offset for layer in whole.header.layers]
+    contents = {k: [c for _, c in whole.tiles(whole.models(k))] for k in (1, 2, 3)}
+    decoded = {*range(header_length(3), len(data), 41), *(end + by for end in ends for by in (-1, 0, 1))}
+    for size in range(len(data)):
+        prefix = data[:size]
+        with pytest.raises(Truncated):
+            SceneReader(BytesSource(prefix))
+        if size < whole.header.data_offset:
+            with pytest.raises(Truncated):
+                SceneReader(BytesSource(prefix), allow_truncated=True)
+            continue
+        reader = SceneReader(BytesSource(prefix), allow_truncated=True)
+        assert reader.layers == sum(end <= size for end in ends)
+        if size in decoded and reader.layers:
+            found = [content for _, content in reader.tiles(reader.models())]
+            assert all(map(same_content, found, contents[reader.layers]))
+
+
+@pytest.mark.parametrize("profile", Profile)
+def test_bytes_after_the_file_are_noticed(profile: Profile) -> None:
+    """A file glued to another, or padded, is not taken for the first."""
+    for tail in (b"\0", SMALL[profile]):
+        with pytest.raises(Malformed) as caught:
+            read_everything(SMALL[profile] + tail)
+        assert caught.value.refusal == "trailing-bytes"
+
+
+# ------------------------------------------------------------------------------------------------ files made on purpose
+
+
+def test_resealing_a_sound_file_changes_nothing() -> None:
+    """The helper that forges checksums computes the real ones."""
+    for data in LARGER:
+        assert resealed(data) == data
+        assert rebuilt(data, blocks_of(data))[header_length(3) :][12 * 2 :] == data[header_length(3) :][12 * 2 :]
+
+
+def mutated(data: bytes, rng: Generator) -> bytes:
+    """Some bytes set to random or telling values; sometimes a piece repeated, moved or lost."""
+    out = bytearray(data)
+    for _ in range(int(rng.integers(1, 6))):
+        place = int(rng.integers(len(out)))
+        width = int(rng.choice([1, 1, 1, 2, 4, 8]))
+        value = [bytes(width), b"\xff" * width, b"\x80" * width, b"\x01" + bytes(width - 1), rng.bytes(width)]
+        out[place : place + width] = value[int(rng.integers(5))]
+    if rng.random() < 0.1:
+        a, b = sorted(int(n) for n in rng.integers(0, len(out), 2))
+        out[a:b] = bytes(out[a : a + (b - a) // 2]) if rng.random() < 0.5 else b""
+    return bytes(out) or b"\0"
+
+
+def survives(make: Callable[[], bytes]) -> str:
+    """Read a forged file completely; the refusal id, or ``""`` when it is readable."""
+    try:
+        read_everything(make())
+    except ScarError as error:
+        assert not isinstance(error, InvalidInput)
+        return error.refusal
+    return ""
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(LARGER))
+def test_forged_bytes_with_right_checksums_are_read_or_refused(seed: int, data: bytes) -> None:
+    """Anywhere in the file, front included: only ever our errors."""
+    forged = resealed(mutated(data, np.random.default_rng(seed)))
+    survives(lambda: forged)
+    try:
+        truncate(BytesSource(forged), 1)
+    except ScarError:
+        return
+
+
+def _forged_payload(block: Block, rng: Generator) -> bytes:
+    """A payload changed under its compression and checksums."""
+    if block.kind in (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP):
+        return compress(mutated(decompress(block.payload, MIB, "x"), rng))
+    if block.kind == BlockKind.TILE:
+        return resealed_tile(mutated(block.payload, rng))
+    return mutated(block.payload, rng)
+
+
+def forged_file(data: bytes, rng: Generator) -> bytes:
+    """A file with one or a few blocks changed, repeated in place of others, or left out."""
+    blocks = blocks_of(data)
+    for _ in range(int(rng.integers(1, 3))):
+        row = int(rng.integers(len(blocks)))
+        block = blocks[row]
+        alike = [other for other in blocks if other.kind == block.kind]
+        how = rng.random()
+        if how < 0.75:
+            blocks[row] = replace(block, payload=_forged_payload(block, rng))
+        elif how < 0.9:
+            blocks[row] = replace(block, payload=alike[int(rng.integers(len(alike)))].payload)
+        elif block.kind != BlockKind.TILE and len(blocks) > 1:
+            del blocks[row]
+    return rebuilt(data, blocks)
+
+
+@settings(deadline=None, max_examples=500)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(LARGER))
+def test_forged_blocks_in_a_sound_container_are_read_or_refused(seed: int, data: bytes) -> None:
+    """Inside compressed payloads and sub-streams too: only ever our errors."""
+    survives(lambda: forged_file(data, np.random.default_rng(seed)))
+
+
+def test_forged_blocks_reach_the_codecs() -> None:
+    """The property above is about the codecs' own refusals, not about checksums."""
+    seen = {survives(lambda seed=seed: forged_file(LARGER[seed % 8], np.random.default_rng(seed))) for seed in range(300)}
+    assert {"", "rans-seal", "missing-table", "bad-varint", "payload-short", "bad-substream-table"} <= seen
+    assert "crc-mismatch" not in seen
+    assert "directory-crc-mismatch" not in seen
+
+
+def test_forged_files_take_no_more_memory_than_sound_ones() -> None:
+    """A file of a few KiB stays within a few MiB, whatever its blocks say."""
+    worst = 0
+    for seed in range(60):
+        data = forged_file(LARGER[seed % 8], np.random.default_rng(1000 + seed))
+        tracemalloc.start()
+        survives(lambda data=data: data)
+        worst = max(worst, tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert worst < 16 * MIB
+
+
+def test_a_forged_anchor_count_is_bounded_by_the_file() -> None:
+    """Declared anchors cost memory only in proportion to the bytes that pay for them."""
+    data = LARGER[0]
+    blocks = [replace(b, count=65000) if b.kind == BlockKind.TILE and b.layer == 1 else b for b in blocks_of(data)]
+    container = Container.open(BytesSource(data))
+    assert sum(block.kind == BlockKind.TILE and block.layer == 1 for block in blocks) > 0
+    with pytest.raises(InvalidInput, match="anchor"):
+        rebuilt(data, blocks)
+    assert container.header.anchor_count == 150
