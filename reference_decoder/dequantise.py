@@ -47,17 +47,17 @@ def channel_values(values: Ints, step: Sequence[float], steps: I64) -> F32:
         step: (components) first cell widths.
         steps: (n,) ternary steps received.
     """
-    return _single(values.astype(np.float64) * cell_widths(step, steps))
+    return _single(values, cell_widths(step, steps))
 
 
 def offset_values(values: Ints, step: Sequence[float]) -> F32:
     """(n, K, 3) float32 offsets of (n, K, 3) int32: binary32(binary64(v) * step) (SPEC §9.2)."""
-    return _single(values.astype(np.float64) * np.asarray(step, np.float64))
+    return _single(values, np.asarray(step, np.float64))
 
 
-def _single(values: F64) -> F32:
-    with np.errstate(over="ignore"):  # an infinity is what rounding to binary32 prescribes
-        return values.astype(np.float32)
+def _single(values: Ints, widths: F64) -> F32:
+    with np.errstate(over="ignore", under="ignore"):  # an infinity or a zero is what rounding prescribes
+        return (values.astype(np.float64) * widths).astype(np.float32)
 
 
 def corners(lattice_bits: int, depth: NDArray[np.uint8], prefix: U64) -> F64:

@@ -16,6 +16,7 @@ from reference_decoder.bake import comments as bake_comments
 from reference_decoder.decode import Box, Decoded, Origin, iter_tiles, opened
 from reference_decoder.export_ply import ply_header, ply_rows, property_names
 from scarfmt.atomic import atomic_write
+from scarfmt.header import HeaderFields
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.reader import SceneReader
 from scarfmt.scene import F64, GaussianScene
@@ -72,40 +73,37 @@ def export_ply(
         )
 
     ply_header(0, [], comments)  # a comment that cannot be written is better refused before than after decoding
-    known = _known_size(source, layers, limits, allow_truncated) if tiles is None and box is None else None
+    fields, anchors = _facts(source, layers, limits, allow_truncated)
+    explicit = fields.profile == Profile.EXPLICIT
+    names = property_names(((fields.sh_degree if explicit else bake_degree) + 1) ** 2 - 1)
     scenes = _scenes(parts, eyes, bake_degree)
     with _target(destination, force) as target:
-        if known is None:
-            return _write_counting(scenes, target, comments)
-        target.write(ply_header(known[0], property_names(known[1]), comments))
+        if not explicit or tiles is not None or box is not None:
+            return _write_counting(scenes, target, names, comments)
+        target.write(ply_header(anchors, names, comments))
         for scene, _ in scenes:
             target.write(ply_rows(scene).data)
-        return known[0]
+        return anchors
 
 
-def _known_size(
+def _facts(
     source: Origin, layers: int | None, limits: Limits, allow_truncated: bool
-) -> tuple[int, int] | None:
-    """Gaussians in `layers` whole layers and coefficients a colour above degree 0; None where baking decides."""
+) -> tuple[HeaderFields, int]:
+    """Header fields, and anchors after `layers` layers, which the directory confirms."""
     with opened(source) as stream:
         reader = SceneReader(stream, limits=limits, allow_truncated=allow_truncated)
-        fields = reader.header.fields
-        if fields.profile != Profile.EXPLICIT:
-            return None
-        summary = reader.header.layers[reader.layer_number(layers) - 1]
-        return summary.anchor_count, (fields.sh_degree + 1) ** 2 - 1
+        return reader.header.fields, reader.header.layers[reader.layer_number(layers) - 1].anchor_count
 
 
 def _write_counting(
-    scenes: Iterator[tuple[GaussianScene, tuple[str, ...]]], target: BinaryIO, comments: Sequence[str]
+    scenes: Iterator[tuple[GaussianScene, tuple[str, ...]]], target: BinaryIO, names: list[str], comments: Sequence[str]
 ) -> int:
     """Rows go aside until their number is known, which the header must state first."""
-    count, names = 0, property_names(0)
+    count = 0
     notes: tuple[str, ...] = ()
     with tempfile.SpooledTemporaryFile(_SPOOL_BYTES) as rows:
         for scene, scene_notes in scenes:
             notes = scene_notes
-            names = property_names(scene.sh.shape[1] - 1)
             rows.write(ply_rows(scene).data)
             count += len(scene)
         target.write(ply_header(count, names, [*notes, *comments]))

@@ -12,6 +12,7 @@ from reference_encoder.attributes import Attributes, from_scene
 from reference_encoder.contexts import choose_rules
 from reference_encoder.latent import Latent, linear_latent
 from reference_encoder.lattice import Placement, place
+from reference_encoder.rdo import choose_values
 from reference_encoder.options import DEFAULT_LAYER_GAP_DB, EncodeOptions
 from reference_encoder.rvq import RvqOptions, RvqResult, quantise
 from reference_encoder.sensitivity import Sensitivity, measure, survey_cameras
@@ -42,7 +43,7 @@ _RATE_CONSTANT = 6.0
 _CHEAPEST_BITS = 40.0
 _MOST_CLASSES = 8
 # Errors of view-dependent colour agree between neighbours more than others do: they count for more.
-_REST_SHARE = 2.5
+_REST_SHARE = 1.3
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class _Effort:
     thorough_views: bool
 
 
-_EFFORT = {1: _Effort(16384, 4, 1, False), 2: _Effort(65536, 7, 2, False), 3: _Effort(262144, 12, 2, True)}
+_EFFORT = {1: _Effort(16384, 4, 1, False), 2: _Effort(65536, 7, 2, False), 3: _Effort(262144, 12, 3, True)}
 
 
 def codebook_size(anchors: int) -> int:
@@ -93,7 +94,9 @@ def encode_explicit(scene: GaussianScene, options: EncodeOptions, report: Report
                           np.bincount(classes, sensitivity.absence, count), lost, rates)
     classes = allocation.order[classes]
     values[Stream.LATENT] = latent_left
-    model, finals = _model([*plans, latent_plan], allocation.rows, values, classes)
+    if latent is not None:
+        weights[Stream.LATENT] = np.repeat(latent.weight[:, None].astype(np.float64), latent_left.shape[1], axis=1)
+    model, finals = _model([*plans, latent_plan], allocation.rows, values, weights, classes, rate)
     report("allocate", 1.0)
     fields = HeaderFields(
         Profile.EXPLICIT, degree, 1, placement.lattice.bits, placement.lattice.origin, placement.lattice.voxel,
@@ -145,7 +148,8 @@ def _position_bits(classes: I64, count: int) -> F64:
 
 
 def _model(
-    plans: list[ChannelPlan], rows: tuple[LayerRow, ...], values: dict[Stream, F64], classes: I64
+    plans: list[ChannelPlan], rows: tuple[LayerRow, ...], values: dict[Stream, F64], weights: dict[Stream, F64],
+    classes: I64, rate: float,
 ) -> tuple[SceneModel, dict[Stream, I64]]:
     """Final integers of every channel, the context rules that code them best, and the model of both."""
     finals: dict[Stream, I64] = {}
@@ -157,7 +161,8 @@ def _model(
             continue
         used.append(index)
         unit = np.array(plan.step) / 3.0 ** np.maximum(steps - 1, 0)[:, None]
-        final = np.rint(values[plan.stream] / unit).astype(np.int64) * (steps > 0)[:, None]
+        final = choose_values(values[plan.stream] / unit, weights[plan.stream] * unit**2, classes, rate)
+        final *= (steps > 0)[:, None]
         finals[plan.stream] = final
         firsts[plan.stream] = coarsen(final, np.maximum(steps - 1, 0)[:, None])
     streams = [plans[index].stream for index in used]

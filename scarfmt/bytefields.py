@@ -133,7 +133,8 @@ def decompress(frame: bytes, limit: int, field: str) -> bytes:
             raise LimitExceeded("content-limit", f"{size} bytes of content, at most {limit} allowed", field=field)
         # Checked here: zstandard applies its own window limit only when it streams.
         if parameters.window_size > MAX_ZSTD_WINDOW:
-            raise Malformed("bad-zstd", f"a window of {parameters.window_size} bytes, at most 8 MiB allowed", field=field)
+            message = f"a window of {parameters.window_size} bytes, at most 8 MiB allowed (SPEC §5.8)"
+            raise Malformed("bad-zstd", message, field=field)
         decoder = zstandard.ZstdDecompressor()
         content = decoder.decompress(frame, max_output_size=size, allow_extra_data=False)
     except zstandard.ZstdError as error:

@@ -5,6 +5,9 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from scarfmt.container import Block, Container, write_container
 from scarfmt.inspection import read_metadata
 from scarfmt.limits import DEFAULT_LIMITS, Limits
@@ -28,9 +31,14 @@ Contents = list[TileContent]
 
 def same_content(a: TileContent, b: TileContent) -> bool:
     """Whether two tiles hold the same integers, in the same types."""
-    pairs = [(a.codes, b.codes), (a.classes, b.classes), (a.indices, b.indices), (a.slot_layers, b.slot_layers)]
-    pairs += [*zip(a.values, b.values, strict=True), *zip(a.first, b.first, strict=True)]
-    return all(x.dtype == y.dtype and x.shape == y.shape and bool((x == y).all()) for x, y in pairs)
+    return all(
+        x.dtype == y.dtype and np.array_equal(x, y) for x, y in zip(arrays_of(a), arrays_of(b), strict=True)
+    )
+
+
+def arrays_of(tile: TileContent) -> list[NDArray[np.generic]]:
+    """All arrays of a tile."""
+    return [tile.codes, tile.classes, tile.indices, tile.slot_layers, *tile.values, *tile.first]
 
 
 def read_everything(data: bytes, limits: Limits = DEFAULT_LIMITS) -> Contents:
@@ -43,9 +51,8 @@ def read_everything(data: bytes, limits: Limits = DEFAULT_LIMITS) -> Contents:
 def blocks_of(data: bytes) -> list[Block]:
     """All blocks of a sound file; bytes of sub-streams are not kept apart."""
     container = Container.open(BytesSource(data))
-    return [
-        Block(e.kind, e.layer, block, e.tile, e.count, {}, e.flags) for e, block in container.read_blocks(container.entries)
-    ]
+    pairs = container.read_blocks(container.entries)
+    return [Block(e.kind, e.layer, payload, e.tile, e.count, {}, e.flags) for e, payload in pairs]
 
 
 def rebuilt(data: bytes, blocks: Iterable[Block]) -> bytes:

@@ -49,14 +49,12 @@ def test_signed_varints_come_back(value: int) -> None:
 @example(b"\xff" * 12, 63)
 def test_every_accepted_varint_is_the_one_way_to_write_it(data: bytes, bits: int) -> None:
     """Whatever the bytes: a value below 2^bits whose own encoding they are, or a refusal."""
-    reader = ByteReader(data, "x")
     try:
-        value = reader.unsigned(bits)
-    except Malformed as error:
-        assert error.refusal in ("bad-varint", "payload-short")
-    else:
-        assert value < 1 << bits
-        assert data.startswith(unsigned_varint(value))
+        value = ByteReader(data, "x").unsigned(bits)
+    except Malformed:
+        return
+    assert value < 1 << bits
+    assert data.startswith(unsigned_varint(value))
 
 
 @pytest.mark.parametrize(
@@ -201,6 +199,7 @@ def test_garbage_and_damage_raise_only_our_errors(tail: bytes, place: int, value
     good[place % len(good)] = value
     for data in (tail, good[:4] + tail, bytes(good)):
         try:
-            assert len(decompress(bytes(data), 1000, "x")) <= 1000
-        except ScarError as error:
-            assert error.refusal in ("bad-zstd", "content-limit")
+            content = decompress(bytes(data), 1000, "x")
+        except ScarError:
+            continue
+        assert 0 < len(content) <= 1000

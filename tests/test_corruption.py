@@ -5,6 +5,7 @@ from __future__ import annotations
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,15 +16,43 @@ from numpy.random import Generator
 from scene_samples import random_scene
 
 from scarfmt.bytefields import compress, decompress
-from scarfmt.container import Block, Container
-from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
+from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.codecs.mlp import Linear, Network
+from scarfmt.container import Block, Container, HeaderFields, Tile
+from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError, Truncated, Unsupported
+from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
 from scarfmt.reader import SceneReader
-from scarfmt.schema import BlockKind, Profile, header_length
+from scarfmt.schema import BlockKind, Profile, Stream, header_length
 from scarfmt.source import BytesSource
+from scarfmt.tile import TileContent, first_values
 from scarfmt.truncate import truncate
-from scarfmt.writer import write_scene
+from scarfmt.writer import QuantisedScene, write_scene
 
-SMALL = {profile: write_scene(random_scene(6, profile, anchors=6, layers=2, tiles=1)) for profile in Profile}
+
+def tiny_scene(profile: Profile) -> QuantisedScene:
+    """Two anchors with a block of every kind the profile has, in as few bytes as that takes."""
+    anchor = profile == Profile.ANCHOR
+    channels = [Channel(Stream.SCALE, (0.5,), (ContextRule(False),))]
+    if anchor:
+        channels.append(Channel(Stream.OFFSETS, (0.1,), (ContextRule(False),)))
+    row = LayerRow((1,), ((1,) * len(channels),))
+    model = SceneModel(profile, 2 if anchor else 1, tuple(channels), (row,))
+    content = TileContent.empty(model, 2)
+    content.codes[:] = 3, 9
+    content.values[0][:, 0] = 4, -7
+    content.indices[:, 0] = 1, 0
+    if anchor:
+        content.slot_layers[:] = [[1, 0], [1, 1]]
+        content.values[1][:, :, 0] = [[2, 0], [-1, 5]]
+    content.first = first_values(model, content)
+    net = Network((Linear.quantised(np.ones((1, 1)), np.zeros(1)),))
+    fields = HeaderFields(profile, 0, model.slots, 4, (0.0, 0.0, 0.0), 1.0, 2)
+    books = Codebooks(np.array([[0], [1]]), np.zeros((0, 1), np.int64))
+    nets = (net,) * 3 if anchor else ()
+    return QuantisedScene(fields, model, (Tile(1, 0, 0),), (content,), books, net, nets, {"a": 1})
+
+
+SMALL = {profile: write_scene(tiny_scene(profile)) for profile in Profile}
 LARGER = [write_scene(random_scene(seed, p, anchors=150, layers=3, tiles=2)) for seed in range(4) for p in Profile]
 MIB = 1 << 20
 
@@ -106,15 +135,15 @@ def mutated(data: bytes, rng: Generator) -> bytes:
 
 def survives(make: Callable[[], bytes]) -> str:
     """Read a forged file completely; the refusal id, or ``""`` when it is readable."""
+    data = make()
     try:
-        read_everything(make())
-    except ScarError as error:
-        assert not isinstance(error, InvalidInput)
+        read_everything(data)
+    except (Malformed, Unsupported, LimitExceeded) as error:
         return error.refusal
     return ""
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=200)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(LARGER))
 def test_forged_bytes_with_right_checksums_are_read_or_refused(seed: int, data: bytes) -> None:
     """Anywhere in the file, front included: only ever our errors."""
@@ -152,7 +181,7 @@ def forged_file(data: bytes, rng: Generator) -> bytes:
     return rebuilt(data, blocks)
 
 
-@settings(deadline=None, max_examples=500)
+@settings(deadline=None, max_examples=200)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(LARGER))
 def test_forged_blocks_in_a_sound_container_are_read_or_refused(seed: int, data: bytes) -> None:
     """Inside compressed payloads and sub-streams too: only ever our errors."""
@@ -161,19 +190,19 @@ def test_forged_blocks_in_a_sound_container_are_read_or_refused(seed: int, data:
 
 def test_forged_blocks_reach_the_codecs() -> None:
     """The property above is about the codecs' own refusals, not about checksums."""
-    seen = {survives(lambda seed=seed: forged_file(LARGER[seed % 8], np.random.default_rng(seed))) for seed in range(300)}
+    seen = {survives(partial(forged_file, LARGER[seed % 8], np.random.default_rng(seed))) for seed in range(150)}
     assert {"", "rans-seal", "missing-table", "bad-varint", "payload-short", "bad-substream-table"} <= seen
     assert "crc-mismatch" not in seen
     assert "directory-crc-mismatch" not in seen
 
 
 def test_forged_files_take_no_more_memory_than_sound_ones() -> None:
-    """A file of a few KiB stays within a few MiB, whatever its blocks say."""
+    """Random changes to the blocks of a file of a few KiB do not make it ask for more than a few MiB."""
     worst = 0
-    for seed in range(60):
+    for seed in range(40):
         data = forged_file(LARGER[seed % 8], np.random.default_rng(1000 + seed))
         tracemalloc.start()
-        survives(lambda data=data: data)
+        survives(partial(bytes, data))
         worst = max(worst, tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert worst < 16 * MIB

@@ -29,8 +29,8 @@ def test_codes_are_the_definition_and_come_back(points: list[tuple[int, int, int
 @pytest.mark.parametrize("kind", [np.uint8, np.int16, np.uint32, np.int64, np.uint64])
 def test_codes_do_not_depend_on_the_integer_type(kind: type) -> None:
     """Narrow coordinates do not lose their high bits on the way."""
-    coordinates = np.array([[127, 0, 1], [5, 99, 64]], kind)
-    assert interleave(coordinates).tolist() == [by_definition(tuple(row)) for row in coordinates.tolist()]
+    points = [(127, 0, 1), (5, 99, 64)]
+    assert interleave(np.array(points).astype(kind)).tolist() == list(map(by_definition, points))
 
 
 @given(st.lists(st.integers(0, (1 << 63) - 1), max_size=20))

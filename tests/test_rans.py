@@ -79,7 +79,12 @@ def test_both_decoders_agree_on_garbage_and_accept_only_canonical_streams(
 @pytest.mark.parametrize("decoder", [RansDecoder, PureRansDecoder])
 @pytest.mark.parametrize(
     ("data", "refusal"),
-    [(b"\0", "rans-length"), (b"12345", "rans-length"), (bytes(4), "rans-last-word"), (b"1234\0\0\0\0", "rans-last-word")],
+    [
+        (b"\0", "rans-length"),
+        (b"12345", "rans-length"),
+        (bytes(4), "rans-last-word"),
+        (b"1234\0\0\0\0", "rans-last-word"),
+    ],
 )
 def test_streams_that_are_not_words_are_refused(decoder: type, data: bytes, refusal: str) -> None:
     """Both decoders refuse before decoding, for the same reason."""

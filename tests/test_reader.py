@@ -25,8 +25,8 @@ from scarfmt.truncate import truncate
 from scarfmt.writer import QuantisedScene, keep_layers, write_scene
 
 
-def opened(data: bytes, **options: bool) -> SceneReader:
-    return SceneReader(BytesSource(data), **options)
+def opened(data: bytes, *, allow_truncated: bool = False) -> SceneReader:
+    return SceneReader(BytesSource(data), allow_truncated=allow_truncated)
 
 
 @settings(deadline=None, max_examples=25)
@@ -168,8 +168,8 @@ def _network(inputs: int) -> Network:
     return Network((Linear.quantised(np.ones((3, inputs)), np.zeros(3)),))
 
 
-def _books(*numbers: int, dimension: int) -> bytes:
-    return pack_codebooks({number: np.ones((20, dimension), np.int64) for number in numbers})
+def _books(*numbers: int, dimension: int, size: int = 20) -> bytes:
+    return pack_codebooks({number: np.ones((size, dimension), np.int64) for number in numbers})
 
 
 def _dimension() -> int:
@@ -181,7 +181,7 @@ BAD_MODELS = {
     "wrong book": (BlockKind.CODEBOOKS, lambda _: _books(1, dimension=_dimension()), "bad-codebook"),
     "both books, then one again": (BlockKind.CODEBOOKS, lambda _: _books(0, 1, dimension=_dimension()), "bad-codebook"),
     "other dimension": (BlockKind.CODEBOOKS, lambda _: _books(0, dimension=_dimension() + 1), "bad-"),
-    "small book": (BlockKind.CODEBOOKS, lambda _: pack_codebooks({0: np.ones((1, _dimension()), np.int64)}), "bad-index"),
+    "small book": (BlockKind.CODEBOOKS, lambda _: _books(0, dimension=_dimension(), size=1), "bad-index"),
     "narrow decoder": (BlockKind.DECODER_MLP, lambda _: pack_networks((_network(_dimension() - 1),)), "bad-mlp"),
     "two decoders": (BlockKind.DECODER_MLP, lambda _: pack_networks((_network(_dimension()),) * 2), "bad-mlp"),
     "no decoder": (BlockKind.DECODER_MLP, lambda _: pack_networks(()), "bad-mlp"),

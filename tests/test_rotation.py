@@ -51,7 +51,8 @@ def _axis_aligned() -> F64:
     half = np.sqrt(0.5)
     turns = [[1, 0, 0, 0], [half, half, 0, 0], [half, 0, half, 0], [half, 0, 0, half], [0.5, 0.5, 0.5, 0.5]]
     signed = np.array(turns)[:, None, :] * np.array(np.meshgrid(*[[1, -1]] * 4)).reshape(4, -1).T[None]
-    return signed.reshape(-1, 4)
+    rows: F64 = signed.reshape(-1, 4)
+    return rows
 
 
 def _equator(count: int = 400) -> F64:
@@ -76,7 +77,12 @@ CASES = {
     "largest binary64": np.array([[1.7e308, 1.7e308, -1.7e308, 1.7e308]]),
     "mixed magnitudes": np.array([[1e30, 1e-30, 1, 0], [1e-30, 0, 0, 1], [0, 1e30, 1e30, 1e-30]]),
 }
-SCALES = {"distinct": [-1.0, -3.0, -2.0], "two equal": [-2.0, -1.0, -2.0], "all equal": [0.5, 0.5, 0.5]}
+SCALES = {
+    "descending": [-1.0, -2.0, -3.0],
+    "mixed order": [-1.0, -3.0, -2.0],
+    "two equal": [-2.0, -1.0, -2.0],
+    "all equal": [0.5, 0.5, 0.5],
+}
 
 
 @pytest.mark.parametrize("scales", SCALES)
@@ -85,6 +91,14 @@ def test_degenerate_orientations_keep_their_covariance(name: str, scales: str) -
     """Quaternions of no length or extreme length, equal scales, normals where the hemisphere flips."""
     quaternions = CASES[name]
     assert relative_error(np.tile(SCALES[scales], (len(quaternions), 1)), quaternions) < 1e-12
+
+
+def test_the_equator_is_the_equator() -> None:
+    """The cases above lay the shortest axis where they say, on both sides of the seam of the hemisphere."""
+    _, axes = sort_axes(np.tile(SCALES["descending"], (400, 1)), _equator())
+    assert float(np.abs(axes[:, 2, 2]).max()) < 1e-15
+    assert bool((axes[:, 2, 2] < 0).any())
+    assert bool((axes[:, 2, 2] >= 0).any())
 
 
 @given(st.integers(0, 2**32 - 1))

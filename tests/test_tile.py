@@ -165,4 +165,5 @@ def test_joining_tiles_keeps_both() -> None:
     both = a.extended(b)
     assert len(both) == 60
     assert both.codes.tolist() == a.codes.tolist() + b.codes.tolist()
-    assert [v.tolist() for v in both.values] == [x.tolist() + y.tolist() for x, y in zip(a.values, b.values, strict=True)]
+    for joined, x, y in zip(both.values, a.values, b.values, strict=True):
+        assert joined.tolist() == x.tolist() + y.tolist()

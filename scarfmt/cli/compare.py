@@ -108,7 +108,7 @@ def _with_photos(subject: Subject, request: Request) -> Comparison:
 
 
 def _compare_layers(a: str, layers_a: int | None, b: str, request: Request, report: Report) -> list[dict[str, Any]]:
-    """One row per layer of B that has arrived: layer, bytes, bytes per anchor, PSNR, SSIM."""
+    """One row per layer of B that has arrived: layer, bytes, also per Gaussian, PSNR, SSIM."""
     from scarfmt.cli.scenes import layer_table, load_subject
 
     first = load_subject(a, layers_a).remembering()
@@ -123,6 +123,7 @@ def _compare_layers(a: str, layers_a: int | None, b: str, request: Request, repo
             {
                 "layer": layer["layer"],
                 "bytes": layer["end_offset"],
+                "bytes_per_source": layer["bytes_per_source"],
                 "bytes_per_anchor": layer["bytes_per_anchor"],
                 "mean_psnr_db": result.mean_psnr_db,
                 "mean_ssim": result.mean_ssim,
@@ -162,6 +163,5 @@ def _print_layers(a: str, b: str, rows: list[dict[str, Any]], as_json: bool) -> 
         return
     click.echo("layer         bytes  bytes/Gaussian  PSNR dB    SSIM")
     for row in rows:
-        each = row["bytes_per_anchor"] or float("nan")
-        line = f"{row['layer']:>5}  {row['bytes']:>12,}  {each:>14.2f}"
+        line = f"{row['layer']:>5}  {row['bytes']:>12,}  {row['bytes_per_source']:>14.2f}"
         click.echo(f"{line}  {row['mean_psnr_db']:>7.2f}  {row['mean_ssim']:>6.4f}")

@@ -4,22 +4,16 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from scarfmt.cli.failures import requires_extra
 from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output
 
 if TYPE_CHECKING:
     from reference_decoder.decode import Decoded
-    from scarfmt.scene import AnchorModel, GaussianScene
+    from scarfmt.scene import F64
     from scarfmt.source import ByteSource
-
-    Bake = Callable[[AnchorModel], tuple[GaussianScene, tuple[str, ...]]]
-
-BAKED_SH_DEGREE = 2
 
 ATTRIBUTE_NAMES = ("positions", "scales", "rotations", "opacity", "colour", "latents", "offsets")
 ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTE_NAMES)}."
@@ -86,7 +80,6 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--stats", is_flag=True, help="Tell bytes read and time taken, on stderr.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
-@requires_extra("encode")
 def decode(
     input_: str,
     output: str,
@@ -116,56 +109,57 @@ def decode(
         raise click.UsageError("--attributes needs an .npz output: a PLY holds all of them")
     start = time.perf_counter()
     with open_output(output, force) as target, open_input(input_) as source:
-        decoded = _decode(source, wanted)
-        _write(decoded, target, extension, _bake_with(cameras) if bake else None)
-        _print_summary(decoded, source, time.perf_counter() - start, stats, quiet)
+        if extension == ".ply":
+            done = _write_ply(source, target, bake, cameras, wanted)
+        else:
+            done = _write_npz(source, target, wanted)
+        if not quiet:
+            click.echo(done, err=True)
+        if stats:
+            _print_stats(source, time.perf_counter() - start)
 
 
-def _decode(source: ByteSource, wanted: dict[str, Any]) -> Decoded:
-    from reference_decoder.decode import decode
+def _write_ply(source: ByteSource, target: BinaryIO, bake: bool, cameras: str | None, wanted: dict[str, Any]) -> str:
+    """Write a PLY tile by tile; returns what was written, for people."""
+    from reference_decoder.stream_ply import export_ply
+    from scarfmt.container import read_header
+    from scarfmt.schema import Profile
 
-    return decode(source, **wanted)
+    header = read_header(source, allow_truncated=True)
+    if header.fields.profile == Profile.ANCHOR and not bake:
+        raise click.UsageError("an anchor model has no fixed Gaussians: decode to .npz, or give --bake")
+    options = {name: value for name, value in wanted.items() if name != "attributes"}
+    count = export_ply(source, target, eyes=_eyes(cameras), **options)
+    return f"{count:,} Gaussians"
 
 
-def _write(decoded: Decoded, target: BinaryIO, extension: str, bake: Bake | None) -> None:
-    from reference_decoder.decode import ATTRIBUTES
-    from reference_decoder.export_ply import write_inria_ply
+def _eyes(cameras: str | None) -> F64 | None:
+    """(E, 3) camera centres of a list, to bake for."""
+    if cameras is None:
+        return None
+    import numpy as np
+
+    from scarfmt.render.camera import load_cameras
+
+    return np.array([camera.centre for camera in load_cameras(cameras)]).reshape(-1, 3)
+
+
+def _write_npz(source: ByteSource, target: BinaryIO, wanted: dict[str, Any]) -> str:
+    """Write the arrays of a scene, or of some attributes; returns what was written, for people."""
+    import numpy as np
+
+    from reference_decoder.decode import ATTRIBUTES, decode
     from reference_encoder.importers import save_anchor_npz
     from scarfmt.scene import AnchorModel
 
+    decoded = decode(source, **wanted)
     if decoded.attributes != frozenset(ATTRIBUTES):
-        _write_arrays(_attribute_arrays(decoded), target)
-        return
-    scene = decoded.scene
-    comments: tuple[str, ...] = ()
-    if bake is not None and isinstance(scene, AnchorModel):
-        scene, comments = bake(scene)
-    if isinstance(scene, AnchorModel):
-        if extension == ".ply":
-            raise click.UsageError("an anchor model has no fixed Gaussians: decode to .npz, or give --bake")
-        save_anchor_npz(scene, target)
-    elif extension == ".ply":
-        write_inria_ply(scene, target, comments=comments)
+        np.savez(target, **_attribute_arrays(decoded))
+    elif isinstance(decoded.scene, AnchorModel):
+        save_anchor_npz(decoded.scene, target)
     else:
-        _write_arrays(vars(scene), target)
-
-
-def _bake_with(cameras: str | None) -> Bake:
-    """A function that bakes a model for the cameras of that list, or for eyes all round."""
-
-    def act(model: AnchorModel) -> tuple[GaussianScene, tuple[str, ...]]:
-        import numpy as np
-
-        from reference_decoder.bake import bake, comments, default_eyes
-
-        eyes = default_eyes(model.anchors)
-        if cameras is not None:
-            from scarfmt.render.camera import load_cameras
-
-            eyes = np.array([camera.centre for camera in load_cameras(cameras)])
-        return bake(model, eyes, BAKED_SH_DEGREE), comments(len(eyes), BAKED_SH_DEGREE)
-
-    return act
+        np.savez(target, **vars(decoded.scene))
+    return f"{len(decoded):,} anchors of {decoded.layers} layers"
 
 
 def _attribute_arrays(decoded: Decoded) -> dict[str, Any]:
@@ -183,17 +177,7 @@ def _attribute_arrays(decoded: Decoded) -> dict[str, Any]:
     return arrays
 
 
-def _write_arrays(arrays: dict[str, Any], target: BinaryIO) -> None:
-    import numpy as np
-
-    np.savez(target, **arrays)
-
-
-def _print_summary(decoded: Decoded, source: ByteSource, seconds: float, stats: bool, quiet: bool) -> None:
-    if not quiet:
-        click.echo(f"{len(decoded):,} anchors of {decoded.layers} layers", err=True)
-    if stats:
-        part = 100 * source.bytes_read / source.size if source.size else 0.0
-        read = f"{source.bytes_read:,} of {source.size:,} bytes read ({part:.1f} %), {source.reads} reads"
-        click.echo(read, err=True)
-        click.echo(f"{seconds:.2f} s, {len(decoded) / seconds:,.0f} anchors/s", err=True)
+def _print_stats(source: ByteSource, seconds: float) -> None:
+    part = 100 * source.bytes_read / source.size if source.size else 0.0
+    click.echo(f"{source.bytes_read:,} of {source.size:,} bytes read ({part:.1f} %) in {source.reads} reads", err=True)
+    click.echo(f"{seconds:.2f} s", err=True)

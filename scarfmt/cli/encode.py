@@ -120,8 +120,9 @@ def _print_summary(data: bytes) -> None:
 
     report = inspection.inspect(BytesSource(data))
     unit = "anchor" if report["profile"] == "anchor" else "Gaussian"
-    click.echo(f"{report['source_count']:,} {unit}s in, {report['anchors']:,} kept", err=True)
+    count, size = report["source_count"], report["file_bytes"]
+    click.echo(f"{count:,} {unit}s in, {report['anchors']:,} kept", err=True)
+    click.echo(f"{size:,} bytes, {size / count:.2f} per {unit} of the input", err=True)
     for layer in report["layers"]:
-        each = layer["end_offset"] / layer["anchors"] if layer["anchors"] else 0.0
         line = f"layer {layer['layer']}: {layer['end_offset']:>12,} bytes  {layer['anchors']:>10,} {unit}s"
-        click.echo(f"{line}  {each:6.2f} bytes per {unit}", err=True)
+        click.echo(f"{line}  {layer['end_offset'] / count:6.2f} bytes per {unit} of the input", err=True)

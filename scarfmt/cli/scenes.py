@@ -81,6 +81,8 @@ def is_scar(name: str) -> bool:
 def layer_table(name: str) -> list[dict[str, Any]]:
     """The layers of a .scar file that have arrived whole, as :func:`scarfmt.inspection.inspect` tells them.
 
+    Each also has `bytes_per_source`: bytes up to and with that layer per Gaussian (or anchor) of the encoder's input.
+
     Raises:
         click.UsageError: another kind of file.
         ScarError: the file is refused.
@@ -91,8 +93,9 @@ def layer_table(name: str) -> list[dict[str, Any]]:
         raise click.UsageError(f"{name} is not a .scar file: it has no layers")
     with open_input(name) as source:
         report = inspection.inspect(source)
-    rows: list[dict[str, Any]] = report["layers"][: report["layers_available"]]
-    return rows
+    count = report["source_count"] or report["anchors"] or 1
+    rows = report["layers"][: report["layers_available"]]
+    return [{**row, "bytes_per_source": row["end_offset"] / count} for row in rows]
 
 
 def load_subject(name: str, layers: int | None = None) -> Subject:

@@ -77,13 +77,14 @@ def test_a_cut_file_needs_leave(run: Run, explicit_scar: Path, tmp_path: Path) -
     assert "truncated-file" in refused.stderr
     allowed = run("decode", "-", tmp_path / "a.ply", "--allow-truncated", input=cut)
     assert allowed.exit_code == 0
-    assert "2 layers" in allowed.stderr
+    expected = decode_file(cut, allow_truncated=True)
+    assert expected.layers == 2
+    assert len(load(tmp_path / "a.ply")) == len(expected)
 
 
 def test_stats_tell_that_little_was_read(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
     result = run("decode", explicit_scar, tmp_path / "a.ply", "--layers", 1, "--stats")
-    assert f"of {explicit_scar.stat().st_size:,} bytes read" in result.stderr
-    assert "anchors/s" in result.stderr
+    assert f" of {explicit_scar.stat().st_size:,} bytes read" in result.stderr
 
 
 @pytest.fixture(scope="module")

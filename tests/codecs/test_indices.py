@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from codec_samples import Recorder, emitting, reader_of, refuses
@@ -53,7 +55,7 @@ def test_each_stage_has_its_book(stage: int, sizes: tuple[int, int]) -> None:
     """Stage 1 the coarse one, later ones the residual one."""
     assert read(stage, 19, sizes) == 19
     for symbol in (20, -1, 65536, 2**31 - 1):
-        refuses("bad-index", lambda symbol=symbol: read(stage, symbol, sizes))
+        refuses("bad-index", partial(read, stage, symbol, sizes))
 
 
 def test_an_empty_book_has_no_index() -> None:

@@ -59,7 +59,8 @@ def test_the_extremes_of_both_widths_come_back(extreme: int) -> None:
 
 
 def block(*layers: bytes, networks: int = 1, count: int | None = None) -> bytes:
-    return compress(unsigned_varint(networks) + unsigned_varint(len(layers) if count is None else count) + b"".join(layers))
+    counts = unsigned_varint(networks) + unsigned_varint(len(layers) if count is None else count)
+    return compress(counts + b"".join(layers))
 
 
 def layer(rows: int, columns: int, width: int = 1, scale: float = 1.0, bias: float = 0.0) -> bytes:

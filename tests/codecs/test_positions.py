@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -68,7 +69,8 @@ def clustered(seed: int, count: int, bits: int) -> NDArray[np.int64]:
     which = rng.integers(0, 6, count)
     flat = (rng.normal(size=(count, 2))[:, :, None] * axes[which]).sum(1)
     points = centre[which] + flat + rng.normal(size=(count, 3)) * 0.001
-    return np.clip((points * (1 << bits)).astype(np.int64), 0, (1 << bits) - 1)
+    cells: NDArray[np.int64] = np.clip((points * (1 << bits)).astype(np.int64), 0, (1 << bits) - 1)
+    return cells
 
 
 @pytest.mark.parametrize(
@@ -147,7 +149,7 @@ def test_cost_on_real_scenes_is_below_that_of_an_octree(shared_data: Path, name:
         points = np.floor((positions - positions.min(0)) / ((high - low).max() / 2**core)).astype(np.int64)
         bits = int(points.max()).bit_length()
         codes = np.sort(interleave(points))
-        ours = cost_bits(lambda emitter, codes=codes, bits=bits: put_positions(emitter, codes, bits))
+        ours = cost_bits(partial(put_positions, codes=codes, bits=bits))
         octree = sum(map(entropy_bits, occupancies(codes, bits)))
         assert ours <= octree + entropy_bits(multiplicities(codes))
         if len(np.unique(codes)) > 0.99 * len(codes):
