@@ -41,6 +41,8 @@ def check_models(fields: HeaderFields, models: SceneModels) -> None:
         features = network.inputs if models.decoder is None else models.decoder.outputs
         if len(network.layers) != 2 or (models.decoder and network.inputs - features not in (3, 4)):
             raise _bad(f"a network of {len(network.layers)} layers and {network.inputs} inputs", "scene_mlps")
+    if len({network.inputs for network in models.scene_mlps}) > 1:
+        raise _bad("the three networks take different inputs", "scene_mlps")
 
 
 def network_coefficients(sh_degree: int, model: SceneModel) -> int:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.sensitivity import Sensitivity
 from scarfmt.codecs.channels import coarsen
 from scarfmt.model import MAX_CLASSES, MAX_STEPS, LayerRow
 from scarfmt.schema import Stream

@@ -69,5 +69,3 @@ def _sources(channel: int, component: int, firsts: Sequence[I64], streams: Seque
             shift = max(0, int(high - low + 1).bit_length() - 4)
             rules += [ContextRule(flag, source, part, low, shift) for flag in (False, True)]
     return rules
-
-

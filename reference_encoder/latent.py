@@ -16,8 +16,9 @@ from scarfmt.codecs.mlp import Linear, Network
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
-MAX_DIMENSIONS = 32
+MAX_DIMENSIONS = 48
 _CODEWORD_RANGE = 120.0
+_DECODER_BITS = 12
 
 
 @dataclass(frozen=True)
@@ -37,28 +38,38 @@ class Latent:
     lost: F64
 
 
-def linear_latent(vectors: F32, weight: F64, tolerance: float) -> Latent | None:
+def linear_latent(vectors: F32, weight: F64, tolerance: float, metric: F64 | None = None) -> Latent | None:
     """Weighted KLT of (N, D) `vectors`; None when nothing in them is worth sending.
 
     Args:
         weight: (N,) squared picture error per squared unit.
         tolerance: total squared picture error that may be dropped with dimensions.
+        metric: (D, D) positive definite: an error e counts weight * e^T metric e. With a metric the vectors
+            are also centred, their mean becoming the decoder's bias; without, it is the identity.
     """
     x = vectors.astype(np.float64)
-    total = (x * weight[:, None]).T @ x
-    energy, basis = np.linalg.eigh(total)
+    centre, root, inverse = np.zeros(x.shape[1]), np.eye(x.shape[1]), np.eye(x.shape[1])
+    if metric is not None:
+        centre = (weight @ x) / max(float(weight.sum()), 1e-300)
+        root, inverse = _roots(metric)
+    x = (x - centre) @ root
+    energy, basis = np.linalg.eigh((x * weight[:, None]).T @ x)
     energy, basis = energy[::-1], basis[:, ::-1]
     left = np.concatenate([np.cumsum(energy[::-1])[::-1], [0.0]])
     keep = min(int(np.argmax(left <= tolerance)), MAX_DIMENSIONS)
     if keep == 0:
         return None
     basis = basis[:, :keep] * np.sign(basis[np.abs(basis).argmax(axis=0), np.arange(basis.shape[1])])[:keep]
-    decoder_basis = Linear.quantised(basis, np.zeros(len(basis)), bits=12)
     z = x @ basis
     # The lattice is fine against what the most visible anchors can tell, coarse enough for short codewords.
-    unit = float(np.percentile(np.abs(z), 99.9)) / _CODEWORD_RANGE
-    unit = max(unit, 1e-12)
-    scales = (decoder_basis.scales * np.float32(unit)).astype(np.float32)
-    decoder = Network((Linear(decoder_basis.weights, scales, decoder_basis.biases),))
+    unit = max(float(np.percentile(np.abs(z), 99.9)) / _CODEWORD_RANGE, 1e-12)
+    decoder = Network((Linear.quantised(inverse @ basis * unit, centre, bits=_DECODER_BITS),))
     lost = weight * np.maximum((x * x).sum(1) - (z * z).sum(1), 0.0)
     return Latent((z / unit).astype(np.float32), (weight * unit * unit).astype(np.float32), decoder, lost)
+
+
+def _roots(metric: F64) -> tuple[F64, F64]:
+    """Symmetric square root of `metric` and its inverse, with a floor under the eigenvalues."""
+    values, vectors = np.linalg.eigh(metric)
+    values = np.sqrt(np.maximum(values, float(values.max()) * 1e-6))
+    return (vectors * values) @ vectors.T, (vectors / values) @ vectors.T

@@ -48,3 +48,23 @@ class EncodeOptions:
             raise InvalidInput("input-options", f"effort {self.effort} is not 1, 2 or 3", field="effort")
         if not 1 <= self.layers <= MAX_LAYERS:
             raise InvalidInput("input-options", f"{self.layers} layers: 1..{MAX_LAYERS} are possible", field="layers")
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What an effort level means.
+
+    Attributes:
+        sample: vectors the codebooks are trained on.
+        epochs: passes over them.
+        stages: RVQ stages tried.
+        thorough_views: twice the survey views.
+    """
+
+    sample: int
+    epochs: int
+    stages: int
+    thorough_views: bool
+
+
+EFFORTS = {1: Effort(16384, 4, 1, False), 2: Effort(65536, 7, 2, False), 3: Effort(262144, 12, 3, True)}

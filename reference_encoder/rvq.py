@@ -25,6 +25,8 @@ _DECAY = 0.8
 _STALE = 1.0
 # A code that nobody uses is not free: this many virtual uses keep its price finite.
 _PRIOR = 0.02
+# A dimension of a codebook spans at most 16 bits (SPEC §7.8).
+_FARTHEST = 32767
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ class _Coster:
         self.bits = -torch.log2(mixed / mixed.sum(1, keepdim=True))
 
 
-def _assign(
+def assign(
     x: torch.Tensor, weight: torch.Tensor, classes: torch.Tensor, book: torch.Tensor, bits: torch.Tensor, rate: float
 ) -> torch.Tensor:
     """(n,) codes minimising weight * |x - e|^2 + rate * bits, with (classes, codes) `bits`."""
@@ -97,18 +99,24 @@ def _assign(
 
 
 def _train(
-    x: torch.Tensor, weight: torch.Tensor, classes: torch.Tensor, options: RvqOptions, generator: torch.Generator
+    x: torch.Tensor,
+    weight: torch.Tensor,
+    classes: torch.Tensor,
+    options: RvqOptions,
+    generator: torch.Generator,
+    start: torch.Tensor | None,
 ) -> tuple[torch.Tensor, _Coster]:
     """A codebook (n, d) for the vectors `x`: k-means start, then EMA batches with stale-code replacement."""
-    importance = (weight * (x * x).sum(1)).sqrt() + 1e-20
-    start = torch.multinomial(importance, min(options.codewords, len(x)), generator=generator)
-    book = x[start].clone()
+    if start is None:
+        importance = (weight * (x * x).sum(1)).sqrt() + 1e-20
+        start = x[torch.multinomial(importance, min(options.codewords, len(x)), generator=generator)]
+    book = start.clone()
     book[0] = 0
     coster = _Coster(len(book), int(classes.max()) + 1)
     mass = torch.zeros(len(book))
     total = torch.zeros_like(book)
     for epoch in range(options.epochs):
-        codes = _assign(x, weight, classes, book, coster.bits, options.rate if epoch else 0.0)
+        codes = assign(x, weight, classes, book, coster.bits, options.rate if epoch else 0.0)
         uses = torch.bincount(codes, minlength=len(book)).float()
         keep = _DECAY if epoch > 1 else 0.0
         mass = keep * mass + torch.zeros(len(book)).index_add_(0, codes, weight)
@@ -138,6 +146,7 @@ def quantise(
     classes: I64,
     options: RvqOptions,
     report: Callable[[float], None] = lambda _fraction: None,
+    start: tuple[F32, F32] | None = None,
 ) -> RvqResult:
     """Codebooks and indices for (N, d) `latents`, in units of the codeword lattice.
 
@@ -146,6 +155,8 @@ def quantise(
         weight: (N,) float32 importance of a squared unit of error.
         classes: (N,) class of each anchor; the price of a code depends on it.
         report: told the fraction done.
+        start: (n, d) coarse and residual codewords to start from, row 0 of each free to become the zero
+            vector; without it, a k-means start. With no epochs they are used as they are.
     """
     generator = torch.Generator().manual_seed(options.seed)
     residual, w, kinds = torch.from_numpy(latents).clone(), torch.from_numpy(weight), torch.from_numpy(classes)
@@ -158,11 +169,12 @@ def quantise(
         if stage < 2:
             copies = 2 if stage == 1 and options.stages > 2 else 1
             pool, heavy, kind = _pooled(residual[chosen], w[chosen], kinds[chosen], copies)
-            book, coster = _train(pool, heavy, kind, options, generator)
-            book = torch.round(book)
+            first = None if start is None else torch.from_numpy(start[stage])
+            book, coster = _train(pool, heavy, kind, options, generator, first)
+            book = torch.round(book).clamp_(-_FARTHEST, _FARTHEST)
             books.append(book)
         coster = _settled(residual[chosen], w[chosen], kinds[chosen], book, coster, options)
-        code = _assign(residual, w, kinds, book, coster.bits, options.rate)
+        code = assign(residual, w, kinds, book, coster.bits, options.rate)
         residual = residual - book[code]
         codes.append(code)
         bits.append(coster.bits[kinds, code])
@@ -176,7 +188,7 @@ def _settled(
 ) -> _Coster:
     """Code prices that agree with the choices they cause (two rounds on the sample)."""
     for _ in range(2):
-        coster.update(_assign(x, w, kinds, book, coster.bits, options.rate), kinds)
+        coster.update(assign(x, w, kinds, book, coster.bits, options.rate), kinds)
     return coster
 
 

@@ -183,7 +183,7 @@ def _check_header_bytes(head: bytes) -> bytes:
     if not header_length(1) <= length <= header_length(MAX_LAYERS) or (length - header_length(0)) % LAYER_SUMMARY_SIZE:
         raise Malformed(
             "bad-header-length",
-            f"{length} is not 104 + 128 * layers for 1..{MAX_LAYERS} layers",
+            f"{length} is not 104 + 136 * layers for 1..{MAX_LAYERS} layers",
             offset=12,
             field="header_length",
         )
@@ -305,7 +305,7 @@ def _header_from(raw: Any, data: bytes) -> Header:
 
 
 def read_header(source: ByteSource, *, limits: Limits = DEFAULT_LIMITS, allow_truncated: bool = False) -> Header:
-    """The checked header of a file: one read of at most 2152 bytes, whatever the file's size.
+    """The checked header of a file: one read of at most 2280 bytes, whatever the file's size.
 
     Args:
         source: the file.

@@ -1,6 +1,6 @@
 """What a file holds, told from its header alone (SPEC §5.2): counts, layers, and where the bytes go.
 
-One read of at most 2152 bytes answers, whatever the file's size; only METADATA needs the directory.
+One read of at most 2280 bytes answers, whatever the file's size; only METADATA needs the directory.
 """
 
 from __future__ import annotations

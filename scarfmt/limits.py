@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 MAX_LAYERS = 16
-"""More refinements than any scene uses; keeps the header below 2.2 KiB, so that one small read shows a whole file."""
+"""More refinements than any scene uses; keeps the header below 2.3 KiB, so that one small read shows a whole file."""
 
 MAX_SLOTS = 32
 """Scaffold-GS uses 10."""

@@ -165,6 +165,9 @@ class SceneModel:
         for row in self.layers:
             check_row(row, before, len(self.channels))
             before = row
+            offsets = [i for i, channel in enumerate(self.channels) if channel.stream == Stream.OFFSETS]
+            if any(steps[index] != 1 for steps in row.steps for index in offsets):
+                raise Malformed("bad-layer-table", "offsets travel in exactly one step (SPEC §6.5)", field="layer")
 
 
 def _padded(rows: object) -> I64:
@@ -184,6 +187,8 @@ def check_channels(channels: tuple[Channel, ...], profile: Profile) -> None:
             raise Malformed("bad-channel", f"channel {channel.stream.name}: bad step or size (SPEC §6.4)", field="channels")
         for component, rule in enumerate(channel.rules):
             if rule.source_channel == NO_SOURCE:
+                if (rule.source_component, rule.low, rule.shift) != (0, 0, 0):
+                    raise Malformed("bad-channel", "a rule without a source has no parameters (SPEC §8.4)", field="channels")
                 continue
             earlier = (rule.source_channel, rule.source_component) < (index, component)
             if not earlier or rule.source_component >= channels[rule.source_channel].components or rule.shift > 31:

@@ -20,14 +20,15 @@ from scarfmt.codecs.codebooks import Codebooks, unpack_codebooks
 from scarfmt.codecs.layer import unpack_layer
 from scarfmt.codecs.mlp import Network, unpack_networks
 from scarfmt.container import Container, Entry
+from scarfmt.directory import block_name
 from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.model import Channel, Lattice, LayerRow, SceneModel
-from scarfmt.schema import BlockKind, Stream
+from scarfmt.schema import BlockKind, Profile, Stream
 from scarfmt.source import ByteSource
-from scarfmt.substreams import MAX_TABLE_SIZE, check_substream, unpack_table
+from scarfmt.substreams import MAX_TABLE_SIZE, Substream, check_substream, unpack_table
 from scarfmt.symbols import SymbolReader, SymbolTable, TableKey, unpack_tables
-from scarfmt.tile import TileContent, get_layer, needed_channels
+from scarfmt.tile import TileContent, coded_streams, get_layer, needed_channels
 from scarfmt.writer import first_layers, local_bits
 
 ALL_STREAMS = frozenset(Stream) - {Stream.MODELS, Stream.FRAMING}
@@ -123,9 +124,23 @@ class SceneReader:
             tables.append({**(tables[-1] if tables else {}), **(new or {})})
         model = SceneModel(fields.profile, fields.slots, channels, tuple(rows))
         model.check()
+        self._refuse_unexpected(model)
         books, decoder = self._latent_models(model)
         mlps = self._block(BlockKind.SCENE_MLP, 1, unpack_networks) or ()
         return SceneModels(model, tuple(tables), books, decoder, mlps)
+
+    def _refuse_unexpected(self, model: SceneModel) -> None:
+        """A model block no layer needs would be read by one decoder and skipped by another (SPEC §7.8-7.9)."""
+        coarse, residual, decoder = first_layers(model)
+        needed = {(BlockKind.CODEBOOKS, coarse), (BlockKind.CODEBOOKS, residual), (BlockKind.DECODER_MLP, decoder)}
+        if model.profile == Profile.ANCHOR:
+            needed.add((BlockKind.SCENE_MLP, 1))
+        for layer in range(1, len(model.layers) + 1):
+            for kind in (BlockKind.CODEBOOKS, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP):
+                entry = self.container.find(kind, layer)
+                if entry is not None and (kind, layer) not in needed:
+                    message = "nothing first needs this block in its layer (SPEC §7.8-7.9)"
+                    raise Malformed("unexpected-block", message, offset=entry.offset, field=block_name(entry))
 
     def _latent_models(self, model: SceneModel) -> tuple[Codebooks | None, Network | None]:
         starts = first_layers(model)
@@ -212,10 +227,13 @@ class SceneReader:
         wanted |= {channel.stream for channel, needed in zip(model.channels, need, strict=True) if needed}
         if set(streams) >= ALL_STREAMS:
             block = self.container.read_block(entry)
-            table = _placed(entry, lambda: unpack_table(block, len(block)))
-            return {kind: block[part.start : part.start + part.length] for kind, part in table.items()}
+            table = _placed(entry, lambda: _table_of(block, entry, model))
+            return {
+                kind: _placed(entry, lambda kind=kind, part=part: check_substream(kind, part, _cut(block, part)))
+                for kind, part in table.items()
+            }
         head = self.container.read_range(entry, 0, min(entry.length, MAX_TABLE_SIZE))
-        table = _placed(entry, lambda: unpack_table(head, entry.length))
+        table = _placed(entry, lambda: _table_of(head, entry, model))
         out = {}
         for kind in wanted & set(table):
             part = table[kind]
@@ -241,6 +259,20 @@ class _Bound:
         return get_layer(
             self.model, self.layer, self.bits, self.content, self.new, self.open_stream, self.streams, self.sizes
         )
+
+
+def _table_of(head: bytes, entry: Entry, model: SceneModel) -> dict[Stream, Substream]:
+    """The sub-stream table of a TILE block, of which nothing may go unread."""
+    table = unpack_table(head, entry.length)
+    idle = set(table) - coded_streams(model, entry.count)
+    if idle:
+        message = f"sub-stream {min(idle).name} codes nothing in this block (SPEC §7.1)"
+        raise Malformed("bad-substream-table", message, field="substreams")
+    return table
+
+
+def _cut(block: bytes, part: Substream) -> bytes:
+    return block[part.start : part.start + part.length]
 
 
 def _opener(parts: dict[Stream, bytes], tables: dict[TableKey, SymbolTable]) -> Callable[[Stream], SymbolReader]:

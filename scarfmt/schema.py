@@ -4,7 +4,7 @@ All integers are little-endian and unsigned, floats are IEEE 754 binary64, struc
 A file is, in this order and with nothing between or after:
 
 1. `FILE_HEADER` (100 bytes; its first 12 are the signature and version),
-2. `LAYER_SUMMARY` x layer_count (128 bytes each),
+2. `LAYER_SUMMARY` x layer_count (136 bytes each),
 3. `HEADER_CHECKSUM` (4 bytes): CRC-32 of all bytes before it,
 4. `TILE_RECORD` x tile_count (12 bytes each), strictly ascending by Morton range, the cubes disjoint,
 5. `DIRECTORY_ENTRY` x entry_count (32 bytes each), strictly ascending by (layer, kind, tile),
@@ -131,7 +131,7 @@ FILE_HEADER: Any = Struct(
     "major" / Int8ul * "Version, major: 0. Another major is another format",
     "minor" / Int8ul * "Version, minor: 1. While major is 0, another minor is another format",
     "version_reserved" / Int8ul * "0",
-    "header_length" / Int32ul * "Bytes from the signature through header_crc32: 104 + 128 * layer_count",
+    "header_length" / Int32ul * "Bytes from the signature through header_crc32: 104 + 136 * layer_count",
     "file_length" / Int64ul * "Bytes of the whole file, below 2^53",
     "profile" / Int8ul * "Profile: 0 explicit, 1 anchor",
     "sh_degree" / Int8ul * "Degree of the decoded spherical harmonics, 0..3; 0 in the anchor profile",

@@ -149,6 +149,14 @@ def needed_channels(model: SceneModel, wanted: Collection[Stream]) -> list[bool]
     return need
 
 
+def coded_streams(model: SceneModel, new: int) -> set[Stream]:
+    """Sub-streams that may have bytes in a TILE block in which `new` anchors appear (SPEC §7.1)."""
+    streams = {Stream.INDICES, *(channel.stream for channel in model.channels)}
+    if new:
+        streams |= {Stream.POSITIONS, Stream.CLASSES}
+    return streams | ({Stream.MASKS} if model.profile == Profile.ANCHOR else set())
+
+
 def get_layer(
     model: SceneModel,
     layer: int,

@@ -29,10 +29,11 @@ def test_the_documented_sizes_are_the_real_ones() -> None:
     sizes = {name: structure.sizeof() for name, structure in STRUCTURES.items()}
     assert sizes == {
         "FILE_HEADER": 100,
-        "LAYER_SUMMARY": 128,
+        "LAYER_SUMMARY": 136,
         "HEADER_CHECKSUM": 4,
         "TILE_RECORD": 12,
         "DIRECTORY_ENTRY": 32,
+        "SUBSTREAM_RECORD": 9,
     }
     assert len(SIGNATURE) == 9
     assert header_length(3) == FILE_HEADER_SIZE + 3 * LAYER_SUMMARY_SIZE + 4

@@ -70,9 +70,7 @@ def load(source: Source) -> AnchorModel:
         )
 
 
-def save_anchor_npz(
-    model: AnchorModel, destination: str | PathLike[str] | BinaryIO, *, force: bool = False
-) -> None:
+def save_anchor_npz(model: AnchorModel, destination: str | PathLike[str] | BinaryIO, *, force: bool = False) -> None:
     """Write the layout above, compressed. Positions become float32 where that loses nothing, else stay float64.
 
     Args:

@@ -1,0 +1,134 @@
+"""From decisions to a :class:`QuantisedScene`: what both profiles share (encoder side)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reference_encoder.allocate import ChannelPlan, LatentChain, plan_channel
+from reference_encoder.contexts import choose_rules
+from reference_encoder.latent import Latent
+from reference_encoder.lattice import Placement
+from reference_encoder.options import DEFAULT_LAYER_GAP_DB, EncodeOptions
+from reference_encoder.rdo import choose_values
+from reference_encoder.rvq import RvqResult
+from scarfmt.codecs.channels import coarsen
+from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.model import Channel, LayerRow, SceneModel
+from scarfmt.schema import Profile, Stream
+from scarfmt.tile import TileContent, first_values
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+LATENT_STEP = 81.0
+"""First-cell width of the latent channel, in codeword lattice units."""
+
+
+def codebook_size(anchors: int) -> int:
+    """Codewords that pay for themselves: about one per 150 anchors, 16..1024."""
+    return int(2 ** np.clip(np.round(np.log2(max(anchors, 1) / 150)), 4, 10))
+
+
+def layer_rates(rate: float, options: EncodeOptions) -> list[float]:
+    """Lambda of each layer: the last is `rate`, each before it `DEFAULT_LAYER_GAP_DB` coarser."""
+    return [rate * 10 ** (DEFAULT_LAYER_GAP_DB / 10 * k) for k in range(options.layers - 1, -1, -1)]
+
+
+def latent_chain(
+    latent: Latent | None, rvq: RvqResult | None, classes: I64, count: int
+) -> tuple[LatentChain, ChannelPlan, F64]:
+    """What the latent can receive, the plan of its channel, and what the RVQ leaves for that channel."""
+    if latent is None or rvq is None:
+        none = np.zeros((count, 1))
+        return LatentChain(0, none, none), ChannelPlan(Stream.LATENT, (1.0,), none, none), np.zeros((len(classes), 1))
+    error = np.stack([np.bincount(classes, row, count) for row in rvq.distortion], axis=1)
+    bits = np.concatenate([np.zeros((1, len(classes))), np.cumsum(rvq.bits, axis=0)])
+    bits = np.stack([np.bincount(classes, row, count) for row in bits], axis=1)
+    stages = len(rvq.bits)
+    received = np.full(len(classes), stages)
+    left = latent.values.astype(np.float64) - Codebooks(rvq.coarse, rvq.residual).latents(rvq.indices, received)
+    step = (LATENT_STEP,) * left.shape[1]
+    plan = plan_channel(Stream.LATENT, left, step, latent.weight[:, None].astype(np.float64), classes, count)
+    chain = LatentChain(
+        stages,
+        np.concatenate([bits, bits[:, -1:] + plan.bits[:, 1:]], axis=1),
+        np.concatenate([error, plan.error[:, 1:]], axis=1),
+    )
+    return chain, plan, left
+
+
+def position_bits(classes: I64, count: int) -> F64:
+    """Bits of base positions and labels per class: about what the split coder spends on a dense surface."""
+    return np.bincount(classes, minlength=count) * 10.0
+
+
+def build_model(
+    profile: Profile,
+    slots: int,
+    plans: Sequence[ChannelPlan],
+    rows: Sequence[LayerRow],
+    values: Mapping[Stream, F64],
+    weights: Mapping[Stream, F64],
+    classes: I64,
+    rate: float,
+) -> tuple[SceneModel, dict[Stream, I64]]:
+    """The model of `rows`, and the final integers of every channel that any class receives.
+
+    Args:
+        plans: channels in coding order.
+        values, weights: (N, components) attribute values and sensitivities per channel.
+        classes: (N,) final class numbers.
+        rate: lambda of the last layer.
+    """
+    finals: dict[Stream, I64] = {}
+    firsts: dict[Stream, I64] = {}
+    used: list[int] = []
+    for index, plan in enumerate(plans):
+        steps = np.array([row[index] for row in rows[-1].steps])[classes]
+        if not steps.any():
+            continue
+        used.append(index)
+        unit = np.array(plan.step) / 3.0 ** np.maximum(steps - 1, 0)[:, None]
+        final = choose_values(values[plan.stream] / unit, weights[plan.stream] * unit**2, classes, rate)
+        final *= (steps > 0)[:, None]
+        finals[plan.stream] = final
+        firsts[plan.stream] = coarsen(final, np.maximum(steps - 1, 0)[:, None])
+    streams = [plans[index].stream for index in used]
+    rules = choose_rules(streams, [firsts[s] for s in streams], classes)
+    channels = tuple(
+        Channel(plans[index].stream, plans[index].step, rule) for index, rule in zip(used, rules, strict=True)
+    )
+    kept_rows = tuple(LayerRow(row.stages, tuple(tuple(s[i] for i in used) for s in row.steps)) for row in rows)
+    return SceneModel(profile, slots, channels, kept_rows), finals
+
+
+def tile_contents(
+    model: SceneModel,
+    placement: Placement,
+    classes: I64,
+    finals: dict[Stream, I64],
+    rvq: RvqResult | None,
+    slot_layers: I64 | None = None,
+) -> tuple[TileContent, ...]:
+    """Tile contents in normative order (SPEC §6.3)."""
+    appears = np.searchsorted([row.class_count for row in model.layers], classes, side="right")
+    order = np.lexsort((classes, placement.codes, appears, placement.tile))
+    edges = np.cumsum(np.bincount(placement.tile, minlength=len(placement.tiles)))[:-1]
+    last, stages = len(model.layers), model.max_stages
+    received = model.stages(last, classes)
+    contents = []
+    for here in np.split(order, edges):
+        content = TileContent.empty(model, len(here))
+        content.codes, content.classes = placement.codes[here], classes[here]
+        content.values = [finals[channel.stream][here].astype(np.int32) for channel in model.channels]
+        if rvq is not None and stages:
+            chosen = rvq.indices[here, :stages]
+            content.indices = np.where(np.arange(stages) < received[here, None], chosen, 0).astype(np.int16)
+        if slot_layers is not None:
+            content.slot_layers = slot_layers[here]
+        content.first = first_values(model, content)
+        contents.append(content)
+    return tuple(contents)
