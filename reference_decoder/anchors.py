@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from reference_decoder.explicit import CHUNK, network_outputs, opacity_logits
 from scarfmt.codecs.mlp import Network
-from scarfmt.errors import InvalidInput, Malformed
+from scarfmt.errors import InvalidInput
 from scarfmt.reader import SceneModels
 from scarfmt.scene import F32, F64, AnchorModel, GaussianScene, Mlp
 from scarfmt.schema import Stream
@@ -63,12 +63,8 @@ def decoded_model(
         stages: (N,) int64 stages received.
         dtype: of the features: float32, or float64 for the reference.
 
-    Raises:
-        Malformed: ``missing-block`` when the layers decoded hold no latent decoder: there are no features yet.
     """
-    if models.decoder is None:
-        message = "the anchor profile needs a latent decoder, which these layers do not hold (SPEC §9.6)"
-        raise Malformed("missing-block", message, field="decoder")
+    assert models.decoder is not None  # layer 1 of the anchor profile has one (SPEC §6.5)
     features: NDArray[Any] = np.zeros((len(positions), models.decoder.outputs), dtype)
     for first in range(0, len(positions), CHUNK):
         rows = slice(first, first + CHUNK)

@@ -7,24 +7,25 @@ asked for, the values are those that decoding the whole file gives.
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder import explicit
 from reference_decoder.anchors import decoded_model
-from reference_decoder.dequantise import cell_widths, channel_values, latents, offset_values, positions, tile_boxes
-from reference_decoder.requirements import check_models
+from reference_decoder.dequantise import channel_values, latents, offset_values, positions, tile_boxes
+from scarfmt.codecs.channels import cell_widths
 from scarfmt.errors import InvalidInput
 from scarfmt.header import HeaderFields
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.reader import ALL_STREAMS, SceneModels, SceneReader
 from scarfmt.scene import F32, F64, AnchorModel, GaussianScene
-from scarfmt.schema import Profile, Stream
+from scarfmt.schema import BlockKind, Profile, Stream
 from scarfmt.source import ByteSource, open_source
 from scarfmt.tile import TileContent
 
@@ -119,23 +120,41 @@ class Decoded:
         degree = self.fields.sh_degree
         return explicit.gaussians(at, self.values, self.models, degree, indices, self.stages, dtype)
 
-    def _decoded(self, name: str, values: NDArray | None) -> NDArray:  # type: ignore[type-arg]
+    def _decoded(self, name: str, values: NDArray[Any] | None) -> NDArray[Any]:
         if values is None:
             raise InvalidInput("input-attributes", f"{name} were left out of this decode", field="attributes")
         return values
 
     def take(self, index: NDArray[np.generic]) -> Decoded:
         """The anchors at `index` (integer or boolean, as numpy indexing), in that order."""
+        return self._mapped(lambda array: array[index])
+
+    def resized(self, count: int) -> Decoded:
+        """The first `count` anchors in arrays of their own; what is not there yet is undefined."""
+
+        def resize(array: NDArray[Any]) -> NDArray[Any]:
+            out = np.empty((count, *array.shape[1:]), array.dtype)
+            out[: len(array)] = array[:count]
+            return out
+
+        return self._mapped(resize)
+
+    def arrays(self) -> list[NDArray[Any]]:
+        """All arrays that were decoded, always in the same order."""
+        optional = [array for array in (self.positions, self.indices) if array is not None]
+        return [self.tiles, self.classes, *optional, *self.values.values(), self.slots]
+
+    def _mapped(self, act: Callable[[NDArray[Any]], NDArray[Any]]) -> Decoded:
         return Decoded(
             self.fields,
             self.models,
             self.attributes,
-            self.tiles[index],
-            self.classes[index],
-            None if self.positions is None else self.positions[index],
-            {stream: values[index] for stream, values in self.values.items()},
-            None if self.indices is None else self.indices[index],
-            self.slots[index],
+            act(self.tiles),
+            act(self.classes),
+            None if self.positions is None else act(self.positions),
+            {stream: act(values) for stream, values in self.values.items()},
+            None if self.indices is None else act(self.indices),
+            act(self.slots),
         )
 
 
@@ -170,7 +189,7 @@ def decode(
     """
     with opened(source) as stream:
         request = _Request(stream, layers, tiles, box, attributes, limits, threads, allow_truncated)
-        return _joined(list(request.parts()), request.empty)
+        return _joined(request.parts(), request.empty, request.most_anchors)
 
 
 def iter_tiles(
@@ -221,16 +240,12 @@ class _Request:
         self.reader = SceneReader(source, limits=limits, allow_truncated=allow_truncated)
         self.threads = threads
         self.models = self.reader.models(layers)
-        check_models(self.reader.header.fields, self.models)
         self.tiles = self._chosen(tiles)
 
     def _chosen(self, tiles: Sequence[int] | None) -> list[int]:
-        count = self.reader.header.tile_count
-        chosen = range(count) if tiles is None else tiles
-        if any(not 0 <= tile < count for tile in chosen):
-            raise InvalidInput("input-tiles", f"tile indices must be 0..{count - 1}", field="tiles")
+        chosen = self.reader.check_tiles(tiles)
         if self.box is None:
-            return list(chosen)
+            return chosen
         low, high = tile_boxes(self.reader.lattice, self.reader.container.tile_table)
         meets = np.asarray(((low <= self.box[1]) & (high >= self.box[0])).all(axis=1))
         return [tile for tile in chosen if meets[tile]]
@@ -248,6 +263,15 @@ class _Request:
     def empty(self) -> Decoded:
         """No anchors, with arrays of the right shapes."""
         return self._part(-1, TileContent.empty(self.models.model))
+
+    @property
+    def most_anchors(self) -> int:
+        """Anchors of the tiles asked for: as many as are decoded, unless a box leaves some out."""
+        rows = self.reader.container.directory
+        counted = (rows["kind"] == BlockKind.TILE) & (rows["layer"] <= len(self.models.model.layers))
+        counts = np.zeros(self.reader.header.tile_count, np.int64)
+        np.add.at(counts, rows["tile"][counted], rows["count"][counted])
+        return int(counts[self.tiles].sum())
 
     def parts(self) -> Iterator[Decoded]:
         """What was asked for, a tile at a time; never an empty part."""
@@ -309,21 +333,19 @@ def _corners(box: Box) -> tuple[F64, F64]:
     return low, high
 
 
-def _joined(parts: list[Decoded], empty: Decoded) -> Decoded:
-    """All parts as one, in order."""
-    parts = parts or [empty]
+def _joined(parts: Iterator[Decoded], empty: Decoded, count: int) -> Decoded:
+    """All parts as one, in order.
 
-    def join(arrays: list[NDArray]) -> NDArray:  # type: ignore[type-arg]
-        return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
-
-    return Decoded(
-        empty.fields,
-        empty.models,
-        empty.attributes,
-        join([part.tiles for part in parts]),
-        join([part.classes for part in parts]),
-        None if empty.positions is None else join([part.positions for part in parts if part.positions is not None]),
-        {stream: join([part.values[stream] for part in parts]) for stream in empty.values},
-        None if empty.indices is None else join([part.indices for part in parts if part.indices is not None]),
-        join([part.slots for part in parts]),
-    )
+    Args:
+        parts: made while they are joined, so that no two copies of a scene are in memory.
+        empty: no anchors, with the right types.
+        count: most anchors the parts can have.
+    """
+    whole = empty.resized(count)
+    filled = 0
+    for part in parts:
+        rows = slice(filled, filled + len(part))
+        for target, source in zip(whole.arrays(), part.arrays(), strict=True):
+            target[rows] = source
+        filled += len(part)
+    return whole if filled == count else whole.resized(filled)

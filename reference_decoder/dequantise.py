@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.codecs.channels import REACH, cell_widths
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.directory import Table, Tile
 from scarfmt.errors import Malformed
-from scarfmt.model import MAX_STEPS, Lattice
+from scarfmt.model import Lattice
 from scarfmt.morton import deinterleave
 
 F32 = NDArray[np.float32]
@@ -22,21 +23,6 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 U64 = NDArray[np.uint64]
 Ints = NDArray[np.integer[Any]]
-
-REACH = 1.0
-"""Largest magnitude of a position residual, in cells of 2^shift voxels: it bounds where a tile's anchors can be."""
-
-
-def cell_widths(step: Sequence[float], steps: I64) -> F64:
-    """(n, components) float64: step / 3^(n - 1) for each anchor's number of steps n; 0 where n is 0 (SPEC §9.2).
-
-    Args:
-        step: (components) first cell widths.
-        steps: (n,) ternary steps received, 0..20.
-    """
-    table = np.zeros((MAX_STEPS + 1, len(step)))
-    table[1:] = np.asarray(step, np.float64) / np.power(3.0, np.arange(MAX_STEPS))[:, None]
-    return table[steps]
 
 
 def channel_values(values: Ints, step: Sequence[float], steps: I64) -> F32:

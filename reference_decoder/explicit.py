@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.dequantise import latents
-from reference_decoder.requirements import network_coefficients
 from scarfmt.reader import SceneModels
+from scarfmt.requirements import network_coefficients
 from scarfmt.rotation import quaternion_from
 from scarfmt.scene import F32, F64, GaussianScene
 from scarfmt.schema import Stream

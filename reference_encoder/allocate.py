@@ -8,6 +8,7 @@ are taken along the lower convex hull, so that a smaller lambda never takes anyt
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,11 +20,13 @@ from scarfmt.schema import Stream
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
+PositionBits = Callable[[float], F64]
 
 _FINEST = 9
 """Ternary steps looked at beyond which nothing ever paid (3^8 = 6561 cells across the first one)."""
 TABLE_ENTRY_BITS = 8.0
 _SAMPLE = 12_000
+_STAGGER = 3.0**0.5
 _IMPORTANCE_RATIO = 9.0
 """Squared-error ratio between neighbouring classes: one ternary step."""
 
@@ -87,6 +90,35 @@ def entropy_bits(symbols: I64, contexts: I64) -> float:
         counts = amounts.astype(np.float64)
         totals = np.bincount(kinds // span, counts)[kinds // span]
     return float((counts * np.log2(totals / counts)).sum()) + TABLE_ENTRY_BITS * len(counts)
+
+
+def aligned_steps(
+    caps: tuple[float, ...], sensitivity: F64, classes: I64, count: int, rate: float
+) -> tuple[float, ...]:
+    """First-cell widths, near `caps`, whose ternary refinements hit the step that pays at `rate`.
+
+    At high rate the best step of a value of sensitivity S is sqrt(6 * rate / (ln 2 * S)). Classes lie one
+    ternary step apart, so one phase serves them all; a wrong phase costs up to 1.6 times the error or
+    0.7 bits a value.
+
+    Args:
+        caps: coarsest useful width per component; the result is within a factor sqrt(3) of it.
+        sensitivity: (N, components).
+    """
+    sizes = np.bincount(classes, minlength=count).astype(np.float64)
+    steps = []
+    for component, cap in enumerate(caps):
+        mean = np.bincount(classes, sensitivity[:, component], count) / np.maximum(sizes, 1)
+        useful = (mean > 0) & (sizes > 0)
+        if not useful.any():
+            steps.append(cap)
+            continue
+        best = np.log(np.sqrt(6 * rate / np.log(2) / mean[useful])) / np.log(3)
+        turn = np.average(np.exp(2j * np.pi * best), weights=sizes[useful])
+        phase = float(np.angle(turn)) / (2 * np.pi)
+        whole = np.round(np.log(cap) / np.log(3) - phase)
+        steps.append(float(3.0 ** (whole + phase)))
+    return tuple(steps)
 
 
 def plan_channel(
@@ -188,7 +220,7 @@ class Allocation:
 def allocate(
     plans: list[ChannelPlan],
     latent: LatentChain,
-    position_bits: F64,
+    position_bits: PositionBits,
     absence: F64,
     lost: float,
     rates: list[float],
@@ -198,30 +230,27 @@ def allocate(
     Args:
         plans: channels in coding order.
         latent: RVQ stages, then steps of the latent channel.
-        position_bits: (classes,) bits of the base positions and class labels.
+        position_bits: lambda -> (classes,) bits of positions, labels and whatever else presence costs.
         absence: (classes,) error of leaving the class out.
         lost: error of the anchors dropped for good.
         rates: lambda per layer.
     """
-    count = len(position_bits)
+    count = len(absence)
     chosen: list[list[tuple[int, ...] | None]] = []
     errors, spent = [], []
     present = np.zeros(count, bool)
     for number, rate in enumerate(rates):
         row: list[tuple[int, ...] | None] = []
+        fixed = position_bits(rate)
         error, cost = lost, 0.0
         for kind in range(count):
-            picks = [_pick(plan, kind, rate) for plan in plans]
-            link = hull_choice(latent.bits[kind], latent.error[kind], rate)
-            stages, latent_steps = min(link, latent.stages), max(link - latent.stages, 0)
-            e = sum(plan.error[kind, n] for plan, n in zip(plans, picks, strict=True)) + latent.error[kind, link]
-            b = position_bits[kind] + latent.bits[kind, link]
-            b += sum(plan.bits[kind, n] for plan, n in zip(plans, picks, strict=True))
+            entry, e, b = _increment(plans, latent, kind, rate, rates[-1])
+            b += fixed[kind]
             first = kind == 0 and number == 0
             last = number == len(rates) - 1
             if present[kind] or first or last or e + rate * b < absence[kind]:
                 present[kind] = True
-                row.append((stages, *picks, latent_steps))
+                row.append(entry)
                 error, cost = error + e, cost + b
             else:
                 row.append(None)
@@ -230,6 +259,61 @@ def allocate(
         errors.append(float(error))
         spent.append(float(cost))
     return _numbered(chosen, errors, spent)
+
+
+def base_rate(
+    plans: list[ChannelPlan],
+    latent: LatentChain,
+    position_bits: PositionBits,
+    absence: F64,
+    model_bits: float,
+    last: float,
+    share: float,
+) -> float:
+    """The smallest lambda, at least `last`, whose layer alone takes at most `share` of the bits at `last`.
+
+    Args:
+        model_bits: bits of codebooks and networks, which the first layer carries too.
+        last: lambda of the last layer.
+    """
+
+    def spend(rate: float) -> float:
+        fixed = position_bits(rate)
+        kinds = len(fixed)
+        chosen = [_increment(plans, latent, kind, rate, last) for kind in range(kinds)]
+        shown = [
+            fixed[kind] + bits
+            for kind, (_, error, bits) in enumerate(chosen)
+            if kind == 0 or error + rate * (bits + fixed[kind]) < absence[kind]
+        ]
+        return float(sum(shown)) + model_bits
+
+    budget, rate = share * spend(last), last
+    for _ in range(80):
+        if spend(rate) <= budget:
+            break
+        rate *= 1.25
+    return rate
+
+
+def _increment(
+    plans: list[ChannelPlan], latent: LatentChain, kind: int, rate: float, last: float
+) -> tuple[tuple[int, ...], float, float]:
+    """(stages, steps per plan, latent steps), error left and bits of one class at `rate`.
+
+    Aligned steps would all refine at the same lambda, one layer gaining everything and the next nothing. So
+    in layers before the last, every other channel of every other class goes half a step early or late.
+    """
+
+    def staggered(number: int) -> float:
+        return max(rate * (_STAGGER if (kind + number) % 2 else 1 / _STAGGER), last)
+
+    picks = [_pick(plan, kind, staggered(number)) for number, plan in enumerate(plans)]
+    link = hull_choice(latent.bits[kind], latent.error[kind], staggered(len(plans)))
+    error = latent.error[kind, link] + sum(plan.error[kind, n] for plan, n in zip(plans, picks, strict=True))
+    bits = latent.bits[kind, link] + sum(plan.bits[kind, n] for plan, n in zip(plans, picks, strict=True))
+    entry = (min(link, latent.stages), *picks, max(link - latent.stages, 0))
+    return entry, float(error), float(bits)
 
 
 def _pick(plan: ChannelPlan, kind: int, rate: float) -> int:

@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.allocate import allocate, classify, plan_channel
+from reference_encoder.allocate import aligned_steps, allocate, base_rate, classify, plan_channel
 from reference_encoder.anchor_sensitivity import AnchorSensitivity, measure_anchors
 from reference_encoder.assemble import (
     build_model,
     codebook_size,
+    final_rate,
     latent_chain,
     layer_rates,
+    model_bits,
     position_bits,
     tile_contents,
 )
@@ -39,15 +41,16 @@ Mask = NDArray[np.bool_]
 
 _NETWORKS = ("opacity", "cov", "color")
 _MLP_BITS = 10
-_FIRST_STEP: dict[Stream, tuple[float, ...]] = {
+_COARSEST_STEP: dict[Stream, tuple[float, ...]] = {
     Stream.POSITION_RESIDUAL: (1 / 3,) * 3,
     Stream.SCALE: (0.9,) * 6,
 }
-_RATE_CONSTANT = 3.0
 _ANCHOR_BITS = 60.0
 _SLOT_BITS = 14.0
 _MOST_CLASSES = 7
 _MOST_VIEWS = 24
+# Masks, offsets and networks make the first layer hard to predict: this gives it about a quarter of the bytes.
+_BASE_SHARE = 0.36
 
 
 def encode_anchors(model: AnchorModel, options: EncodeOptions, report: Report) -> QuantisedScene:
@@ -60,7 +63,7 @@ def encode_anchors(model: AnchorModel, options: EncodeOptions, report: Report) -
         raise InvalidInput("input-anchors", f"networks {sorted(model.mlps)}: opacity, cov and color are needed")
     source_count = len(model)
     seen = measure_anchors(model, _cameras(model, options), options.seed, lambda f: report("visibility", f))
-    rate = 10 ** (-options.quality / 10) / (_RATE_CONSTANT * source_count * model.slots)
+    rate = final_rate(options, source_count)
     slots = seen.shape * ABSENCE_FACTOR > rate * _SLOT_BITS
     importance = (seen.shape * slots).sum(axis=1) * ABSENCE_FACTOR
     classes, count = classify(importance, rate, _ANCHOR_BITS, _MOST_CLASSES)
@@ -128,11 +131,20 @@ def _encode(job: _Job, lost: float, importance: F64, source_count: int, report: 
         Stream.POSITION_RESIDUAL: np.repeat((place_weight * placement.cell**2)[:, None], 3, axis=1),
         Stream.SCALE: _scale_weight(job),
     }
-    plans = [plan_channel(s, values[s], _FIRST_STEP[s], weights[s], classes, count) for s in values]
-    chain, latent_plan, left = latent_chain(latent, rvq, classes, count)
-    base = position_bits(classes, count) + np.bincount(classes, job.slots.sum(axis=1) * _SLOT_BITS, count)
-    rates = layer_rates(rate, job.options)
-    absence = np.bincount(classes, importance, count)
+    plans = [
+        plan_channel(s, values[s], aligned_steps(caps, weights[s], classes, count, rate), weights[s], classes, count)
+        for s, caps in _COARSEST_STEP.items()
+    ]
+    chain, latent_plan, left = latent_chain(latent, rvq, classes, count, rate)
+    fixed = position_bits(classes, count)
+    gain = seen.shape * ABSENCE_FACTOR * job.slots
+
+    def base(at: float) -> F64:
+        return fixed + _SLOT_BITS * np.bincount(classes, (gain > at * _SLOT_BITS).sum(axis=1), count)
+
+    absence = np.bincount(classes, importance, count).astype(np.float64)
+    first = base_rate(plans, chain, base, absence, model_bits(rvq, latent), rate, _BASE_SHARE)
+    rates = layer_rates(rate, first, job.options.layers)
     allocation = allocate(plans, chain, base, absence, lost, rates)
     values[Stream.LATENT] = left
     weights[Stream.LATENT] = np.repeat(latent.weight[:, None].astype(np.float64), left.shape[1], axis=1)

@@ -44,7 +44,7 @@ class AnchorSensitivity:
     @property
     def feature(self) -> F64:
         """(N,) weight of each anchor's feature."""
-        return (self.shape + self.colour).sum(axis=1)
+        return np.asarray((self.shape + self.colour).sum(axis=1))
 
 
 def _tensors(model: AnchorModel) -> dict[str, list[torch.Tensor]]:

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.allocate import ChannelPlan, LatentChain, plan_channel
+from reference_encoder.allocate import ChannelPlan, LatentChain, aligned_steps, plan_channel
 from reference_encoder.contexts import choose_rules
 from reference_encoder.latent import Latent
 from reference_encoder.lattice import Placement
-from reference_encoder.options import DEFAULT_LAYER_GAP_DB, EncodeOptions
+from reference_encoder.options import EncodeOptions
 from reference_encoder.rdo import choose_values
 from reference_encoder.rvq import RvqResult
 from scarfmt.codecs.channels import coarsen
@@ -24,7 +24,10 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 LATENT_STEP = 81.0
-"""First-cell width of the latent channel, in codeword lattice units."""
+"""Coarsest cell of the latent channel, in codeword lattice units."""
+BASE_SHARE = 0.27
+"""Share of the bits that the first layer may take."""
+_RATE_OFFSET_DB, _RATE_QUALITY, _RATE_SLOPE = 60.0, 42.0, 0.82
 
 
 def codebook_size(anchors: int) -> int:
@@ -32,13 +35,32 @@ def codebook_size(anchors: int) -> int:
     return int(2 ** np.clip(np.round(np.log2(max(anchors, 1) / 150)), 4, 10))
 
 
-def layer_rates(rate: float, options: EncodeOptions) -> list[float]:
-    """Lambda of each layer: the last is `rate`, each before it `DEFAULT_LAYER_GAP_DB` coarser."""
-    return [rate * 10 ** (DEFAULT_LAYER_GAP_DB / 10 * k) for k in range(options.layers - 1, -1, -1)]
+def final_rate(options: EncodeOptions, gaussians: int) -> float:
+    """Lambda of the last layer: squared picture error per bit that gives about `options.quality` dB.
+
+    Measured on the real scenes (docs/decisions/0004-rate-constant.md).
+    """
+    return 10 ** (-(_RATE_OFFSET_DB + (options.quality - _RATE_QUALITY) / _RATE_SLOPE) / 10) / max(gaussians, 1)
+
+
+def layer_rates(last: float, first: float, layers: int) -> list[float]:
+    """Lambdas falling geometrically from `first` to `last`; a single layer has the last."""
+    if layers == 1:
+        return [last]
+    return [float(rate) for rate in np.geomspace(first, last, layers)]
+
+
+def model_bits(rvq: RvqResult | None, latent: Latent | None) -> float:
+    """About what codebooks and decoder cost."""
+    if rvq is None or latent is None:
+        return 0.0
+    words = (len(rvq.coarse) + len(rvq.residual)) * int(rvq.coarse.shape[1])
+    weights = sum(int(layer.weights.size) for layer in latent.decoder.layers)
+    return 6.0 * words + 12.0 * weights
 
 
 def latent_chain(
-    latent: Latent | None, rvq: RvqResult | None, classes: I64, count: int
+    latent: Latent | None, rvq: RvqResult | None, classes: I64, count: int, rate: float
 ) -> tuple[LatentChain, ChannelPlan, F64]:
     """What the latent can receive, the plan of its channel, and what the RVQ leaves for that channel."""
     if latent is None or rvq is None:
@@ -50,8 +72,9 @@ def latent_chain(
     stages = len(rvq.bits)
     received = np.full(len(classes), stages)
     left = latent.values.astype(np.float64) - Codebooks(rvq.coarse, rvq.residual).latents(rvq.indices, received)
-    step = (LATENT_STEP,) * left.shape[1]
-    plan = plan_channel(Stream.LATENT, left, step, latent.weight[:, None].astype(np.float64), classes, count)
+    weight = latent.weight[:, None].astype(np.float64)
+    step = aligned_steps((LATENT_STEP,), weight, classes, count, rate) * left.shape[1]
+    plan = plan_channel(Stream.LATENT, left, step, weight, classes, count)
     chain = LatentChain(
         stages,
         np.concatenate([bits, bits[:, -1:] + plan.bits[:, 1:]], axis=1),
@@ -61,8 +84,8 @@ def latent_chain(
 
 
 def position_bits(classes: I64, count: int) -> F64:
-    """Bits of base positions and labels per class: about what the split coder spends on a dense surface."""
-    return np.bincount(classes, minlength=count) * 10.0
+    """(classes,) bits of base positions and labels: about what the split coder spends on a dense surface."""
+    return 10.0 * np.bincount(classes, minlength=count).astype(np.float64)
 
 
 def build_model(

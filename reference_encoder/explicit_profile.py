@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.allocate import allocate, classify, plan_channel
+from reference_encoder.allocate import aligned_steps, allocate, base_rate, classify, plan_channel
 from reference_encoder.assemble import (
+    BASE_SHARE,
     build_model,
     codebook_size,
+    final_rate,
     latent_chain,
     layer_rates,
+    model_bits,
     position_bits,
     tile_contents,
 )
@@ -30,15 +33,13 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 CHANNELS = (Stream.POSITION_RESIDUAL, Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR)
-FIRST_STEP: dict[Stream, tuple[float, ...]] = {
+COARSEST_STEP: dict[Stream, tuple[float, ...]] = {
     Stream.POSITION_RESIDUAL: (1 / 3, 1 / 3, 1 / 3),
     Stream.SCALE: (0.9, 1.0, 1.6),
     Stream.ROTATION: (0.6, 0.6, 0.9),
     Stream.OPACITY: (1.0,),
     Stream.COLOUR: (1.5, 1.5, 1.8),
 }
-# Measured: picture error per Gaussian that one lambda buys (docs/decisions/0004).
-_RATE_CONSTANT = 6.0
 # The cheapest anchor: a position, a class and first steps.
 _CHEAPEST_BITS = 40.0
 _MOST_CLASSES = 8
@@ -54,7 +55,7 @@ def encode_explicit(scene: GaussianScene, options: EncodeOptions, report: Report
     report("visibility", 0.0)
     cameras = options.cameras or survey_cameras(scene, options.frame, effort.thorough_views)
     sensitivity = measure(scene, attributes, list(cameras))
-    rate = 10 ** (-options.quality / 10) / (_RATE_CONSTANT * source_count)
+    rate = final_rate(options, source_count)
     classes, count = classify(sensitivity.absence, rate, _CHEAPEST_BITS, _MOST_CLASSES)
     kept = np.flatnonzero(classes >= 0)
     lost = float(sensitivity.absence[classes < 0].sum())
@@ -69,16 +70,15 @@ def encode_explicit(scene: GaussianScene, options: EncodeOptions, report: Report
     weights = dict(sensitivity.channels)
     weights[Stream.POSITION_RESIDUAL] = weights[Stream.POSITION_RESIDUAL] * (placement.cell**2)[:, None]
     report("allocate", 0.0)
-    plans = [plan_channel(s, values[s], FIRST_STEP[s], weights[s], classes, count) for s in CHANNELS]
-    chain, latent_plan, latent_left = latent_chain(latent, rvq, classes, count)
-    allocation = allocate(
-        plans,
-        chain,
-        position_bits(classes, count),
-        np.bincount(classes, sensitivity.absence, count),
-        lost,
-        layer_rates(rate, options),
-    )
+    plans = [
+        plan_channel(s, values[s], aligned_steps(caps, weights[s], classes, count, rate), weights[s], classes, count)
+        for s, caps in COARSEST_STEP.items()
+    ]
+    chain, latent_plan, latent_left = latent_chain(latent, rvq, classes, count, rate)
+    fixed = position_bits(classes, count)
+    absence = np.bincount(classes, sensitivity.absence, count).astype(np.float64)
+    first = base_rate(plans, chain, lambda _: fixed, absence, model_bits(rvq, latent), rate, BASE_SHARE)
+    allocation = allocate(plans, chain, lambda _: fixed, absence, lost, layer_rates(rate, first, options.layers))
     classes = allocation.order[classes]
     values[Stream.LATENT] = latent_left
     if latent is not None:

@@ -51,7 +51,7 @@ def linear_latent(vectors: F32, weight: F64, tolerance: float, metric: F64 | Non
     centre, root, inverse = np.zeros(x.shape[1]), np.eye(x.shape[1]), np.eye(x.shape[1])
     if metric is not None:
         centre = (weight @ x) / max(float(weight.sum()), 1e-300)
-        root, inverse = _roots(metric)
+        root, inverse = metric_roots(metric)
     x = (x - centre) @ root
     energy, basis = np.linalg.eigh((x * weight[:, None]).T @ x)
     energy, basis = energy[::-1], basis[:, ::-1]
@@ -68,7 +68,7 @@ def linear_latent(vectors: F32, weight: F64, tolerance: float, metric: F64 | Non
     return Latent((z / unit).astype(np.float32), (weight * unit * unit).astype(np.float32), decoder, lost)
 
 
-def _roots(metric: F64) -> tuple[F64, F64]:
+def metric_roots(metric: F64) -> tuple[F64, F64]:
     """Symmetric square root of `metric` and its inverse, with a floor under the eigenvalues."""
     values, vectors = np.linalg.eigh(metric)
     values = np.sqrt(np.maximum(values, float(values.max()) * 1e-6))

@@ -103,9 +103,10 @@ def _cells(positions: F64, lattice: Lattice, tiles: tuple[Tile, ...], tile: I64,
     prefix = np.array([t.prefix for t in tiles], np.uint64)
     shift = np.array([t.shift for t in tiles], np.int64)
     corner = deinterleave(prefix).astype(np.float64) * 2.0 ** (lattice.bits - depth)[:, None]
-    cell = 2.0**shift
+    cell = np.exp2(shift.astype(np.float64))
     local = ((positions - np.array(lattice.origin)) / lattice.voxel - corner[tile]) / cell[tile][:, None]
     top = (2.0**bits)[tile][:, None]
     inside = np.clip(np.floor(local), 0, top - 1)
     residual = np.clip(local - inside - 0.5, -0.5, 0.5)
-    return Placement(lattice, tiles, tile, interleave(inside.astype(np.uint64)), residual, lattice.voxel * cell[tile])
+    width: F64 = lattice.voxel * cell[tile]
+    return Placement(lattice, tiles, tile, interleave(inside.astype(np.uint64)), residual, width)

@@ -155,7 +155,7 @@ def quantise(
         weight: (N,) float32 importance of a squared unit of error.
         classes: (N,) class of each anchor; the price of a code depends on it.
         report: told the fraction done.
-        start: (n, d) coarse and residual codewords to start from, row 0 of each free to become the zero
+        start: (n, d) coarse and residual codewords to start from, row 0 of each becomes the zero
             vector; without it, a k-means start. With no epochs they are used as they are.
     """
     generator = torch.Generator().manual_seed(options.seed)

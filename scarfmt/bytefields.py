@@ -120,8 +120,8 @@ def decompress(frame: bytes, limit: int, field: str) -> bytes:
 
     Raises:
         LimitExceeded: ``content-limit``.
-        Malformed: ``bad-zstd`` for anything that is not one whole frame with its content size, at least 1, and a
-            window of at most 8 MiB.
+        Malformed: ``bad-zstd`` for anything that is not one whole frame with its content size, at least 1, a window
+            of at most 8 MiB, and neither dictionary nor checksum.
     """
     try:
         parameters = zstandard.get_frame_parameters(frame)
@@ -129,6 +129,9 @@ def decompress(frame: bytes, limit: int, field: str) -> bytes:
         # Size 0 too: zstandard then looks at nothing after the frame header, and no structure here is empty.
         if size in (0, zstandard.CONTENTSIZE_UNKNOWN, zstandard.CONTENTSIZE_ERROR) or parameters.dict_id:
             raise Malformed("bad-zstd", "a zstd frame must state its content size, without dictionary", field=field)
+        # The block's CRC-32 covers the same bytes, and a decoder of its own is then simpler.
+        if parameters.has_checksum:
+            raise Malformed("bad-zstd", "a zstd frame must not carry a checksum (SPEC §5.8)", field=field)
         if size > limit:
             raise LimitExceeded("content-limit", f"{size} bytes of content, at most {limit} allowed", field=field)
         # Checked here: zstandard applies its own window limit only when it streams.

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.errors import LimitExceeded, Malformed, ScarError, Unsupported
-from scarfmt.header import Header
+from scarfmt.header import Header, HeaderFields
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH, Limits
 from scarfmt.schema import (
     FILE_HEADER_SIZE,
@@ -55,6 +55,11 @@ class Entry:
     def end(self) -> int:
         """Absolute offset one past the block."""
         return self.offset + self.length
+
+
+def local_bits(fields: HeaderFields, tile: Tile) -> int:
+    """Local bits per axis of a tile (SPEC §6.2)."""
+    return fields.lattice_bits - tile.depth - tile.shift
 
 
 def required_flags(kind: int) -> BlockFlag | None:

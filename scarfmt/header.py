@@ -14,6 +14,8 @@ from typing import Any
 from scarfmt.errors import LimitExceeded, Malformed, Truncated, Unsupported
 from scarfmt.limits import (
     DEFAULT_LIMITS,
+    FREE_ANCHORS,
+    FREE_SLOTS,
     MAX_FILE_LENGTH,
     MAX_LATTICE_BITS,
     MAX_LAYERS,
@@ -212,6 +214,7 @@ _HEADER_RULES: tuple[tuple[str, str, Callable[[Any], bool]], ...] = (
     ("reserved", "bad-reserved", lambda h: h.reserved == 0),
     ("origin", "bad-origin", lambda h: all(map(math.isfinite, h.origin))),
     ("voxel", "bad-voxel", lambda h: math.isfinite(h.voxel) and h.voxel > 0),
+    ("voxel", "bad-voxel", lambda h: math.isfinite(max(map(abs, h.origin)) + h.voxel * 2.0 ** (h.lattice_bits + 1))),
     ("source_count", "bad-source-count", lambda h: h.source_count <= MAX_FILE_LENGTH),
 )
 
@@ -225,17 +228,19 @@ def _check_fields(raw: Any) -> None:
 
 
 def _check_limits(raw: Any, limits: Limits) -> None:
-    for name, refusal, limit in (
-        ("tile_count", "limit-tiles", limits.tiles),
-        ("entry_count", "limit-entries", limits.entries),
-        ("anchor_count", "limit-anchors", limits.anchors),
-        ("gaussian_count", "limit-gaussians", limits.gaussians),
-        ("anchor_count", "limit-expansion", limits.anchors_per_byte * raw.file_length),
+    anchors, size = raw.anchor_count, raw.file_length
+    for name, refusal, value, limit in (
+        ("tile_count", "limit-tiles", raw.tile_count, limits.tiles),
+        ("entry_count", "limit-entries", raw.entry_count, limits.entries),
+        ("anchor_count", "limit-anchors", anchors, limits.anchors),
+        ("gaussian_count", "limit-gaussians", raw.gaussian_count, limits.gaussians),
+        ("anchor_count", "limit-expansion", anchors, FREE_ANCHORS + limits.anchors_per_byte * size),
+        ("slots", "limit-expansion", anchors * raw.slots, FREE_SLOTS + limits.slots_per_byte * size),
     ):
-        if raw[name] > limit:
+        if value > limit:
             raise LimitExceeded(
                 refusal,
-                f"{raw[name]} exceeds this reader's limit of {limit}: raise it if you trust the file",
+                f"{value} exceeds this reader's limit of {limit}: raise it if you trust the file",
                 offset=_HEADER_FIELDS[name].offset,
                 field=name,
             )

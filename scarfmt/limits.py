@@ -49,6 +49,12 @@ MAX_FILE_LENGTH = (1 << 53) - 1
 MAX_METADATA_BYTES = 1 << 24
 """JSON is for people and catalogues, not for payloads."""
 
+FREE_ANCHORS = 1 << 16
+"""Any file may ask for so many anchors: what a file may ask for beyond grows with its bytes."""
+
+FREE_SLOTS = 1 << 19
+"""The same for Gaussian slots, which the anchor profile multiplies by."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -61,8 +67,9 @@ class Limits:
         gaussians: Gaussians after the last layer.
         tile_anchors: anchors that first appear in one TILE block.
         block_bytes: bytes of one block. 2^28 is far above a full tile with all its attributes.
-        anchors_per_byte: anchors per byte of the whole file. A full cube of one colour needs about 30; real
-            scenes stay below 1.
+        anchors_per_byte: anchors per byte of the whole file, beyond `FREE_ANCHORS`. Real scenes stay below 0.2; only
+            made-up ones, such as a full cube of one colour, need more than 1.
+        slots_per_byte: anchors times slots per byte of the whole file, beyond `FREE_SLOTS`. Real models: about 0.5.
         metadata_bytes: bytes of the METADATA block, when it is parsed.
     """
 
@@ -72,7 +79,8 @@ class Limits:
     gaussians: int = 1 << 28
     tile_anchors: int = MAX_ANCHORS_PER_TILE
     block_bytes: int = 1 << 28
-    anchors_per_byte: int = 64
+    anchors_per_byte: int = 1
+    slots_per_byte: int = 8
     metadata_bytes: int = 1 << 20
 
 
@@ -83,6 +91,7 @@ FORMAT_LIMITS = Limits(
     gaussians=MAX_ANCHORS * MAX_SLOTS,
     block_bytes=MAX_BLOCK_BYTES,
     anchors_per_byte=MAX_ANCHORS_PER_TILE,
+    slots_per_byte=MAX_ANCHORS_PER_TILE * MAX_SLOTS,
     metadata_bytes=MAX_METADATA_BYTES,
 )
 """The format's own maxima: what a writer must respect."""

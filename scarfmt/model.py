@@ -36,6 +36,24 @@ CHANNEL_STREAMS = (
 )
 NO_SOURCE = 255
 
+MAX_STEP = 2.0**96
+"""With |v| < 2^31 it keeps every channel value a finite binary32, whatever symbols are decoded."""
+
+# Components of each channel a profile may have; None: as many as the latent has dimensions.
+_COMPONENTS: dict[Profile, dict[Stream, int | None]] = {
+    Profile.EXPLICIT: {
+        Stream.POSITION_RESIDUAL: 3,
+        Stream.SCALE: 3,
+        Stream.ROTATION: 3,
+        Stream.OPACITY: 1,
+        Stream.COLOUR: 3,
+        Stream.LATENT: None,
+    },
+    Profile.ANCHOR: {Stream.POSITION_RESIDUAL: 3, Stream.SCALE: 6, Stream.LATENT: None, Stream.OFFSETS: 3},
+}
+# Without scales nothing can be drawn (SPEC §9.2); without offsets slots have no place.
+_NEEDED = {Profile.EXPLICIT: {Stream.SCALE}, Profile.ANCHOR: {Stream.SCALE, Stream.OFFSETS}}
+
 
 @dataclass(frozen=True)
 class ContextRule:
@@ -62,7 +80,7 @@ class Channel:
 
     Attributes:
         stream: the sub-stream that carries it, one of `CHANNEL_STREAMS`.
-        step: one a component: width of the first quantiser cell, in units of the attribute.
+        step: one a component: width of the first quantiser cell, in units of the attribute; above 0, at most 2^96.
         rules: one context rule a component; their number is the number of components.
     """
 
@@ -165,9 +183,32 @@ class SceneModel:
         for row in self.layers:
             check_row(row, before, len(self.channels))
             before = row
-            offsets = [i for i, channel in enumerate(self.channels) if channel.stream == Stream.OFFSETS]
-            if any(steps[index] != 1 for steps in row.steps for index in offsets):
-                raise Malformed("bad-layer-table", "offsets travel in exactly one step (SPEC §6.5)", field="layer")
+        if self.profile == Profile.ANCHOR:
+            self._check_anchor_rows()
+
+    def _check_anchor_rows(self) -> None:
+        # OFFSETS is the last channel: streams ascend.
+        if any(steps[-1] != 1 for row in self.layers for steps in row.steps):
+            raise _bad_table("offsets come in one step, with their slot: their steps are always 1")
+        if first_layers(self)[2] != 1:
+            raise _bad_table("the anchor profile needs a stage or a latent step in layer 1: there is no feature else")
+
+    def channel_index(self, stream: Stream) -> int | None:
+        """Index of the channel that `stream` carries, None without it."""
+        return next((index for index, channel in enumerate(self.channels) if channel.stream == stream), None)
+
+
+def first_layers(model: SceneModel) -> tuple[int | None, int | None, int | None]:
+    """The layers (1-based) in which codebook 0, codebook 1 and the decoder are first needed, None if never."""
+    latent = model.channel_index(Stream.LATENT)
+    found: list[int | None] = [None, None, None]
+    for number, row in enumerate(model.layers, start=1):
+        stages = max(row.stages)
+        refined = latent is not None and any(steps[latent] for steps in row.steps)
+        for item, needed in enumerate((stages >= 1, stages >= 2, stages >= 1 or refined)):
+            if found[item] is None and needed:
+                found[item] = number
+    return found[0], found[1], found[2]
 
 
 def _padded(rows: object) -> I64:
@@ -177,26 +218,44 @@ def _padded(rows: object) -> I64:
 
 
 def check_channels(channels: tuple[Channel, ...], profile: Profile) -> None:
-    """Check the channel table (SPEC §6.4): known, distinct, ascending streams; sources come first."""
+    """Check the channel table (SPEC §6.4, §8.4).
+
+    Raises:
+        Malformed: ``bad-channel`` for streams that do not ascend or that the profile does not have, a wrong number
+            of components, a step out of range, or a context source that is not coded earlier.
+    """
     streams = [channel.stream for channel in channels]
-    if len(channels) > MAX_CHANNELS or streams != sorted(set(streams)) or not set(streams) <= set(CHANNEL_STREAMS):
-        raise Malformed("bad-channel", f"channels {streams} must be known and ascend (SPEC §6.4)", field="channels")
+    sizes = _COMPONENTS[profile]
+    if streams != sorted(set(streams)) or not set(streams) <= set(sizes):
+        raise _bad_channel(f"channels {streams} must ascend and belong to the profile (SPEC §6.4)")
+    if not _NEEDED[profile] <= set(streams):
+        raise _bad_channel("a scene needs scales, and in the anchor profile offsets (SPEC §6.4)")
     for index, channel in enumerate(channels):
-        fits = len(channel.step) == channel.components and 1 <= channel.components <= MAX_COMPONENTS
-        if not fits or not all(0 < step < float("inf") for step in channel.step):
-            raise Malformed("bad-channel", f"channel {channel.stream.name}: bad step or size (SPEC §6.4)", field="channels")
+        name, expected = channel.stream.name, sizes[channel.stream]
+        if not 1 <= channel.components <= MAX_COMPONENTS or expected not in (None, channel.components):
+            raise _bad_channel(f"{name} has {channel.components} components, not {expected or '1..64'} (SPEC §6.4)")
+        if len(channel.step) != channel.components or not all(0 < step <= MAX_STEP for step in channel.step):
+            raise _bad_channel(f"{name}: steps must be above 0 and at most 2^96 (SPEC §6.4)")
         for component, rule in enumerate(channel.rules):
-            if rule.source_channel == NO_SOURCE:
-                if (rule.source_component, rule.low, rule.shift) != (0, 0, 0):
-                    raise Malformed("bad-channel", "a rule without a source has no parameters (SPEC §8.4)", field="channels")
-                continue
-            earlier = (rule.source_channel, rule.source_component) < (index, component)
-            if not earlier or rule.source_component >= channels[rule.source_channel].components or rule.shift > 31:
-                raise Malformed("bad-channel", "a context source must be coded earlier (SPEC §8.4)", field="channels")
-            if Stream.OFFSETS in (channel.stream, channels[rule.source_channel].stream):
-                raise Malformed("bad-channel", "offsets take no context source (SPEC §8.4)", field="channels")
-    if (Stream.OFFSETS in streams) != (profile == Profile.ANCHOR):
-        raise Malformed("bad-channel", "offsets belong to the anchor profile (SPEC §6.4)", field="channels")
+            _check_rule(rule, channels, (index, component))
+
+
+def _check_rule(rule: ContextRule, channels: tuple[Channel, ...], place: tuple[int, int]) -> None:
+    """Check the context rule of the component at `place`, (channel, component) (SPEC §8.4)."""
+    if rule.source_channel == NO_SOURCE:
+        if (rule.source_component, rule.low, rule.shift) != (0, 0, 0):
+            raise _bad_channel("without a context source, its component, low and shift must be 0 (SPEC §8.4)")
+        return
+    earlier = (rule.source_channel, rule.source_component) < place
+    if not earlier or rule.source_component >= channels[rule.source_channel].components or rule.shift > 31:
+        raise _bad_channel("a context source must be coded earlier (SPEC §8.4)")
+    # Nothing comes after OFFSETS, so it can be the source of nothing but itself.
+    if channels[place[0]].stream == Stream.OFFSETS:
+        raise _bad_channel("offsets take no context source (SPEC §8.4)")
+
+
+def _bad_channel(message: str) -> Malformed:
+    return Malformed("bad-channel", message, field="channels")
 
 
 def check_row(row: LayerRow, before: LayerRow | None, channels: int) -> None:
@@ -213,4 +272,8 @@ def check_row(row: LayerRow, before: LayerRow | None, channels: int) -> None:
         for new, old in zip(row.steps, before.steps, strict=False):
             fits &= all(a >= b for a, b in zip(new, old, strict=True))
     if not fits:
-        raise Malformed("bad-layer-table", "a layer row is out of range or takes something back (SPEC §6.5)", field="layer")
+        raise _bad_table("a layer row is out of range or takes something back")
+
+
+def _bad_table(message: str) -> Malformed:
+    return Malformed("bad-layer-table", f"{message} (SPEC §6.5)", field="layer")

@@ -6,10 +6,12 @@ and attributes asked for need.
 
 from __future__ import annotations
 
+import zlib
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -19,22 +21,56 @@ from scarfmt.bytefields import decompress
 from scarfmt.codecs.codebooks import Codebooks, unpack_codebooks
 from scarfmt.codecs.layer import unpack_layer
 from scarfmt.codecs.mlp import Network, unpack_networks
-from scarfmt.container import Container, Entry
-from scarfmt.directory import block_name
+from scarfmt.container import COALESCE_BYTES, Container, Entry, check_crc
+from scarfmt.directory import block_name, local_bits
 from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-from scarfmt.model import Channel, Lattice, LayerRow, SceneModel
+from scarfmt.model import Channel, Lattice, LayerRow, SceneModel, first_layers
+from scarfmt.requirements import check_networks
 from scarfmt.schema import BlockKind, Profile, Stream
 from scarfmt.source import ByteSource
 from scarfmt.substreams import MAX_TABLE_SIZE, Substream, check_substream, unpack_table
 from scarfmt.symbols import SymbolReader, SymbolTable, TableKey, unpack_tables
 from scarfmt.tile import TileContent, coded_streams, get_layer, needed_channels
-from scarfmt.writer import first_layers, local_bits
 
 ALL_STREAMS = frozenset(Stream) - {Stream.MODELS, Stream.FRAMING}
 MAX_TABLES_BYTES = 64 << 20
+PREFETCH_BYTES = COALESCE_BYTES
+"""Tiles are read ahead, all their layers, up to this size: few requests, and bounded memory."""
 
 T = TypeVar("T")
+# Per layer, a tile's block, if it has one, and its bytes, if they were read ahead.
+TileBlocks = Sequence[tuple[Entry | None, bytes | None]]
+
+
+_MODEL_KINDS = (
+    BlockKind.LAYER,
+    BlockKind.TABLES,
+    BlockKind.CODEBOOKS,
+    BlockKind.DECODER_MLP,
+    BlockKind.SCENE_MLP,
+)
+
+
+class _ModelBlocks:
+    """Verified payloads of model blocks, to be parsed."""
+
+    def __init__(self, payloads: dict[Entry, bytes]) -> None:
+        self._blocks = {(entry.kind, entry.layer): (entry, payload) for entry, payload in payloads.items()}
+
+    def optional(self, kind: BlockKind, layer: int, parse: Callable[[bytes], T]) -> T | None:
+        """What `parse` makes of a block, None where the file has none."""
+        if (kind, layer) not in self._blocks:
+            return None
+        entry, payload = self._blocks[kind, layer]
+        return _placed(entry, lambda: parse(payload))
+
+    def required(self, kind: BlockKind, layer: int, parse: Callable[[bytes], T]) -> T:
+        """The same, where a file without the block is refused."""
+        parsed = self.optional(kind, layer, parse)
+        if parsed is None:
+            raise Malformed("missing-block", f"layer {layer} needs a {kind.name} block (SPEC §6.5)", field=kind.name)
+        return parsed
 
 
 @dataclass(frozen=True)
@@ -91,18 +127,10 @@ class SceneReader:
             raise InvalidInput("input-layers", f"layer {layers} asked for, the file has 1..{self.layers}")
         return layers
 
-    def _block(self, kind: BlockKind, layer: int, parse: Callable[[bytes], T]) -> T | None:
-        entry = self.container.find(kind, layer)
-        if entry is None:
-            return None
-        payload = self.container.read_block(entry)
-        return _placed(entry, lambda: parse(payload))
-
-    def _required(self, kind: BlockKind, layer: int, parse: Callable[[bytes], T]) -> T:
-        parsed = self._block(kind, layer, parse)
-        if parsed is None:
-            raise Malformed("missing-block", f"layer {layer} needs a {kind.name} block (SPEC §6.5)", field=kind.name)
-        return parsed
+    def _model_blocks(self, layers: int) -> _ModelBlocks:
+        """The model blocks of the first `layers` layers; those of one layer, being neighbours, in one request."""
+        entries = [self.container.find(kind, layer) for layer in range(1, layers + 1) for kind in _MODEL_KINDS]
+        return _ModelBlocks(dict(self.container.read_blocks(entry for entry in entries if entry is not None)))
 
     def models(self, layers: int | None = None) -> SceneModels:
         """All model blocks of the first `layers` layers (None: all).
@@ -115,18 +143,20 @@ class SceneReader:
         rows: list[LayerRow] = []
         channels: tuple[Channel, ...] = ()
         tables: list[dict[TableKey, SymbolTable]] = []
+        blocks = self._model_blocks(count)
         for layer in range(1, count + 1):
-            row, channels = self._required(
-                BlockKind.LAYER, layer, lambda data, layer=layer, channels=channels: unpack_layer(data, layer, channels)
+            row, channels = blocks.required(
+                BlockKind.LAYER, layer, partial(unpack_layer, layer=layer, channels=channels)
             )
             rows.append(row)
-            new = self._block(BlockKind.TABLES, layer, _tables_from)
+            new = blocks.optional(BlockKind.TABLES, layer, _tables_from)
             tables.append({**(tables[-1] if tables else {}), **(new or {})})
         model = SceneModel(fields.profile, fields.slots, channels, tuple(rows))
         model.check()
         self._refuse_unexpected(model)
-        books, decoder = self._latent_models(model)
-        mlps = self._block(BlockKind.SCENE_MLP, 1, unpack_networks) or ()
+        books, decoder = _latent_models(model, blocks)
+        mlps = blocks.optional(BlockKind.SCENE_MLP, 1, unpack_networks) or ()
+        check_networks(fields, model, decoder, mlps)
         return SceneModels(model, tuple(tables), books, decoder, mlps)
 
     def _refuse_unexpected(self, model: SceneModel) -> None:
@@ -142,29 +172,6 @@ class SceneReader:
                     message = "nothing first needs this block in its layer (SPEC §7.8-7.9)"
                     raise Malformed("unexpected-block", message, offset=entry.offset, field=block_name(entry))
 
-    def _latent_models(self, model: SceneModel) -> tuple[Codebooks | None, Network | None]:
-        starts = first_layers(model)
-        if starts[2] is None:
-            return None, None
-        networks = self._required(BlockKind.DECODER_MLP, starts[2], unpack_networks)
-        dimension = networks[0].inputs if len(networks) == 1 else 0
-        for channel in model.channels:
-            if channel.stream == Stream.LATENT and channel.components != dimension:
-                raise Malformed("bad-mlp", "the decoder does not take the latent channel (SPEC §7.9)", field="decoder")
-        if starts[0] is None:
-            return None, networks[0]
-        books: dict[int, NDArray[np.int64]] = {}
-        for layer in sorted({start for start in starts[:2] if start is not None}):
-            here = self._required(BlockKind.CODEBOOKS, layer, unpack_codebooks)
-            # Exactly the books first needed here: else a cut file would be refused where the whole one is read.
-            if set(here) != {number for number in (0, 1) if starts[number] == layer}:
-                raise Malformed("bad-codebook", "codebooks do not match the stages used (SPEC §7.8)", field="codebooks")
-            books.update(here)
-        if {words.shape[1] for words in books.values()} != {dimension}:
-            raise Malformed("bad-mlp", "the decoder does not take the codewords (SPEC §7.9)", field="decoder")
-        residual = books.get(1, np.zeros((0, dimension), np.int64))
-        return Codebooks(books[0], residual), networks[0]
-
     def tiles(
         self,
         models: SceneModels,
@@ -179,20 +186,39 @@ class SceneReader:
             tiles: tile indices, None for all. Tiles without anchors are yielded empty.
             streams: attribute streams wanted; others are not read and their values stay 0.
             threads: tiles decoded side by side; the result does not depend on it.
+
+        Raises:
+            InvalidInput: ``input-tiles`` for an index the file does not have; at once, before anything is read.
         """
-        chosen = range(self.header.tile_count) if tiles is None else tiles
+        return self._decoded(models, self.check_tiles(tiles), frozenset(streams), threads)
 
-        def one(tile: int) -> TileContent:
-            return self._tile(models, tile, streams)
+    def check_tiles(self, tiles: Sequence[int] | None) -> list[int]:
+        """`tiles` checked against the file; None means all.
 
+        Raises:
+            InvalidInput: ``input-tiles``.
+        """
+        count = self.header.tile_count
+        chosen = list(range(count) if tiles is None else tiles)
+        if any(not 0 <= tile < count for tile in chosen):
+            raise InvalidInput("input-tiles", f"tile indices must be below {count}", field="tiles")
+        return chosen
+
+    def _decoded(
+        self, models: SceneModels, tiles: list[int], streams: frozenset[Stream], threads: int
+    ) -> Iterator[tuple[int, TileContent]]:
+        def one(tile: int, blocks: TileBlocks) -> TileContent:
+            return self._tile(models, tile, blocks, streams)
+
+        supply = zip(tiles, self._supply(models, tiles, streams), strict=True)
         if threads <= 1:
-            yield from ((tile, one(tile)) for tile in chosen)
+            yield from ((tile, one(tile, blocks)) for tile, blocks in supply)
             return
         with ThreadPoolExecutor(threads) as pool:
             ahead: deque[tuple[int, Future[TileContent]]] = deque()
             try:
-                for tile in chosen:
-                    ahead.append((tile, pool.submit(one, tile)))
+                for tile, blocks in supply:
+                    ahead.append((tile, pool.submit(one, tile, blocks)))
                     # A slow consumer must not let all tiles of a scene pile up.
                     if len(ahead) > 2 * threads:
                         done, content = ahead.popleft()
@@ -204,61 +230,102 @@ class SceneReader:
                 for _, content in ahead:
                     content.cancel()
 
-    def _tile(self, models: SceneModels, tile: int, streams: Collection[Stream]) -> TileContent:
+    def _supply(self, models: SceneModels, tiles: list[int], streams: frozenset[Stream]) -> Iterator[TileBlocks]:
+        """The blocks of each tile. When all streams are wanted they are read ahead, neighbours in one request."""
+        layers = range(1, len(models.tables) + 1)
+        found = ([self.container.find(BlockKind.TILE, layer, tile) for layer in layers] for tile in tiles)
+        if not streams >= ALL_STREAMS:
+            yield from ([(entry, None) for entry in entries] for entries in found)
+            return
+        for batch in _batches(found):
+            entries = sorted({entry for row in batch for entry in row if entry is not None}, key=lambda e: e.offset)
+            # Verified later, tile by tile: damage to one must not keep back those before it.
+            payloads = dict(self.container.read_blocks(entries, verify=False))
+            yield from ([(entry, payloads[entry] if entry else None) for entry in row] for row in batch)
+
+    def _tile(self, models: SceneModels, tile: int, blocks: TileBlocks, streams: frozenset[Stream]) -> TileContent:
         model = models.model
         bits = local_bits(self.header.fields, self.container.tiles[tile])
         sizes = models.codebooks.sizes if models.codebooks else (0, 0)
-        content = TileContent.empty(model)
-        for layer, tables in enumerate(models.tables, start=1):
-            entry = self.container.find(BlockKind.TILE, layer, tile)
-            if entry is None and not len(content):
+        content = TileContent.empty(model, sum(entry.count for entry, _ in blocks if entry))
+        known = 0
+        for layer, (tables, (entry, payload)) in enumerate(zip(models.tables, blocks, strict=True), start=1):
+            new = entry.count if entry else 0
+            known += new
+            if entry is None and not known:
                 continue
-            parts = {} if entry is None else self._substreams(entry, model, streams)
-            new = 0 if entry is None else entry.count
-            open_stream = _opener(parts, tables)
-            decode = _Bound(model, layer, bits, content, new, open_stream, streams, sizes)
-            content = decode() if entry is None else _placed(entry, decode)
+            parts = self._substreams(entry, payload, model, streams) if entry else {}
+            decode = partial(
+                get_layer, model, layer, bits, content.head(known), new, _opener(parts, tables), streams, sizes
+            )
+            if entry is None:
+                decode()
+            else:
+                _placed(entry, decode)
         return content
 
-    def _substreams(self, entry: Entry, model: SceneModel, streams: Collection[Stream]) -> dict[Stream, bytes]:
-        """The bytes of the sub-streams needed: the whole block when that is all of them, else ranges."""
-        need = needed_channels(model, streams)
-        wanted = {Stream.POSITIONS, Stream.CLASSES, Stream.MASKS} | (set(streams) & {Stream.INDICES})
-        wanted |= {channel.stream for channel, needed in zip(model.channels, need, strict=True) if needed}
-        if set(streams) >= ALL_STREAMS:
-            block = self.container.read_block(entry)
-            table = _placed(entry, lambda: _table_of(block, entry, model))
+    def _substreams(
+        self, entry: Entry, payload: bytes | None, model: SceneModel, streams: frozenset[Stream]
+    ) -> dict[Stream, bytes]:
+        """The bytes of the sub-streams needed: from the whole block where it was read, else by ranges."""
+        if payload is not None:
+            check_crc(entry, zlib.crc32(payload))
+            table = _placed(entry, lambda: _table_of(payload, entry, model))
             return {
-                kind: _placed(entry, lambda kind=kind, part=part: check_substream(kind, part, _cut(block, part)))
+                kind: _checked(entry, kind, part, payload[part.start : part.start + part.length])
                 for kind, part in table.items()
             }
+        need = needed_channels(model, streams)
+        wanted = {Stream.POSITIONS, Stream.CLASSES, Stream.MASKS} | (streams & {Stream.INDICES})
+        wanted |= {channel.stream for channel, needed in zip(model.channels, need, strict=True) if needed}
         head = self.container.read_range(entry, 0, min(entry.length, MAX_TABLE_SIZE))
         table = _placed(entry, lambda: _table_of(head, entry, model))
         out = {}
         for kind in wanted & set(table):
             part = table[kind]
             data = self.container.read_range(entry, part.start, part.length)
-            out[kind] = _placed(entry, lambda kind=kind, part=part, data=data: check_substream(kind, part, data))
+            out[kind] = _checked(entry, kind, part, data)
         return out
 
 
-@dataclass(frozen=True)
-class _Bound:
-    """One call of get_layer, to be made inside an error frame."""
+def _batches(rows: Iterable[list[Entry | None]]) -> Iterator[list[list[Entry | None]]]:
+    """Consecutive tiles whose blocks have PREFETCH_BYTES together, or one tile."""
+    batch: list[list[Entry | None]] = []
+    size = 0
+    for row in rows:
+        more = sum(entry.length for entry in row if entry is not None)
+        if batch and size + more > PREFETCH_BYTES:
+            yield batch
+            batch, size = [], 0
+        batch.append(row)
+        size += more
+    if batch:
+        yield batch
 
-    model: SceneModel
-    layer: int
-    bits: int
-    content: TileContent
-    new: int
-    open_stream: Callable[[Stream], SymbolReader]
-    streams: Collection[Stream]
-    sizes: tuple[int, int]
 
-    def __call__(self) -> TileContent:
-        return get_layer(
-            self.model, self.layer, self.bits, self.content, self.new, self.open_stream, self.streams, self.sizes
-        )
+def _latent_models(model: SceneModel, blocks: _ModelBlocks) -> tuple[Codebooks | None, Network | None]:
+    """Codebooks and latent decoder, each from the layer that first needs it."""
+    starts = first_layers(model)
+    if starts[2] is None:
+        return None, None
+    networks = blocks.required(BlockKind.DECODER_MLP, starts[2], unpack_networks)
+    dimension = networks[0].inputs if len(networks) == 1 else 0
+    for channel in model.channels:
+        if channel.stream == Stream.LATENT and channel.components != dimension:
+            raise Malformed("bad-mlp", "the decoder does not take the latent channel (SPEC §7.9)", field="decoder")
+    if starts[0] is None:
+        return None, networks[0]
+    books: dict[int, NDArray[np.int64]] = {}
+    for layer in sorted({start for start in starts[:2] if start is not None}):
+        here = blocks.required(BlockKind.CODEBOOKS, layer, unpack_codebooks)
+        # Exactly the books first needed here: else a cut file would be refused where the whole one is read.
+        if set(here) != {number for number in (0, 1) if starts[number] == layer}:
+            raise Malformed("bad-codebook", "codebooks do not match the stages used (SPEC §7.8)", field="codebooks")
+        books.update(here)
+    if {words.shape[1] for words in books.values()} != {dimension}:
+        raise Malformed("bad-mlp", "the decoder does not take the codewords (SPEC §7.9)", field="decoder")
+    residual = books.get(1, np.zeros((0, dimension), np.int64))
+    return Codebooks(books[0], residual), networks[0]
 
 
 def _table_of(head: bytes, entry: Entry, model: SceneModel) -> dict[Stream, Substream]:
@@ -271,8 +338,8 @@ def _table_of(head: bytes, entry: Entry, model: SceneModel) -> dict[Stream, Subs
     return table
 
 
-def _cut(block: bytes, part: Substream) -> bytes:
-    return block[part.start : part.start + part.length]
+def _checked(entry: Entry, kind: Stream, part: Substream, data: bytes) -> bytes:
+    return _placed(entry, lambda: check_substream(kind, part, data))
 
 
 def _opener(parts: dict[Stream, bytes], tables: dict[TableKey, SymbolTable]) -> Callable[[Stream], SymbolReader]:

@@ -49,7 +49,7 @@ def quaternion_from_matrix(matrices: F64) -> F64:
     )
     q = products[np.arange(len(m)), squares.argmax(axis=1)]
     q = q / np.linalg.norm(q, axis=1, keepdims=True)
-    return np.where(q[:, :1] < 0, -q, q)
+    return np.asarray(np.where(q[:, :1] < 0, -q, q))
 
 
 def _reference_frame(normal: F64) -> tuple[F64, F64]:
@@ -63,7 +63,7 @@ def _reference_frame(normal: F64) -> tuple[F64, F64]:
 def _normal_from_square(square: F64) -> F64:
     px, py = (square[:, 0] + square[:, 1]) / 2, (square[:, 0] - square[:, 1]) / 2
     normal = np.stack([px, py, 1 - np.abs(px) - np.abs(py)], axis=1)
-    return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 
 def sort_axes(log_scales: NDArray[np.floating], quaternions: NDArray[np.floating]) -> tuple[F64, F64]:

@@ -7,6 +7,7 @@ shape (N, (degree+1)^2, 3), coefficient-major, INRIA's sign and order.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -60,7 +61,7 @@ class GaussianScene:
     @property
     def sh_degree(self) -> int:
         """Degree of the spherical harmonics, 0..3."""
-        return int(round(self.sh.shape[1] ** 0.5)) - 1
+        return math.isqrt(self.sh.shape[1]) - 1
 
     def take(self, index: NDArray[np.generic]) -> GaussianScene:
         """The Gaussians at `index` (integer or boolean, as numpy indexing), in that order."""

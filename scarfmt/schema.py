@@ -146,7 +146,7 @@ FILE_HEADER: Any = Struct(
     "anchor_count" / Int64ul * "Anchors after the last layer present: that of the last layer summary",
     "gaussian_count" / Int64ul * "Gaussians after the last layer present: that of the last layer summary",
     "origin" / Array(3, Float64l) * "World position of lattice point (0, 0, 0); finite",
-    "voxel" / Float64l * "World length of one lattice step; finite, above 0",
+    "voxel" / Float64l * "World length of one lattice step; above 0, |origin| + voxel * 2^(lattice_bits + 1) finite",
     "source_count" / Int64ul * "Gaussians or anchors in the encoder's input, below 2^53; informative",
     "directory_crc32" / Int32ul * "CRC-32 of the tile table followed by the directory",
 )

@@ -140,7 +140,7 @@ class SymbolReader:
         entry = self._tables.get(key)
         if entry is None:
             raise Malformed("missing-table", f"no static table for {key} (SPEC §8.3)", field="tables")
-        return entry.alphabet[self._rans.decode(entry.table, count)]
+        return entry.alphabet.take(self._rans.decode(entry.table, count))
 
     def read_uniform(self, size: int, count: int) -> I64:
         """The next `count` values of a uniform alphabet 0..size-1."""
@@ -151,7 +151,8 @@ class SymbolReader:
         self._rans.finish()
 
 
-@lru_cache(maxsize=MAX_ALPHABET)
+# Few sizes are in use; large tables take 130 KB each with their model, so not all of them are kept.
+@lru_cache(maxsize=128)
 def cached_uniform(size: int) -> FrequencyTable:
     """The uniform table of `size` symbols, made once."""
     return uniform_table(size)
@@ -226,14 +227,15 @@ def _read_table(reader: ByteReader) -> SymbolTable:
         raise Malformed("bad-table", error.message, field="tables") from error
 
 
-def _by_context(contexts: I64) -> tuple[I64, list[tuple[int, int, int]]]:
-    """Stable order by ascending context, and (context, first, past) of each run in it."""
-    small = contexts.astype(np.uint8)
+def by_context(contexts: Values) -> tuple[I64, list[tuple[int, int, int]]]:
+    """Stable order by ascending context, (n,) below 2^14, and (context, start, past) of each run in it."""
+    # As few bits as possible: numpy sorts 8 and 16 bits by counting.
+    small = contexts.astype(np.uint8 if len(contexts) and contexts.max() < 256 else np.uint16)
     order = np.argsort(small, kind="stable")
     counts = np.bincount(small)
     present = np.flatnonzero(counts)
     ends = np.cumsum(counts[present]).tolist()
-    return order, list(zip(present.tolist(), [0, *ends[:-1]], ends, strict=True))
+    return order, list(zip(present.tolist(), [0, *ends][:-1], ends, strict=True))
 
 
 def emit_by_context(emitter: Emitter, key: TableKey, contexts: I64, values: Values) -> None:
@@ -245,17 +247,16 @@ def emit_by_context(emitter: Emitter, key: TableKey, contexts: I64, values: Valu
     """
     if not len(values):
         return
-    order, runs = _by_context(contexts)
+    order, runs = by_context(contexts)
     arranged = values[order]
-    for context, first, past in runs:
-        emitter.emit(key._replace(context=context), arranged[first:past])
+    for context, start, past in runs:
+        emitter.emit(TableKey(key.stream, key.component, key.step, context), arranged[start:past])
 
 
 def read_by_context(reader: SymbolReader, key: TableKey, contexts: I64) -> I64:
     """The inverse of :func:`emit_by_context`: (n,) int64."""
-    out = np.zeros(len(contexts), np.int64)
-    if len(out):
-        order, runs = _by_context(contexts)
-        parts = [reader.read(key._replace(context=context), past - first) for context, first, past in runs]
-        out[order] = np.concatenate(parts)
+    out = np.empty(len(contexts), np.int64)
+    order, runs = by_context(contexts)
+    for context, start, past in runs:
+        out[order[start:past]] = reader.read(TableKey(key.stream, key.component, key.step, context), past - start)
     return out

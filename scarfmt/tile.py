@@ -6,13 +6,14 @@ keep the encoder's order. Codecs see all of them and pick those a layer concerns
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.codecs.channels import coarsen, get_channel, put_channel
+from scarfmt.codecs.channels import check_reach, coarsen, get_channel, put_channel
 from scarfmt.codecs.classes import get_classes, put_classes
 from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
@@ -70,15 +71,15 @@ class TileContent:
             np.zeros((count, slots), np.int64),
         )
 
-    def extended(self, other: TileContent) -> TileContent:
-        """These anchors followed by those of `other`."""
+    def head(self, count: int) -> TileContent:
+        """The first `count` anchors, as views: what is written there is written here."""
         return TileContent(
-            np.concatenate([self.codes, other.codes]),
-            np.concatenate([self.classes, other.classes]),
-            [np.concatenate(pair) for pair in zip(self.values, other.values, strict=True)],
-            [np.concatenate(pair) for pair in zip(self.first, other.first, strict=True)],
-            np.concatenate([self.indices, other.indices]),
-            np.concatenate([self.slot_layers, other.slot_layers]),
+            self.codes[:count],
+            self.classes[:count],
+            [values[:count] for values in self.values],
+            [values[:count] for values in self.first],
+            self.indices[:count],
+            self.slot_layers[:count],
         )
 
 
@@ -166,48 +167,50 @@ def get_layer(
     open_stream: OpenStream,
     wanted: Collection[Stream],
     book_sizes: tuple[int, int],
-) -> TileContent:
-    """Read one layer of one tile: the inverse of :func:`put_layer`.
+) -> None:
+    """Read one layer of one tile, in place: the inverse of :func:`put_layer`.
 
     Args:
-        content: the tile after the layer before; consumed.
+        content: the tile after the layer before, and room for `new` anchors at its end.
         new: anchors that first appear in this layer.
         open_stream: gives the reader of a stream kind.
         wanted: channel streams to decode (positions, classes and masks always are); others stay 0.
         book_sizes: codewords in the coarse and the residual codebook.
     """
     known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
-    arrivals = TileContent.empty(model, new)
-    if new:
-        arrivals.codes = _read(open_stream(Stream.POSITIONS), lambda r: get_positions(r, new, bits))
-        arrivals.classes = _read(open_stream(Stream.CLASSES), lambda r: get_classes(r, new, known, past))
-    content = content.extended(arrivals)
     classes = content.classes
+    if new:
+        with _opened(open_stream, Stream.POSITIONS) as reader:
+            content.codes[-new:] = get_positions(reader, new, bits)
+        with _opened(open_stream, Stream.CLASSES) as reader:
+            classes[-new:] = get_classes(reader, new, known, past)
+    turned_on = np.zeros(content.slot_layers.shape, np.bool_)
     if model.profile == Profile.ANCHOR:
         before = content.slot_layers > 0
-        after = _read(open_stream(Stream.MASKS), lambda r: get_masks(r, before))
-        content.slot_layers[after & ~before] = layer
+        with _opened(open_stream, Stream.MASKS) as reader:
+            turned_on = get_masks(reader, before) & ~before
+        content.slot_layers[turned_on] = layer
     need = needed_channels(model, wanted)
     for index, channel in enumerate(model.channels):
         if not need[index]:
             continue
-        reader = open_stream(channel.stream)
-        if channel.stream == Stream.OFFSETS:
-            get_offsets(reader, channel, content.values[index], classes, after & ~before)
-        else:
+        with _opened(open_stream, channel.stream) as reader:
+            if channel.stream == Stream.OFFSETS:
+                get_offsets(reader, channel, content.values[index], classes, turned_on)
+                continue
             steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)
             get_channel(reader, channel, classes, *steps, content.values[index], content.first[: index + 1])
-        reader.finish()
+        if channel.stream == Stream.POSITION_RESIDUAL:
+            check_reach(content.values[index], channel.step, steps[1])
     if Stream.INDICES in wanted:
-        reader = open_stream(Stream.INDICES)
-        stages = model.stages(layer - 1, classes), model.stages(layer, classes)
-        get_indices(reader, content.indices, classes, *stages, book_sizes)
-        reader.finish()
-    return content
+        with _opened(open_stream, Stream.INDICES) as reader:
+            stages = model.stages(layer - 1, classes), model.stages(layer, classes)
+            get_indices(reader, content.indices, classes, *stages, book_sizes)
 
 
-def _read(reader: SymbolReader, get: Callable[[SymbolReader], NDArray[np.generic]]) -> NDArray:  # type: ignore[type-arg]
-    """Run `get` on a stream and check its seal."""
-    result = get(reader)
+@contextmanager
+def _opened(open_stream: OpenStream, stream: Stream) -> Iterator[SymbolReader]:
+    """The reader of a stream, whose seal is checked when all was read."""
+    reader = open_stream(stream)
+    yield reader
     reader.finish()
-    return result

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from reference_decoder.requirements import check_models
 from scarfmt.bytefields import decompress
 from scarfmt.codecs.codebooks import unpack_codebooks
 from scarfmt.codecs.layer import unpack_layer
@@ -270,7 +269,6 @@ class _Check:
             self._report("models", layer / self._last)
             try:
                 models = self._reader.models(layer)
-                check_models(self._reader.header.fields, models)
             except ScarError as error:
                 self._add(error)
                 return

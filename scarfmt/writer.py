@@ -9,24 +9,32 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scarfmt.bytefields import compress
 from scarfmt.codecs.channels import coarsen
 from scarfmt.codecs.codebooks import Codebooks, pack_codebooks
 from scarfmt.codecs.layer import pack_layer
 from scarfmt.codecs.mlp import Network, pack_networks
+from scarfmt.conformity import check_books, check_content
 from scarfmt.container import Block, HeaderFields, Tile, write_container
-from scarfmt.errors import InvalidInput
-from scarfmt.model import SceneModel
+from scarfmt.directory import local_bits
+from scarfmt.errors import InvalidInput, ScarError
+from scarfmt.limits import FORMAT_LIMITS
+from scarfmt.model import SceneModel, first_layers
+from scarfmt.reader import SceneReader
 from scarfmt.schema import BlockKind, Profile, Stream
+from scarfmt.source import BytesSource
 from scarfmt.substreams import pack_substreams
 from scarfmt.symbols import SymbolCounter, SymbolTable, SymbolWriter, TableKey, fit_table, pack_table, pack_tables
 from scarfmt.tile import TileContent, first_values, put_layer
 
 Report = Callable[[str, float], None]
+Ints = NDArray[np.integer[Any]]
 
 
 def silent(_stage: str, _fraction: float) -> None:
@@ -55,24 +63,6 @@ class QuantisedScene:
     decoder: Network | None = None
     scene_mlps: tuple[Network, ...] = ()
     metadata: Mapping[str, Any] = field(default_factory=dict)
-
-
-def local_bits(fields: HeaderFields, tile: Tile) -> int:
-    """Local bits per axis of a tile (SPEC §6.2)."""
-    return fields.lattice_bits - tile.depth - tile.shift
-
-
-def first_layers(model: SceneModel) -> tuple[int | None, int | None, int | None]:
-    """The layers (1-based) in which codebook 0, codebook 1 and the decoder are first needed, None if never."""
-    latent = [index for index, channel in enumerate(model.channels) if channel.stream == Stream.LATENT]
-    found: list[int | None] = [None, None, None]
-    for number, row in enumerate(model.layers, start=1):
-        stages = max(row.stages)
-        refined = any(steps[index] for steps in row.steps for index in latent)
-        for item, needed in enumerate((stages >= 1, stages >= 2, stages >= 1 or refined)):
-            if found[item] is None and needed:
-                found[item] = number
-    return found[0], found[1], found[2]
 
 
 def _model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, SymbolTable]) -> Iterator[Block]:
@@ -126,16 +116,31 @@ def _write_tile(
 
 
 def _check(scene: QuantisedScene) -> None:
-    scene.model.check()
+    try:
+        scene.model.check()
+    except ScarError as error:
+        raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
     if len(scene.tiles) != len(scene.contents):
         raise InvalidInput("input-container", "one content per tile is needed", field="contents")
+    check_books(scene.model, scene.codebooks)
+    for tile, content in zip(scene.tiles, scene.contents, strict=True):
+        check_content(scene.model, scene.codebooks, local_bits(scene.fields, tile), content)
+
+
+def _check_models(data: bytes) -> None:
+    # The reader's own rules are the writer's contract.
+    try:
+        SceneReader(BytesSource(data), limits=FORMAT_LIMITS).models()
+    except ScarError as error:
+        raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
 
 
 def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
     """The bytes of a file. Equal scenes give equal bytes.
 
     Raises:
-        InvalidInput: the scene breaks a rule of SPEC.md.
+        InvalidInput: ``input-container`` when the scene breaks a rule of SPEC.md, ``input-table`` when a channel
+            takes more different values than a table holds.
     """
     _check(scene)
     model, layers = scene.model, len(scene.model.layers)
@@ -145,14 +150,20 @@ def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
         report("code", (layer - 1) / layers)
         counter = SymbolCounter()
         for tile, content in zip(scene.tiles, scene.contents, strict=True):
-            put_layer(model, layer, local_bits(scene.fields, tile), content, lambda _: counter)
+            put_layer(model, layer, local_bits(scene.fields, tile), content, partial(_always, counter))
         sent = _fit_tables(counter, known)
         known = {**known, **sent}
         blocks += _model_blocks(scene, layer, sent)
         coded = (_write_tile(scene, layer, tile, known) for tile in range(len(scene.tiles)))
         blocks += [block for block in coded if block is not None]
+    data = write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
+    _check_models(data)
     report("code", 1.0)
-    return write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
+    return data
+
+
+def _always(counter: SymbolCounter, _stream: Stream) -> SymbolCounter:
+    return counter
 
 
 def layer_counts(scene: QuantisedScene) -> list[tuple[int, int]]:
@@ -187,7 +198,7 @@ def _content_at(full: SceneModel, model: SceneModel, content: TileContent) -> Ti
     slot_layers[slot_layers > layer] = 0
     values = []
     for index, channel in enumerate(model.channels):
-        here = content.values[index][kept]
+        here: Ints = content.values[index][kept]
         if channel.stream == Stream.OFFSETS:
             here = here * (slot_layers > 0)[:, :, None]
         else:

@@ -263,7 +263,7 @@ def test_summary_and_directory_must_agree_on_model_bytes() -> None:
     """A byte moved between stream kinds keeps the sum but not the meaning."""
     models = get(BASE, L, 0, "stream_bytes", Stream.MODELS)
     broken = edit(BASE, L, 0, "stream_bytes", models - 1, Stream.MODELS)
-    broken = edit(broken, L, 0, "stream_bytes", get(BASE, L, 0, "stream_bytes", 11) + 1, Stream.FRAMING)
+    broken = edit(broken, L, 0, "stream_bytes", get(BASE, L, 0, "stream_bytes", Stream.FRAMING) + 1, Stream.FRAMING)
     assert refusal_of(broken, Malformed).refusal == "layer-directory-bytes"
 
 

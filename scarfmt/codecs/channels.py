@@ -13,14 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.errors import Malformed
-from scarfmt.model import NO_SOURCE, Channel, ContextRule
-from scarfmt.symbols import Emitter, SymbolReader, TableKey, emit_by_context, read_by_context
+from scarfmt.model import MAX_STEPS, NO_SOURCE, Channel, ContextRule
+from scarfmt.schema import Stream
+from scarfmt.symbols import Emitter, SymbolReader, TableKey, by_context, emit_by_context, read_by_context
 
 I64 = NDArray[np.int64]
+F64 = NDArray[np.float64]
 Ints = NDArray[np.integer[Any]]
 
+REACH = 1.0
+"""Largest magnitude of a position residual, in cells of 2^shift voxels: it bounds where a tile's anchors can be."""
+
 _SOURCE_CONTEXTS = 16
-_VALUE_LIMIT = (1 << 31) - 1
+_COMPONENT_CONTEXTS = 256
+VALUE_LIMIT = (1 << 31) - 1
+"""Largest magnitude of a channel value: -2^31 is left out, so that every value can be negated."""
 # First-step values of the channels decoded so far, one (n, components) array a channel.
 FirstValues = Sequence[Ints]
 
@@ -28,7 +35,7 @@ FirstValues = Sequence[Ints]
 def coarsen(values: Ints, steps: I64 | int) -> I64:
     """Drop `steps` ternary digits of `values`, rounding to nearest: v_n -> v_(n - steps) (SPEC §7.5)."""
     power = np.power(3, np.asarray(steps, np.int64))
-    return (np.asarray(values, np.int64) + (power - 1) // 2) // power
+    return np.asarray((np.asarray(values, np.int64) + (power - 1) // 2) // power)
 
 
 def contexts(rule: ContextRule, classes: I64, first: FirstValues, chosen: I64 | slice = slice(None)) -> I64:
@@ -107,21 +114,80 @@ def get_channel(
         if not len(chosen):
             continue
         kinds = classes[chosen]
-        for component, rule in enumerate(channel.rules):
-            key = TableKey(channel.stream, component, step, 0)
-            if step == 1:
+        if step == 1:
+            for component, rule in enumerate(channel.rules):
+                key = TableKey(channel.stream, component, 1, 0)
                 here = read_by_context(reader, key, contexts(rule, kinds, first, chosen))
-                first[-1][chosen, component] = here
-            else:
-                coarse = values[chosen, component].astype(np.int64)
-                trit = read_by_context(reader, key, trit_contexts(rule, kinds, coarse))
-                here = 3 * coarse + _checked(trit)
-            if len(here) and int(np.abs(here).max()) > _VALUE_LIMIT:
-                raise Malformed("value-range", "a channel value leaves 32 bits (SPEC §7.5)", field=channel.stream.name)
-            values[chosen, component] = here
+                first[-1][chosen, component] = _in_range(here, channel)
+            values[chosen] = first[-1][chosen]
+        else:
+            values[chosen] = _refined(reader, channel, step, kinds, values[chosen]).T
 
 
-def _checked(trits: I64) -> I64:
-    if bool((np.abs(trits) > 1).any()):
+def _refined(reader: SymbolReader, channel: Channel, step: int, kinds: I64, values: Ints) -> Ints:
+    """(components, n) values after ternary step `step`, of (n, components) int32 values before it.
+
+    No component's context depends on another's refinement: all are sorted into their contexts at once. Arrays are
+    as narrow as their values allow, since this is where most of a decode goes.
+    """
+    coarse = np.ascontiguousarray(values.T)
+    keys = np.clip(coarse, -2, 2).astype(np.int16)
+    keys += (2 + _COMPONENT_CONTEXTS * np.arange(len(coarse), dtype=np.int16))[:, None]
+    by_class = np.array([[rule.by_class] for rule in channel.rules])
+    if by_class.any():
+        keys += by_class * (kinds * _SOURCE_CONTEXTS).astype(np.int16)
+    order, runs = by_context(keys.ravel())
+    arranged = np.empty(order.shape, np.int32)
+    for context, start, past in runs:
+        key = TableKey(channel.stream, context // _COMPONENT_CONTEXTS, step, context % _COMPONENT_CONTEXTS)
+        arranged[start:past] = reader.read(key, past - start)
+    trits = np.empty(coarse.shape, np.int8)
+    trits.ravel()[order] = _checked(arranged)
+    if _reach_of(coarse) > VALUE_LIMIT // 3 - 1:
+        return _in_range(3 * coarse.astype(np.int64) + trits, channel)
+    coarse *= 3
+    coarse += trits
+    return coarse
+
+
+def _reach_of(values: Ints) -> int:
+    return max(int(values.max()), -int(values.min())) if values.size else 0
+
+
+def _in_range(values: I64, channel: Channel) -> I64:
+    if _reach_of(values) > VALUE_LIMIT:
+        raise Malformed("value-range", "a channel value leaves 32 bits (SPEC §7.5)", field=channel.stream.name)
+    return values
+
+
+def _checked(trits: Ints) -> Ints:
+    if _reach_of(trits) > 1:
         raise Malformed("bad-trit", "a refinement is not -1, 0 or 1 (SPEC §7.5)", field="trit")
     return trits
+
+
+def cell_widths(step: Sequence[float], steps: I64) -> F64:
+    """(n, components) float64: step / 3^(n - 1) for each anchor's number of steps n; 0 where n is 0 (SPEC §9.2).
+
+    Args:
+        step: (components) first cell widths.
+        steps: (n,) ternary steps received, 0..20.
+    """
+    table = np.zeros((MAX_STEPS + 1, len(step)))
+    table[1:] = np.asarray(step, np.float64) / np.power(3.0, np.arange(MAX_STEPS))[:, None]
+    return table[steps]
+
+
+def check_reach(values: Ints, step: Sequence[float], steps: I64) -> None:
+    """Check that position residuals keep anchors by their cell (SPEC §9.1), after every layer.
+
+    Args:
+        values: (n, 3) int32, v after `steps` steps.
+        step, steps: as for :func:`cell_widths`.
+
+    Raises:
+        Malformed: ``value-range``.
+    """
+    if bool((np.abs(values * cell_widths(step, steps)) > REACH).any()):
+        message = "a position residual is not in -1..1 cells (SPEC §9.1)"
+        raise Malformed("value-range", message, field=Stream.POSITION_RESIDUAL.name)

@@ -26,10 +26,7 @@ def get_classes(reader: SymbolReader, count: int, first: int, past: int) -> I64:
     Raises:
         Malformed: ``bad-class`` when a value is not one of the layer's new classes.
     """
-    if past - first > 1:
-        classes = reader.read(_KEY, count) + first
-    else:
-        classes = np.full(count, first, np.int64)
+    classes = reader.read(_KEY, count) + first if past - first > 1 else np.full(count, first, np.int64)
     if count and not (past > first and first <= int(classes.min()) and int(classes.max()) < past):
         raise Malformed("bad-class", f"a new anchor's class is not in {first}..{past - 1} (SPEC §7.3)", field="classes")
     return classes

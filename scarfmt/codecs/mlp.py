@@ -8,6 +8,7 @@ network computes is activated output: its tolerance is SPEC §9.5, not bit equal
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ class Network:
 
     def apply(self, x: NDArray[np.floating], dtype: type = np.float32) -> NDArray[np.floating]:
         """(n, outputs) of (n, inputs), computed in `dtype` (float64 is the reference of SPEC §9.5)."""
-        y = np.asarray(x, dtype)
+        y: NDArray[Any] = np.asarray(x, dtype)
         for index, layer in enumerate(self.layers):
             if index:
                 y = np.maximum(y, 0)

@@ -82,14 +82,13 @@ def _put_splits(emitter: Emitter, count: I64, lower: I64) -> None:
     for n in range(2, LARGEST_OWN_TABLE + 1):
         emitter.emit(_key(n), lower[count == n])
     large = count > LARGEST_OWN_TABLE
-    n, below = count[large], lower[large]
-    bins = below * _BINS // (n + 1)
+    sizes, below = count[large], lower[large]
+    bins = below * _BINS // (sizes + 1)
     emitter.emit(_key(LARGEST_OWN_TABLE + 1), bins)
-    first = _bin_edges(n, bins)
-    widths = _bin_edges(n, bins + 1) - first
+    first = _bin_edges(sizes, bins)
+    widths = _bin_edges(sizes, bins + 1) - first
     for size in np.unique(widths[widths > 1]):
-        emitter_size = int(size)
-        _put_uniform(emitter, emitter_size, (below - first)[widths == size])
+        _put_uniform(emitter, int(size), (below - first)[widths == size])
 
 
 def _put_uniform(emitter: Emitter, size: int, values: I64) -> None:
@@ -155,7 +154,8 @@ def _get_splits(reader: SymbolReader, count: I64) -> I64:
     if len(large):
         lower[large] = _get_large_splits(reader, count[large])
     if bool(((lower < 0) | (lower > count)).any()):
-        raise Malformed("bad-split", "a split puts more anchors below than the node holds (SPEC §7.2)", field="positions")
+        message = "a split puts more anchors below than the node holds (SPEC §7.2)"
+        raise Malformed("bad-split", message, field="positions")
     return lower
 
 

@@ -1,0 +1,57 @@
+# make demo and make test are all a new user needs: they make .venv and install into it, once.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/installed
+WORKERS ?= 2
+
+# Idle OpenMP threads that spin take the processor from those that work (10 to 100 times slower on busy machines).
+export OMP_WAIT_POLICY := passive
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-slow lint types check example bench bench-full pictures clean
+
+help:
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 22
+
+# torch alone and first: whatever else is installed afterwards then finds the pinned build in place.
+$(STAMP): pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet 'torch==2.13.0'
+	$(BIN)/python -m pip install --quiet --editable '.[encode,render,http,import,dev]'
+	touch $(STAMP)
+
+demo: $(STAMP) ## encode, inspect, truncate and decode a real scene; pictures in demo-out/
+	PATH="$(CURDIR)/$(BIN):$$PATH" sh examples/demo.sh
+
+test: $(STAMP) ## all tests but the slow ones
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile --quiet
+
+test-slow: $(STAMP) ## the tests that take minutes
+	$(BIN)/python -m pytest -m slow
+
+lint: $(STAMP) ## ruff
+	$(BIN)/ruff check .
+
+types: $(STAMP) ## mypy --strict
+	$(BIN)/mypy
+
+check: test lint types ## what CI runs
+
+bench: $(STAMP) ## short benchmark of the example scene, a minute or two; writes nothing into docs/
+	$(BIN)/python -m benchmarks.quality --scenes plush-toys --effort 1 --qualities 45 --no-write
+	$(BIN)/python -m benchmarks.positions --scenes plush-toys --no-write
+	$(BIN)/python -m benchmarks.speed --scenes plush-toys --efforts 1 --no-write
+
+bench-full: $(STAMP) ## every benchmark on every scene found, about an hour; rewrites docs/benchmarks.md
+	$(BIN)/python -m benchmarks.quality
+	$(BIN)/python -m benchmarks.positions
+	$(BIN)/python -m benchmarks.speed
+	$(BIN)/python -m benchmarks.pictures
+
+pictures: $(STAMP) ## redraw docs/images/
+	$(BIN)/python -m benchmarks.pictures
+
+clean: ## remove what make made, .venv included
+	rm -rf $(VENV) demo-out build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,104 @@
+"""Sheets of the layers of a scene: docs/images/NAME-layers.jpg for scenes of ours, for README.md and docs/.
+
+    python -m benchmarks.pictures [--scenes NAME ...] [--quality 47] [--effort 2]
+
+Uses the file that `benchmarks.quality` left in build/benchmarks/, or encodes it. Sheets of scenes that others made
+are written there too: not all of them may be published.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from PIL import Image
+
+from benchmarks import child
+from benchmarks.quality import encoded_path
+from benchmarks.report import SCRATCH
+from benchmarks.scenes import REPOSITORY, Scene, chosen
+from scarfmt.cli.scenes import Subject, layer_table, load_subject
+from scarfmt.render.camera import Camera
+from scarfmt.render.compare import compare
+from scarfmt.render.images import contact_sheet, to_bytes
+from scarfmt.scene import F32
+
+IMAGES = REPOSITORY / "docs" / "images"
+WIDTH, HEIGHT = 320, 240
+COLUMNS = 3
+# For looking at, not for measuring: a PNG of the same sheet is five times as large.
+JPEG_QUALITY = 90
+
+
+@dataclass(frozen=True)
+class Detail:
+    """The part of a picture that is shown.
+
+    Attributes:
+        view: number of the judged view.
+        zoom: how many times narrower the part is than the picture.
+        x, y: its middle, as parts of the picture's width and height.
+    """
+
+    view: int = 0
+    zoom: float = 1.0
+    x: float = 0.5
+    y: float = 0.5
+
+    def of(self, subject: Subject, cameras: list[Camera]) -> F32:
+        """(HEIGHT, WIDTH, 3) picture of this part."""
+        camera = cameras[self.view].scaled(self.zoom * WIDTH / cameras[self.view].width)
+        picture = subject.picture(camera)
+        left = min(max(round(self.x * camera.width - WIDTH / 2), 0), camera.width - WIDTH)
+        top = min(max(round(self.y * camera.height - HEIGHT / 2), 0), camera.height - HEIGHT)
+        return picture[top : top + HEIGHT, left : left + WIDTH]
+
+
+DETAILS = {
+    "plush-toys": Detail(0, 1.6, 0.53, 0.42),
+    "plush-on-bed": Detail(6, 1.8, 0.55, 0.5),
+    "flowers": Detail(3, 1.8, 0.5, 0.45),
+    "plush-dog": Detail(3),
+}
+
+
+def sheet(scene: Scene, quality: float, effort: int) -> Path:
+    """Draw the sheet of one scene: its layers with bytes per Gaussian and mean PSNR, then the source."""
+    path = encoded_path(scene, quality, effort)
+    if not path.exists():
+        child.run(job="encode", scene=scene.name, quality=quality, effort=effort, out=str(path))
+    original = load_subject(str(scene.path)).remembering()
+    cameras = scene.judged_cameras(original)
+    detail = DETAILS.get(scene.name, Detail())
+    pictures, labels = [], []
+    for row in layer_table(str(path)):
+        decoded = load_subject(str(path), row["layer"])
+        psnr = compare(original.view, decoded.view, cameras, ssim=False).mean_psnr_db
+        pictures.append(detail.of(decoded, cameras))
+        labels.append(f"layer {row['layer']}: {row['bytes_per_source']:.2f} B/Gaussian, {psnr:.1f} dB")
+    size = scene.path.stat().st_size / len(original.placed)
+    pictures.append(detail.of(original, cameras))
+    labels.append(f"source: {size:.0f} B/Gaussian")
+    folder = IMAGES if scene.ours else SCRATCH
+    folder.mkdir(parents=True, exist_ok=True)
+    target = folder / f"{scene.name}-layers.jpg"
+    image = Image.fromarray(to_bytes(contact_sheet(pictures, labels, COLUMNS)))
+    image.save(target, quality=JPEG_QUALITY, subsampling=0, optimize=True)
+    return target
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", nargs="+", metavar="NAME", default=list(DETAILS))
+    parser.add_argument("--quality", type=float, default=47.0)
+    parser.add_argument("--effort", type=int, default=2)
+    arguments = parser.parse_args()
+    for scene in chosen(arguments.scenes):
+        target = sheet(scene, arguments.quality, arguments.effort)
+        print(f"{target.relative_to(REPOSITORY)}: {target.stat().st_size:,} bytes", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,128 @@
+"""Whole files for the vectors: stored Zstandard frames, and faults put in with all checksums right."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+from scarfmt.bytefields import decompress
+from scarfmt.container import Block, Container, write_container
+from scarfmt.limits import FORMAT_LIMITS
+from scarfmt.schema import (
+    CHECKSUM_SIZE,
+    FILE_HEADER,
+    FILE_HEADER_SIZE,
+    BlockKind,
+    Stream,
+    field_table,
+)
+from scarfmt.source import BytesSource
+from scarfmt.substreams import unpack_table
+from scarfmt.writer import QuantisedScene, write_scene
+
+COMPRESSED = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
+_BLOCK_BYTES = 1 << 17
+
+
+def stored_frame(content: bytes) -> bytes:
+    """One single-segment Zstandard frame of raw blocks (RFC 8878): the same with every version of libzstd."""
+    size = len(content)
+    if size < 256:
+        head = bytes([0x20, size])
+    elif size < 65536 + 256:
+        head = bytes([0x60]) + (size - 256).to_bytes(2, "little")
+    else:
+        head = bytes([0xA0]) + size.to_bytes(4, "little")
+    out = [bytes.fromhex("28b52ffd"), head]
+    for start in range(0, size, _BLOCK_BYTES):
+        part = content[start : start + _BLOCK_BYTES]
+        last = start + _BLOCK_BYTES >= size
+        out += [(len(part) << 3 | last).to_bytes(3, "little"), part]
+    return b"".join(out)
+
+
+def content_of(block: Block) -> bytes:
+    """The content of a compressed model block."""
+    return decompress(block.payload, 1 << 26, "vector")
+
+
+def blocks_of(data: bytes) -> list[Block]:
+    """All blocks of a sound file, with the bytes each sub-stream takes."""
+    container = Container.open(BytesSource(data), limits=FORMAT_LIMITS)
+    out = []
+    for entry, payload in container.read_blocks(container.entries):
+        streams: dict[int, int] = {}
+        if entry.kind == BlockKind.TILE:
+            streams = {int(kind): part.length for kind, part in unpack_table(payload, len(payload)).items()}
+        out.append(Block(entry.kind, entry.layer, payload, entry.tile, entry.count, streams, entry.flags))
+    return out
+
+
+def rebuilt(data: bytes, blocks: Iterable[Block]) -> bytes:
+    """The file with other blocks, everything about them recomputed."""
+    container = Container.open(BytesSource(data), limits=FORMAT_LIMITS)
+    counts = [(layer.anchor_count, layer.gaussian_count) for layer in container.header.layers]
+    return write_container(container.header.fields, container.tiles, blocks, counts)
+
+
+def vector_file(scene: QuantisedScene, extra: Iterable[Block] = ()) -> bytes:
+    """The file of a scene, every Zstandard frame stored; `extra` blocks are added."""
+    data = write_scene(scene)
+    blocks = [
+        replace(block, payload=stored_frame(content_of(block))) if block.kind in COMPRESSED else block
+        for block in blocks_of(data)
+    ]
+    return rebuilt(data, [*blocks, *extra])
+
+
+def changed(data: bytes, kind: BlockKind, layer: int, change: Callable[[bytes], bytes], count: int = 0) -> bytes:
+    """The file with the first block of `kind` in `layer` changed, lengths and checksums right.
+
+    Compressed blocks are changed inside their frame. `count` is added to the block's count.
+    """
+    blocks = blocks_of(data)
+    row = next(i for i, block in enumerate(blocks) if (block.kind, block.layer) == (kind, layer))
+    old = blocks[row]
+    if kind in COMPRESSED:
+        payload = stored_frame(change(content_of(old)))
+    else:
+        payload = change(old.payload)
+    blocks[row] = replace(old, payload=payload, count=old.count + count, stream_bytes=_streams(old, payload))
+    return rebuilt(data, blocks)
+
+
+def _streams(block: Block, payload: bytes) -> dict[int, int]:
+    if block.kind != BlockKind.TILE:
+        return {}
+    return {int(kind): part.length for kind, part in unpack_table(payload, len(payload)).items()}
+
+
+def resealed_front(data: bytes | bytearray) -> bytes:
+    """The file with the checksums of directory and header made right."""
+    out = bytearray(data)
+    front = FILE_HEADER.parse(bytes(out[:FILE_HEADER_SIZE]))
+    end = front.header_length + 12 * front.tile_count + 32 * front.entry_count
+    place = next(row.offset for row in field_table(FILE_HEADER) if row.name == "directory_crc32")
+    out[place : place + 4] = zlib.crc32(out[front.header_length : end]).to_bytes(4, "little")
+    crc = front.header_length - CHECKSUM_SIZE
+    out[crc : crc + 4] = zlib.crc32(out[:crc]).to_bytes(4, "little")
+    return bytes(out)
+
+
+def patched(data: bytes, structure: object, start: int, field: str, value: int) -> bytes:
+    """The file with one integer field of a structure at `start` changed, front checksums right."""
+    row = next(row for row in field_table(structure) if row.name == field)
+    out = bytearray(data)
+    out[start + row.offset : start + row.offset + row.size] = value.to_bytes(row.size, "little")
+    return resealed_front(out)
+
+
+def substream_bytes(data: bytes, kind: Stream, layer: int) -> tuple[int, int]:
+    """Start and past of a sub-stream of the first TILE block of `layer`, absolute."""
+    container = Container.open(BytesSource(data), limits=FORMAT_LIMITS)
+    for entry in container.entries:
+        if (entry.kind, entry.layer) == (BlockKind.TILE, layer):
+            part = unpack_table(container.read_block(entry), entry.length)[kind]
+            return entry.offset + part.start, entry.offset + part.start + part.length
+    raise LookupError(kind)

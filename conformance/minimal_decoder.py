@@ -1,0 +1,600 @@
+"""A second decoder, written from SPEC.md alone: the standard library, plain loops, function by function its pseudo-code.
+
+It shows that the text suffices, and is a start for a port. It decodes the exact class (SPEC §5-§8, §9.1, §9.2) of
+valid files whose Zstandard frames are stored, as in the vectors; of the refusals it makes only those the pseudo-code
+spells out. ``python -m conformance.minimal_decoder FILE [LAYER]`` prints the arrays' SHA-256, as expect.json pins them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+import sys
+import zlib
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+POSITIONS, CLASSES, MASKS, POSITION_RESIDUAL, INDICES, LATENT, OFFSETS = 1, 2, 3, 4, 9, 10, 11
+NAMES = {4: "POSITION_RESIDUAL", 5: "SCALE", 6: "ROTATION", 7: "OPACITY", 8: "COLOUR", 10: "LATENT", 11: "OFFSETS"}
+TOTAL = 1 << 24
+
+Array = dict[str, Any]
+
+
+class Refused(Exception):
+    """A refusal id of SPEC §12."""
+
+
+def require(holds: bool, refusal: str) -> None:
+    if not holds:
+        raise Refused(refusal)
+
+
+# ---------------------------------------------------------------------------------------------- 5.7, 5.8 fields
+
+
+class Payload:
+    """A cursor over bytes (SPEC §5.7)."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.at = 0
+
+    def take(self, length: int) -> bytes:
+        require(self.at + length <= len(self.data), "payload-short")
+        self.at += length
+        return self.data[self.at - length : self.at]
+
+    def fields(self, layout: str) -> tuple[Any, ...]:
+        return struct.unpack("<" + layout, self.take(struct.calcsize("<" + layout)))
+
+    def u8(self) -> int:
+        return self.take(1)[0]
+
+    def varint(self, b: int) -> int:
+        value = shift = 0
+        while True:
+            byte = self.u8()
+            value |= (byte & 0x7F) << shift
+            shift += 7
+            if byte < 0x80:
+                break
+            require(shift <= b, "bad-varint")
+        require(value < 1 << b and not (byte == 0 and shift > 7), "bad-varint")
+        return value
+
+    def svarint(self, b: int) -> int:
+        m = self.varint(b)
+        return m >> 1 if m % 2 == 0 else -(m >> 1) - 1
+
+    def count(self, most: int) -> int:
+        value = self.varint(63)
+        require(value <= most, "count-limit")
+        return value
+
+    def finish(self) -> None:
+        require(self.at == len(self.data), "payload-long")
+
+
+def stored(frame: bytes) -> bytes:
+    """The content of a Zstandard frame of raw blocks; a real decoder has a Zstandard library here (SPEC §5.8)."""
+    reader = Payload(frame)
+    require(reader.take(4) == bytes.fromhex("28b52ffd"), "bad-zstd")
+    size = {0x20: 1, 0x60: 2, 0xA0: 4}[reader.u8()]
+    length = int.from_bytes(reader.take(size), "little") + (256 if size == 2 else 0)
+    content, last = b"", False
+    while not last:
+        head = int.from_bytes(reader.take(3), "little")
+        last = bool(head & 1)
+        assert head >> 1 & 3 == 0, "not a stored frame"
+        content += reader.take(head >> 3)
+    require(reader.at == len(frame) and len(content) == length, "bad-zstd")
+    return content
+
+
+# ---------------------------------------------------------------------------------------------- 8 entropy coding
+
+
+class Table(NamedTuple):
+    """Symbols' values and cumulative frequencies (SPEC §8.1, §8.3)."""
+
+    values: Sequence[int]
+    cumulative: list[int]
+
+
+def cumulative(weights: list[int]) -> list[int]:
+    n, total, c, out = len(weights), sum(weights), 0, []
+    for i in range(n + 1):
+        out.append(c * (TOTAL - n) // total + i)
+        c += weights[i] if i < n else 0
+    return out
+
+
+def key(stream: int, component: int, step: int, context: int) -> int:
+    return stream << 24 | component << 16 | step << 8 | context
+
+
+def parse_tables(block: bytes) -> dict[int, Table]:
+    reader = Payload(stored(block))
+    tables: dict[int, Table] = {}
+    previous = -1
+    for _ in range(reader.count(65536)):
+        number = reader.varint(32)
+        require(number > previous, "bad-table")
+        previous = number
+        size = reader.count(4096)
+        require(size >= 1, "bad-table")
+        values = [reader.svarint(33)]
+        for _ in range(size - 1):
+            values.append(values[-1] + reader.varint(32) + 1)
+        require(abs(values[0]) < 1 << 31 and values[-1] < 1 << 31, "bad-table")
+        weights = [reader.varint(24) for _ in range(size)]
+        require(min(weights) >= 1, "bad-table")
+        tables[number] = Table(values, cumulative(weights))
+    reader.finish()
+    return tables
+
+
+class Rans:
+    """One sub-stream (SPEC §8.2)."""
+
+    def __init__(self, data: bytes, tables: dict[int, Table]) -> None:
+        self.words = list(struct.unpack(f"<{len(data) // 4}I", data))
+        require(not self.words or self.words[-1] != 0, "rans-last-word")
+        self.tables = tables
+        self.state = 0
+        self.refill()
+        self.refill()
+
+    def refill(self) -> None:
+        if self.state < 1 << 32 and self.words:
+            self.state = self.state << 32 | self.words.pop()
+
+    def symbol(self, table: Table) -> int:
+        c = table.cumulative
+        if len(c) == 2:
+            return table.values[0]
+        slot = self.state & (TOTAL - 1)
+        low, high = 0, len(c) - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if c[middle] <= slot else (low, middle)
+        self.state = (c[low + 1] - c[low]) * (self.state >> 24) + slot - c[low]
+        self.refill()
+        return table.values[low]
+
+    def read(self, number: int, n: int) -> list[int]:
+        if n == 0:
+            return []
+        require(number in self.tables, "missing-table")
+        return [self.symbol(self.tables[number]) for _ in range(n)]
+
+    def uniform(self, m: int, n: int) -> list[int]:
+        table = Table(range(m), cumulative([1] * m)) if n else None
+        return [self.symbol(table) for _ in range(n)] if table else []
+
+    def read_by_context(self, number: int, contexts: list[int]) -> list[int]:
+        out = [0] * len(contexts)
+        for c in sorted(set(contexts)):
+            chosen = [e for e, context in enumerate(contexts) if context == c]
+            for e, value in zip(chosen, self.read(number | c, len(chosen)), strict=True):
+                out[e] = value
+        return out
+
+    def seal(self) -> None:
+        require(self.state == 0 and not self.words, "rans-seal")
+
+
+# ---------------------------------------------------------------------------------------------- 7.2 positions
+
+
+def read_positions(rans: Rans, total: int, b: int) -> list[int]:
+    code, opened = [0] * total, [0] * total
+    nodes = [(0, total, 0)]
+    for bit in range(3 * b - 1, -1, -1):
+        several = []
+        for start, count, prefix in nodes:
+            if count == 1:
+                opened[start], code[start] = bit + 1, prefix
+            else:
+                several.append((start, count, prefix))
+        nodes = several
+        if not nodes:
+            break
+        lower = read_splits(rans, [count for _, count, _ in nodes])
+        children = []
+        for (start, count, prefix), below in zip(nodes, lower, strict=True):
+            if below > 0:
+                children.append((start, below, prefix))
+            if count - below > 0:
+                children.append((start + below, count - below, prefix | 1 << bit))
+        nodes = children
+    for start, count, prefix in nodes:
+        code[start : start + count] = [prefix] * count
+    for width in range(3 * b, 0, -1):
+        anchors = [a for a in range(total) if opened[a] == width]
+        for low in range(12 * ((width - 1) // 12), -1, -12):
+            for a, bits in zip(anchors, rans.uniform(1 << min(12, width - low), len(anchors)), strict=True):
+                code[a] |= bits << low
+    return code
+
+
+def read_splits(rans: Rans, counts: list[int]) -> list[int]:
+    lower = [0] * len(counts)
+    for n in range(2, 17):
+        chosen = [i for i, count in enumerate(counts) if count == n]
+        for i, value in zip(chosen, rans.read(key(POSITIONS, 0, 0, n), len(chosen)), strict=True):
+            lower[i] = value
+    large = [i for i, count in enumerate(counts) if count > 16]
+    bins = rans.read(key(POSITIONS, 0, 0, 17), len(large))
+    require(all(0 <= bin_ < 16 for bin_ in bins), "bad-split")
+    first = [-(-bin_ * (counts[i] + 1) // 16) for i, bin_ in zip(large, bins, strict=True)]
+    width = [-(-(bin_ + 1) * (counts[i] + 1) // 16) - f for i, bin_, f in zip(large, bins, first, strict=True)]
+    rest = [0] * len(large)
+    for w in sorted({w for w in width if w > 1}):
+        chosen = [m for m, here in enumerate(width) if here == w]
+        if w <= 4096:
+            values = rans.uniform(w, len(chosen))
+        else:
+            high = rans.uniform(((w - 1) >> 12) + 1, len(chosen))
+            values = [h << 12 | v for h, v in zip(high, rans.uniform(4096, len(chosen)), strict=True)]
+        for m, value in zip(chosen, values, strict=True):
+            require(value < w, "bad-split")
+            rest[m] = value
+    for m, i in enumerate(large):
+        lower[i] = first[m] + rest[m]
+    require(all(0 <= below <= count for below, count in zip(lower, counts, strict=True)), "bad-split")
+    return lower
+
+
+# ---------------------------------------------------------------------------------------------- 6, 7 models
+
+
+class Rule(NamedTuple):
+    """A context rule (SPEC §8.4)."""
+
+    by_class: int
+    source_channel: int
+    source_component: int
+    shift: int
+    low: int
+
+
+class Channel(NamedTuple):
+    """A row of the channel table (SPEC §6.4)."""
+
+    stream: int
+    steps: list[float]
+    rules: list[Rule]
+
+
+Row = list[tuple[int, list[int]]]
+
+
+def parse_layer(block: bytes, k: int, channels: list[Channel]) -> Row:
+    reader = Payload(block)
+    require(reader.u8() == 0, "unsupported-entropy-mode")
+    if k == 1:
+        for _ in range(reader.count(8)):
+            stream, components = reader.fields("BB")
+            channel = Channel(stream, [], [])
+            for _ in range(components):
+                channel.steps.append(reader.fields("d")[0])
+                by_class, source, component, shift = reader.fields("4B")
+                channel.rules.append(Rule(by_class, source, component, shift, reader.svarint(33)))
+            channels.append(channel)
+    row = [(reader.u8(), list(reader.take(len(channels)))) for _ in range(reader.count(15))]
+    reader.finish()
+    return row
+
+
+def parse_codebooks(block: bytes) -> dict[int, list[list[int]]]:
+    reader = Payload(block)
+    d, books = reader.count(64), {}
+    for _ in range(reader.count(2)):
+        number, size = reader.u8(), reader.count(4096)
+        words: list[list[int]] = [[] for _ in range(size)]
+        for _ in range(d):
+            low, width = reader.svarint(17), reader.u8()
+            packed = reader.take((size * width + 7) // 8)
+            bits = int.from_bytes(packed, "big") >> (8 * len(packed) - size * width)
+            for i in range(size):
+                words[i].append(low + (bits >> ((size - 1 - i) * width) & ((1 << width) - 1)))
+        books[number] = words
+    reader.finish()
+    return books
+
+
+def network_inputs(block: bytes) -> int:
+    """Inputs of the one network of a DECODER_MLP block."""
+    reader = Payload(stored(block))
+    require(reader.count(8) == 1, "bad-mlp")
+    reader.count(4)
+    reader.count(1024)
+    return reader.count(1024)
+
+
+# ---------------------------------------------------------------------------------------------- 7 tiles
+
+
+class Tile:
+    """One tile and what is decoded of it so far."""
+
+    def __init__(self, slots: int, channels: list[Channel]) -> None:
+        self.code: list[int] = []
+        self.klass: list[int] = []
+        self.slot_layer: list[list[int]] = []
+        self.v: list[list[Any]] = [[] for _ in channels]
+        self.first: list[list[list[int]]] = [[] for _ in channels]
+        self.index: list[list[int]] = []
+        self.slots = slots
+        self.channels = channels
+
+    def append(self, code: int, klass: int) -> None:
+        self.code.append(code)
+        self.klass.append(klass)
+        self.slot_layer.append([0] * self.slots)
+        self.index.append([0] * 9)
+        for i, channel in enumerate(self.channels):
+            zeros = [0] * len(channel.rules)
+            self.v[i].append([list(zeros) for _ in range(self.slots)] if channel.stream == OFFSETS else list(zeros))
+            self.first[i].append(list(zeros))
+
+
+class Decoder:
+    """A file's first layers (SPEC §4, steps 1 to 11)."""
+
+    def __init__(self, data: bytes, layers: int | None = None) -> None:
+        head = Payload(data)
+        require(head.take(9) == bytes.fromhex("8953434152 0d0a1a0a"), "bad-signature")
+        require(head.fields("BB") == (0, 1), "unsupported-version")
+        _, length, self.file_length = head.fields("BIQ")
+        require(zlib.crc32(data[: length - 4]) == struct.unpack("<I", data[length - 4 : length])[0], "header-crc-mismatch")
+        self.profile, self.degree, layer_count, self.slots, self.lattice_bits, _, _, _ = head.fields("8B")
+        tile_count, entry_count, _, _ = head.fields("IIQQ")
+        *self.origin, self.voxel = head.fields("4d")
+        tables = Payload(data)
+        tables.at = length
+        self.tiles = [tables.fields("BBHQ") for _ in range(tile_count)]
+        entries = [tables.fields("BBBBIQQII") for _ in range(entry_count)]
+        self.blocks: dict[tuple[int, int, int], tuple[bytes, int]] = {}
+        for kind, flags, layer, _, tile, offset, size, count, crc in entries:
+            require(kind in (1, 2, 3, 4, 5, 16, 64) or not flags & 1, "unknown-critical-block")
+            block = data[offset : offset + size]
+            require(zlib.crc32(block) == crc, "crc-mismatch")
+            self.blocks[layer, kind, tile] = block, count
+        self.k = layers or layer_count
+        self._models()
+
+    def _model(self, layer: int, kind: int) -> bytes | None:
+        return self.blocks.get((layer, kind, 0xFFFFFFFF), (None, 0))[0]
+
+    def _models(self) -> None:
+        self.channels: list[Channel] = []
+        self.rows: list[Row] = []
+        self.tables: list[dict[int, Table]] = []
+        self.books: dict[int, list[list[int]]] = {}
+        self.dimension = 0
+        for k in range(1, self.k + 1):
+            block = self._model(k, 1)
+            require(block is not None, "missing-block")
+            self.rows.append(parse_layer(block or b"", k, self.channels))
+            added = self._model(k, 2)
+            self.tables.append({**(self.tables[-1] if self.tables else {}), **(parse_tables(added) if added else {})})
+            books, decoder = self._model(k, 3), self._model(k, 4)
+            self.books |= parse_codebooks(books) if books else {}
+            self.dimension = network_inputs(decoder) if decoder else self.dimension
+
+    def classes(self, k: int) -> int:
+        return len(self.rows[k - 1]) if k else 0
+
+    def stages(self, k: int, c: int) -> int:
+        return self.rows[k - 1][c][0] if c < self.classes(k) else 0
+
+    def steps(self, k: int, i: int, c: int) -> int:
+        return self.rows[k - 1][c][1][i] if c < self.classes(k) else 0
+
+    def tile(self, number: int) -> Tile:
+        out = Tile(self.slots if self.profile else 0, self.channels)
+        depth, shift = self.tiles[number][:2]
+        for k in range(1, self.k + 1):
+            block, new = self.blocks.get((k, 16, number), (None, 0))
+            parts = substreams(block) if block else {}
+            self._layer(out, k, parts, new, self.lattice_bits - depth - shift)
+        return out
+
+    def _layer(self, tile: Tile, k: int, parts: dict[int, bytes], new: int, b: int) -> None:
+        def opened(stream: int) -> Rans:
+            return Rans(parts.get(stream, b""), self.tables[k - 1])
+
+        if new:
+            rans = opened(POSITIONS)
+            codes = read_positions(rans, new, b)
+            rans.seal()
+            rans, f, p = opened(CLASSES), self.classes(k - 1), self.classes(k)
+            classes = [f + v for v in rans.read(key(CLASSES, 0, 0, 0), new)] if p - f > 1 else [f] * new
+            rans.seal()
+            require(all(f <= c < p for c in classes), "bad-class")
+            for code, klass in zip(codes, classes, strict=True):
+                tile.append(code, klass)
+        if self.profile:
+            rans = opened(MASKS)
+            read_masks(rans, tile, k)
+            rans.seal()
+        for i, channel in enumerate(self.channels):
+            rans = opened(channel.stream)
+            if channel.stream == OFFSETS:
+                read_offsets(rans, tile, k, i)
+            else:
+                self._channel(rans, tile, k, i)
+            rans.seal()
+        rans = opened(INDICES)
+        self._indices(rans, tile, k)
+        rans.seal()
+
+    def _channel(self, rans: Rans, tile: Tile, k: int, i: int) -> None:
+        channel, v = self.channels[i], tile.v[i]
+        before = [self.steps(k - 1, i, c) for c in tile.klass]
+        after = [self.steps(k, i, c) for c in tile.klass]
+        for n in range(1, 21):
+            chosen = [a for a in range(len(v)) if before[a] < n <= after[a]]
+            for j, rule in enumerate(channel.rules):
+                number = key(channel.stream, j, n, 0)
+                contexts = [16 * tile.klass[a] * rule.by_class for a in chosen]
+                if n == 1:
+                    if rule.source_channel != 255:
+                        source = tile.first[rule.source_channel]
+                        for e, a in enumerate(chosen):
+                            s = source[a][rule.source_component]
+                            contexts[e] += min(max((s - rule.low) >> rule.shift, 0), 15)
+                    for a, value in zip(chosen, rans.read_by_context(number, contexts), strict=True):
+                        v[a][j] = tile.first[i][a][j] = value
+                else:
+                    contexts = [c + min(max(v[a][j], -2), 2) + 2 for c, a in zip(contexts, chosen, strict=True)]
+                    for a, t in zip(chosen, rans.read_by_context(number, contexts), strict=True):
+                        require(-1 <= t <= 1, "bad-trit")
+                        v[a][j] = 3 * v[a][j] + t
+                        require(abs(v[a][j]) < 1 << 31, "value-range")
+
+    def _indices(self, rans: Rans, tile: Tile, k: int) -> None:
+        before = [self.stages(k - 1, c) for c in tile.klass]
+        after = [self.stages(k, c) for c in tile.klass]
+        for stage in range(1, 9):
+            chosen = [a for a in range(len(before)) if before[a] < stage <= after[a]]
+            contexts = [16 * tile.klass[a] + (stage > 1 and tile.index[a][stage - 1] == 0) for a in chosen]
+            for a, value in zip(chosen, rans.read_by_context(key(INDICES, stage, 0, 0), contexts), strict=True):
+                require(0 <= value < len(self.books[min(stage - 1, 1)]), "bad-index")
+                tile.index[a][stage] = value
+
+    # ------------------------------------------------------------------------------------------ 9 reconstruction
+
+    def width(self, i: int, j: int, n: int) -> float:
+        return self.channels[i].steps[j] / float(3 ** (n - 1)) if n else 0.0
+
+    def positions(self, number: int, tile: Tile) -> list[list[float]]:
+        depth, shift, _, prefix = self.tiles[number]
+        corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
+        cell = float(1 << shift)
+        residual = next((i for i, channel in enumerate(self.channels) if channel.stream == POSITION_RESIDUAL), None)
+        out = []
+        for a, code in enumerate(tile.code):
+            local, place = deinterleaved(code), []
+            for axis in range(3):
+                t = (float(corner[axis]) + float(local[axis]) * cell) + cell / 2.0
+                if residual is not None:
+                    n = self.steps(self.k, residual, tile.klass[a])
+                    t = t + cell * (float(tile.v[residual][a][axis]) * self.width(residual, axis, n))
+                place.append(self.origin[axis] + self.voxel * t)
+            out.append(place)
+        return out
+
+    def value(self, i: int, c: int, values: list[int]) -> list[float]:
+        n = 1 if self.channels[i].stream == OFFSETS else self.steps(self.k, i, c)
+        return [f32(float(v) * self.width(i, j, n)) for j, v in enumerate(values)]
+
+    def latent(self, tile: Tile, a: int) -> list[float]:
+        z = [0] * self.dimension
+        for stage in range(1, self.stages(self.k, tile.klass[a]) + 1):
+            z = [x + y for x, y in zip(z, self.books[min(stage - 1, 1)][tile.index[a][stage]], strict=True)]
+        refined = next((i for i, channel in enumerate(self.channels) if channel.stream == LATENT), None)
+        if refined is None:
+            return [float(x) for x in z]
+        more = self.value(refined, tile.klass[a], tile.v[refined][a])
+        return [f32(float(x) + y) for x, y in zip(z, more, strict=True)]
+
+    def arrays(self) -> dict[str, Array]:
+        """Type, shape and SHA-256 of every array of expect.json."""
+        tiles = [self.tile(number) for number in range(len(self.tiles))]
+        stages = max((stages for stages, _ in self.rows[-1]), default=0)
+        n = sum(len(tile.code) for tile in tiles)
+        out = {
+            "tile": pin("<u4", (n,), (number for number, tile in enumerate(tiles) for _ in tile.code)),
+            "code": pin("<u8", (n,), (c for tile in tiles for c in tile.code)),
+            "class": pin("|u1", (n,), (c for tile in tiles for c in tile.klass)),
+            "index": pin("<u2", (n, stages), (x for t in tiles for row in t.index for x in row[1 : stages + 1])),
+            "position": pin(
+                "<f8", (n, 3), (x for i, t in enumerate(tiles) for row in self.positions(i, t) for x in row)
+            ),
+        }
+        if self.profile:
+            shown = (x for tile in tiles for row in tile.slot_layer for x in row)
+            out["slot_layer"] = pin("|u1", (n, self.slots), shown)
+        for i, channel in enumerate(self.channels):
+            name, shape = NAMES[channel.stream], [n, len(channel.rules)]
+            rows = [(t.klass[a], row) for t in tiles for a, row in enumerate(t.v[i])]
+            if channel.stream == OFFSETS:
+                shape.insert(1, self.slots)
+                rows = [(c, row) for c, slots in rows for row in slots]
+            out[f"v.{name}"] = pin("<i4", shape, (x for _, row in rows for x in row))
+            if channel.stream != POSITION_RESIDUAL:
+                out[f"value.{name}"] = pin("<f4", shape, (x for c, row in rows for x in self.value(i, c, row)))
+        if self.dimension:
+            latents = (x for tile in tiles for a in range(len(tile.code)) for x in self.latent(tile, a))
+            out["latent"] = pin("<f4", (n, self.dimension), latents)
+        return dict(sorted(out.items()))
+
+
+def substreams(block: bytes) -> dict[int, bytes]:
+    reader = Payload(block)
+    records = [reader.fields("BII") for _ in range(reader.u8())]
+    table = reader.at
+    (crc,) = reader.fields("I")
+    require(crc == zlib.crc32(block[:table]), "crc-mismatch")
+    out = {}
+    for kind, length, part_crc in records:
+        out[kind] = reader.take(length)
+        require(zlib.crc32(out[kind]) == part_crc, "crc-mismatch")
+    return out
+
+
+def read_masks(rans: Rans, tile: Tile, k: int) -> None:
+    on = [sum(layer > 0 for layer in slots) for slots in tile.slot_layer]
+    for s in range(tile.slots):
+        chosen = [a for a, slots in enumerate(tile.slot_layer) if slots[s] == 0]
+        for a, bit in zip(chosen, rans.read_by_context(key(MASKS, 0, 0, 0), [on[a] for a in chosen]), strict=True):
+            require(bit in (0, 1), "bad-mask")
+            if bit:
+                tile.slot_layer[a][s] = k
+                on[a] += 1
+
+
+def read_offsets(rans: Rans, tile: Tile, k: int, i: int) -> None:
+    pairs = [(a, s) for a, slots in enumerate(tile.slot_layer) for s, layer in enumerate(slots) if layer == k]
+    for j, rule in enumerate(tile.channels[i].rules):
+        contexts = [16 * tile.klass[a] * rule.by_class for a, _ in pairs]
+        for (a, s), value in zip(pairs, rans.read_by_context(key(OFFSETS, j, 1, 0), contexts), strict=True):
+            tile.v[i][a][s][j] = value
+
+
+def deinterleaved(code: int) -> list[int]:
+    return [sum((code >> (3 * bit + axis) & 1) << bit for bit in range(21)) for axis in range(3)]
+
+
+def f32(x: float) -> float:
+    """x rounded to binary32, to nearest, ties to even."""
+    return float(struct.unpack("<f", struct.pack("<f", x))[0])
+
+
+def pin(dtype: str, shape: Sequence[int], values: Iterable[Any]) -> Array:
+    code = {"<u4": "I", "<u8": "Q", "|u1": "B", "<u2": "H", "<i4": "i", "<f8": "d", "<f4": "f"}[dtype]
+    flat = list(values)
+    data = struct.pack(f"<{len(flat)}{code}", *flat)
+    return {"dtype": dtype, "shape": list(shape), "sha256": hashlib.sha256(data).hexdigest()}
+
+
+def main(arguments: list[str]) -> int:
+    """Print the arrays of a file to a layer."""
+    with open(arguments[0], "rb") as file:
+        data = file.read()
+    try:
+        arrays = Decoder(data, int(arguments[1]) if len(arguments) > 1 else None).arrays()
+    except Refused as refusal:
+        print(json.dumps({"refused": str(refusal)}))
+        return 0
+    print(json.dumps(arrays, indent=1))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

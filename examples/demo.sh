@@ -1,0 +1,35 @@
+#!/bin/sh
+# The whole path on a real scene, with the command a user would type before each result. Needs `scarfmt` on PATH.
+set -eu
+cd "$(dirname "$0")/.."
+scene=examples/plush-toys.ply
+out=demo-out
+mkdir -p "$out"
+
+say() { printf '\n\033[1m# %s\033[0m\n' "$1"; }
+run() { printf '$ %s\n' "$*"; "$@"; }
+
+say "A real trained scene, $(wc -c < "$scene" | tr -d ' ') bytes, into layers"
+run scarfmt encode "$scene" "$out/toys.scar" --cameras examples/plush-toys.cameras.json --force
+
+say "What is in the file (reads its first 2 KB only)"
+run scarfmt inspect "$out/toys.scar"
+
+say "The first layer alone is a file of its own: cut, not encoded again"
+run scarfmt truncate "$out/toys.scar" "$out/toys-layer1.scar" --layers 1 --force
+run scarfmt validate "$out/toys-layer1.scar"
+
+say "Back to .ply, which every splat viewer opens"
+run scarfmt decode "$out/toys-layer1.scar" "$out/toys-layer1.ply" --force
+run scarfmt decode "$out/toys.scar" "$out/toys.ply" --force
+
+say "How good is each layer, seen from cameras the encoder did not know?"
+run scarfmt compare "$scene" "$out/toys.scar" --all-layers --cameras examples/plush-toys.views.json
+
+say "Pictures: one row for each layer, then the source"
+run scarfmt render "$out/toys.scar" "$out/layers.png" --layers all --views 3 --cameras examples/plush-toys.views.json --force --quiet
+run scarfmt render "$scene" "$out/source.png" --views 3 --cameras examples/plush-toys.views.json --force --quiet
+
+say "Sizes"
+ls -l "$scene" "$out"/*.scar "$out"/*.ply | awk '{ printf "%12s bytes  %s\n", $5, $NF }'
+printf '\nLook at %s/layers.png and %s/source.png.\n' "$out" "$out"
