@@ -4,21 +4,20 @@
     python -m benchmarks.quality --scenes flowers plush-dog --qualities 41 47 --effort 2
     python -m benchmarks.quality --report                   only rewrite the tables from earlier results
 
-Results are merged into benchmarks/results/quality.json, from which docs/benchmarks.md gets its tables.
+Results are merged into benchmarks/results/quality.json, from which docs/benchmarks.md and README.md get their tables.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from benchmarks import child
 from benchmarks.report import SCRATCH, load_results, machine, replace_section, save_results, table
 from benchmarks.rivals import RIVALS, Rival
-from benchmarks.scenes import SCENES, Scene, chosen
+from benchmarks.scenes import REPOSITORY, SCENES, Scene, chosen
 from scarfmt.cli.scenes import Subject, layer_table, load_subject
 from scarfmt.inspection import inspect
 from scarfmt.render.compare import compare, compare_with_photos
@@ -26,6 +25,10 @@ from scarfmt.source import open_source
 
 QUALITIES = (41.0, 47.0)
 NAME = "quality"
+README = REPOSITORY / "README.md"
+# The scenes README.md tells of, and at which PSNR, dB.
+SUMMARY_SCENES = ("plush-toys", "plush-on-bed", "flowers", "plush-dog")
+SUMMARY_DB = (41.0, 47.0)
 
 
 def encoded_path(scene: Scene, quality: float, effort: int) -> Path:
@@ -133,6 +136,46 @@ def _layers_table(runs: list[dict[str, Any]]) -> str:
     return table([*head, *(["against photos"] if photos else [])], rows, 2)
 
 
+def summary(runs: list[dict[str, Any]]) -> str:
+    """The table of README.md: first layers, and what it takes to reach a PSNR."""
+    head = ["scene", "source", "first layer"]
+    for goal in SUMMARY_DB:
+        head += [f"{goal:g} dB reached at", f"smallest rival over {goal:g} dB"]
+    rows = []
+    for name in SUMMARY_SCENES:
+        mine = [run for run in runs if run["scene"] == name]
+        if not mine:
+            continue
+        first = max(mine, key=lambda run: float(run["quality"]))["layers"][0]
+        layers = [layer for run in mine for layer in run["layers"]]
+        count, size = mine[0]["source_count"], mine[0]["source_bytes"]
+        cells = [
+            f"{name}, {count:,} Gaussians",
+            f"{size / 1e6:.1f} MB, {size / count:.0f} B/G",
+            f"{first['bytes'] / 1e3:,.0f} kB: {first['psnr_db']:.1f} dB",
+        ]
+        for goal in SUMMARY_DB:
+            cells += [_reached(layers, goal), _smallest_rival(name, goal)]
+        rows.append(cells)
+    return table(head, rows)
+
+
+def _reached(layers: list[dict[str, Any]], goal: float) -> str:
+    good = [layer for layer in layers if layer["psnr_db"] >= goal]
+    if not good:
+        return "not reached"
+    best = min(good, key=lambda layer: float(layer["bytes_per_source"]))
+    return f"{best['bytes_per_source']:.1f} B/G ({best['psnr_db']:.1f} dB)"
+
+
+def _smallest_rival(name: str, goal: float) -> str:
+    good = [rival for rival in RIVALS.get(name, ()) if rival.psnr_db >= goal]
+    if not good:
+        return "none measured"
+    best = min(good, key=lambda rival: rival.bytes_per_gaussian)
+    return f"{best.bytes_per_gaussian:.1f} B/G ({best.psnr_db:.1f} dB, {best.name})"
+
+
 def _rivals_text(name: str, runs: list[dict[str, Any]]) -> list[str]:
     if name not in RIVALS:
         return []
@@ -204,9 +247,12 @@ def main() -> None:
         results[run_key(run)] = run
         if not arguments.no_write:
             save_results(NAME, results)
-    show = print if arguments.no_write else partial(replace_section, NAME)
-    if results:
-        show(tables(list(results.values())))
+    runs = list(results.values())
+    if arguments.no_write:
+        print(tables(runs))
+    elif runs:
+        replace_section(NAME, tables(runs))
+        replace_section("results", summary(runs), README)
 
 
 if __name__ == "__main__":

@@ -69,7 +69,14 @@ SCENES = (
         note="the example scene of this repository",
         ours=True,
     ),
-    Scene("plush-on-bed", _SPLATS / "plush-on-bed.ply", "-y:125:70", photos=_CAPTURE, note="raw float, SH 3", ours=True),
+    Scene(
+        "plush-on-bed",
+        _SPLATS / "plush-on-bed.ply",
+        "-y:125:70",
+        photos=_CAPTURE,
+        note="raw float, SH 3",
+        ours=True,
+    ),
     Scene(
         "plush-on-bed, poses",
         _SPLATS / "plush-on-bed.ply",

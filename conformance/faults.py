@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from conformance.files import (
     blocks_of,
     changed,
-    content_of,
     patched,
     rebuilt,
     resealed_front,
-    stored_frame,
     substream_bytes,
 )
+from scarfmt.codecs.codebooks import pack_codebooks, unpack_codebooks
 from scarfmt.container import Block, Container
 from scarfmt.schema import (
     DIRECTORY_ENTRY,
@@ -51,15 +50,17 @@ def _front_faults(base: bytes) -> Iterator[Fault]:
     yield "later-version", "version 0.2; the CRC is wrong too", "R-5.1-2", "unsupported-version", later
     flipped = base[:60] + bytes([base[60] ^ 1]) + base[61:]
     yield "header-bit", "one bit of the header is flipped", "R-5.2-4", "header-crc-mismatch", flipped
-    yield "reserved-set", "a reserved byte is 1", "R-5.2-14", "bad-reserved", patched(base, FILE_HEADER, 0, "reserved", 1)
+    yield ("reserved-set", "a reserved byte is 1", "R-5.2-14", "bad-reserved",
+           patched(base, FILE_HEADER, 0, "reserved", 1))
     yield ("slots-two", "two slots in the explicit profile", "R-5.2-10", "bad-slots",
            patched(base, FILE_HEADER, 0, "slots", 2))
-    counts = patched(base, LAYER_SUMMARY, FILE_HEADER_SIZE, "gaussian_count", container.header.layers[0].anchor_count - 1)
-    yield "gaussians-missing", "fewer Gaussians than anchors", "R-5.3-2", "layer-counts", counts
+    fewer = container.header.layers[0].anchor_count - 1
+    yield ("gaussians-missing", "fewer Gaussians than anchors", "R-5.3-2", "layer-counts",
+           patched(base, LAYER_SUMMARY, FILE_HEADER_SIZE, "gaussian_count", fewer))
     yield "trailing-byte", "one byte too many", "R-5.3-7", "trailing-bytes", base + b"\0"
     yield "cut", "the last byte is missing", "R-5.3-8", "truncated-file", base[:-1]
-    swapped = bytearray(base)
-    swapped[tiles : tiles + 12], swapped[tiles + 12 : tiles + 24] = base[tiles + 12 : tiles + 24], base[tiles : tiles + 12]
+    middle, past = tiles + 12, tiles + 24
+    swapped = base[:tiles] + base[middle:past] + base[tiles:middle] + base[past:]
     yield "tiles-swapped", "tile records in wrong order", "R-5.4-8", "tile-order", resealed_front(swapped)
     yield ("tile-too-deep", "local bits below 0", "R-5.4-6", "tile-local-bits",
            patched(base, TILE_RECORD, tiles, "shift", 16))
@@ -75,7 +76,7 @@ def _unknown_kind(base: bytes) -> bytes:
 
 
 def _block_faults(base: bytes) -> Iterator[Fault]:
-    start, past = substream_bytes(base, Stream.SCALE, 1)
+    _, past = substream_bytes(base, Stream.SCALE, 1)
     damaged = bytearray(base)
     damaged[past - 1] ^= 0x40
     yield "block-bit", "one bit of a TILE block is flipped", "R-5.6-1", "crc-mismatch", bytes(damaged)
@@ -89,13 +90,15 @@ def _block_faults(base: bytes) -> Iterator[Fault]:
            changed(base, BlockKind.LAYER, 2, lambda payload: payload + b"\0"))
     long = changed(base, BlockKind.LAYER, 2, lambda payload: payload[:1] + bytes([payload[1] | 0x80, 0]) + payload[2:])
     yield "long-varint", "a varint with a superfluous byte", "R-5.7-1", "bad-varint", long
-    yield ("frame-tail", "a byte after the Zstandard frame", "R-5.8-4", "bad-zstd", _raw_tables(base, lambda f: f + b"\0"))
+    yield ("frame-tail", "a byte after the Zstandard frame", "R-5.8-4", "bad-zstd",
+           _raw_tables(base, lambda frame: frame + b"\0"))
     yield ("frame-size", "the frame states one byte more than it holds", "R-5.8-4", "bad-zstd",
            _raw_tables(base, _larger_size))
 
 
 def _parts(payload: bytes) -> dict[Stream, bytes]:
-    return {kind: payload[part.start : part.start + part.length] for kind, part in unpack_table(payload, len(payload)).items()}
+    table = unpack_table(payload, len(payload))
+    return {kind: payload[part.start : part.start + part.length] for kind, part in table.items()}
 
 
 def _wrong_crc(payload: bytes) -> bytes:
@@ -110,8 +113,8 @@ def _with_masks(payload: bytes) -> bytes:
     return pack_substreams({**_parts(payload), Stream.MASKS: bytes([1, 0, 0, 0])})
 
 
-def _raw_tables(base: bytes, change: object) -> bytes:
-    assert callable(change)
+def _raw_tables(base: bytes, change: Callable[[bytes], bytes]) -> bytes:
+    """The file with the first TABLES block changed, frame and all."""
     blocks = blocks_of(base)
     row = next(i for i, block in enumerate(blocks) if block.kind == BlockKind.TABLES)
     blocks[row] = replace(blocks[row], payload=change(blocks[row].payload))
@@ -171,6 +174,4 @@ def _zero_word(payload: bytes) -> bytes:
 
 
 def _small_book(data: bytes) -> bytes:
-    from scarfmt.codecs.codebooks import pack_codebooks, unpack_codebooks
-
     return changed(data, BlockKind.CODEBOOKS, 1, lambda payload: pack_codebooks({0: unpack_codebooks(payload)[0][:2]}))

@@ -84,10 +84,7 @@ def changed(data: bytes, kind: BlockKind, layer: int, change: Callable[[bytes], 
     blocks = blocks_of(data)
     row = next(i for i, block in enumerate(blocks) if (block.kind, block.layer) == (kind, layer))
     old = blocks[row]
-    if kind in COMPRESSED:
-        payload = stored_frame(change(content_of(old)))
-    else:
-        payload = change(old.payload)
+    payload = stored_frame(change(content_of(old))) if kind in COMPRESSED else change(old.payload)
     blocks[row] = replace(old, payload=payload, count=old.count + count, stream_bytes=_streams(old, payload))
     return rebuilt(data, blocks)
 

@@ -1,4 +1,4 @@
-"""A second decoder, written from SPEC.md alone: the standard library, plain loops, function by function its pseudo-code.
+"""A second decoder, written from SPEC.md alone: standard library, plain loops, its pseudo-code function by function.
 
 It shows that the text suffices, and is a start for a port. It decodes the exact class (SPEC §5-§8, §9.1, §9.2) of
 valid files whose Zstandard frames are stored, as in the vectors; of the refusals it makes only those the pseudo-code
@@ -350,7 +350,8 @@ class Decoder:
         require(head.take(9) == bytes.fromhex("8953434152 0d0a1a0a"), "bad-signature")
         require(head.fields("BB") == (0, 1), "unsupported-version")
         _, length, self.file_length = head.fields("BIQ")
-        require(zlib.crc32(data[: length - 4]) == struct.unpack("<I", data[length - 4 : length])[0], "header-crc-mismatch")
+        (crc,) = struct.unpack("<I", data[length - 4 : length])
+        require(zlib.crc32(data[: length - 4]) == crc, "header-crc-mismatch")
         self.profile, self.degree, layer_count, self.slots, self.lattice_bits, _, _, _ = head.fields("8B")
         tile_count, entry_count, _, _ = head.fields("IIQQ")
         *self.origin, self.voxel = head.fields("4d")

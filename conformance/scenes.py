@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -69,7 +70,7 @@ def steady(layers: int, stages: int, steps: tuple[int, ...]) -> tuple[LayerRow, 
 def network(prng: Prng, *widths: int) -> Network:
     """Random layers of these widths, weights of one byte, scales and biases exact in few bits."""
     layers = []
-    for columns, rows in zip(widths, widths[1:], strict=False):
+    for columns, rows in itertools.pairwise(widths):
         weights = prng.integers(-127, 128, (rows, columns)).astype(np.int16)
         scales = (prng.integers(1, 9, rows) / 1024).astype(np.float32)
         layers.append(Linear(weights, scales, (prng.integers(-8, 9, rows) / 16).astype(np.float32)))

@@ -59,8 +59,8 @@ class _Walk:
         parsed = structure.parse(self.data[self.at :])
         for row in field_table(structure):
             value = parsed[row.name]
-            shown = [v for v in value] if isinstance(value, list) else value
-            if row.name.endswith("crc32") or row.name == "tile" and value > 0xFFFF:
+            shown = list(value) if isinstance(value, list) else value
+            if row.name.endswith("crc32") or (row.name == "tile" and value > 0xFFFF):
                 shown = f"0x{value:08X}"
             self.note(row.size, f"{name}.{row.name}", "" if isinstance(value, bytes) else shown)
         return parsed

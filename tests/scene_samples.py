@@ -11,11 +11,12 @@ from numpy.random import Generator
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.codecs.mlp import Linear, Network
 from scarfmt.container import HeaderFields, Tile
+from scarfmt.directory import local_bits
 from scarfmt.limits import MAX_LOCAL_BITS
-from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
+from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel, first_layers
 from scarfmt.schema import Profile, Stream
 from scarfmt.tile import TileContent, first_values
-from scarfmt.writer import QuantisedScene, first_layers, local_bits
+from scarfmt.writer import QuantisedScene
 
 TILE_DEPTH = 2
 FEATURES = 8

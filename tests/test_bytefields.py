@@ -145,6 +145,7 @@ BAD_FRAMES = {
     "no content, then garbage": compress(b"") + b"garbage",
     "no content, cut": compress(b"")[:-1],
     "dictionary id": frame(0x21, b"\x07\x03"),
+    "checksum": zstandard.ZstdCompressor(write_checksum=True).compress(PAYLOAD),
     "reserved bit": frame(0x28, b"\x03"),
     "declares less": frame(0x20, b"\x02"),
     "declares more": frame(0x20, b"\x04"),

@@ -28,7 +28,7 @@ from hypothesis import strategies as st
 
 from scarfmt.container import Block, Container, HeaderFields, Tile, write_container
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError, Truncated, Unsupported
-from scarfmt.limits import FORMAT_LIMITS, Limits
+from scarfmt.limits import FORMAT_LIMITS, FREE_ANCHORS, FREE_SLOTS, Limits
 from scarfmt.schema import SIGNATURE, BlockFlag, BlockKind, ColourSpace, CoordinateFrame, Profile, Stream, header_length
 from scarfmt.source import BytesSource
 
@@ -149,6 +149,7 @@ FIELD_CASES = [
     (H, 0, "voxel", -1.0, "bad-voxel"),
     (H, 0, "voxel", math.inf, "bad-voxel"),
     (H, 0, "voxel", math.nan, "bad-voxel"),
+    (H, 0, "voxel", 2.0**999, "bad-voxel"),
     (H, 0, "source_count", 1 << 53, "bad-source-count"),
     (H, 0, "anchor_count", 99, "layer-counts"),
     (H, 0, "gaussian_count", 99, "layer-counts"),
@@ -233,7 +234,8 @@ def test_errors_point_at_the_broken_field(table: str, row: int, name: str, value
         (H, 0, "entry_count", (1 << 22) + 1, Limits(), "limit-entries"),
         (H, 0, "anchor_count", (1 << 26) + 1, Limits(), "limit-anchors"),
         (H, 0, "gaussian_count", (1 << 28) + 1, Limits(), "limit-gaussians"),
-        (H, 0, "anchor_count", 64 * len(BASE) + 1, Limits(), "limit-expansion"),
+        (H, 0, "anchor_count", FREE_ANCHORS + len(BASE) + 1, Limits(), "limit-expansion"),
+        (H, 0, "anchor_count", FREE_ANCHORS + 1, Limits(anchors_per_byte=0), "limit-expansion"),
         (D, 2, "count", 65537, Limits(), "limit-tile-anchors"),
         (H, 0, "reserved", 0, Limits(block_bytes=18), "limit-block-bytes"),
         (H, 0, "reserved", 0, Limits(tile_anchors=74), "limit-tile-anchors"),
@@ -245,6 +247,20 @@ def test_limits_refuse_declared_numbers(
 ) -> None:
     """Declared numbers are compared with the reader's limits before anything is allocated from them."""
     assert refusal_of(edit(BASE, table, row, name, value), LimitExceeded, limits=limits).refusal == refusal
+
+
+def test_slots_multiply_what_a_file_may_ask_for() -> None:
+    """32 slots an anchor: a file of few bytes may have a thirty-second of the anchors."""
+    fields = dataclasses.replace(FIELDS, profile=Profile.ANCHOR, sh_degree=0, slots=32)
+    for anchors, refused in ((FREE_SLOTS // 32, False), (FREE_SLOTS // 32 + 1, True)):
+        blocks = [Block(BlockKind.TILE, 1, b"tile", 0, anchors)]
+        data = write_container(fields, TILES, blocks, [(anchors, 0)])
+        limits = Limits(slots_per_byte=0)
+        if refused:
+            error = refusal_of(data, LimitExceeded, limits=limits)
+            assert (error.refusal, error.field) == ("limit-expansion", "slots")
+        else:
+            assert len(read_all(data, limits)) == 1
 
 
 def test_the_sample_passes_limits_it_just_meets() -> None:
@@ -322,7 +338,7 @@ def test_other_versions_are_unsupported_not_malformed(version: tuple[int, int]) 
     assert refusal_of(data, Unsupported).refusal == "unsupported-version"
 
 
-@pytest.mark.parametrize("length", [0, 104, 231, 233, 232 + 16 * 128, 0xFFFFFFFF])
+@pytest.mark.parametrize("length", [0, 104, header_length(1) - 1, header_length(1) + 1, header_length(17), 0xFFFFFFFF])
 def test_header_lengths_of_no_layer_count_are_refused(length: int) -> None:
     """The length is checked before it is used to find the header's checksum."""
     data = BASE[:12] + length.to_bytes(4, "little") + BASE[16:]
@@ -415,7 +431,15 @@ def test_every_prefix_is_truncated_or_readable() -> None:
 
 
 @pytest.mark.parametrize(
-    ("size", "refusal"), [(0, "header"), (5, "header"), (10, "header"), (14, "header"), (300, "header"), (500, "file")]
+    ("size", "refusal"),
+    [
+        (0, "header"),
+        (5, "header"),
+        (10, "header"),
+        (14, "header"),
+        (header_length(3) - 1, "header"),
+        (header_length(3), "file"),
+    ],
 )
 def test_truncation_refusals_name_the_part(size: int, refusal: str) -> None:
     """A program can tell whether waiting for more bytes would help."""
@@ -468,7 +492,7 @@ def _with(index: int, **changes: object) -> list[Block]:
         (lambda: write_container(FIELDS, TILES, _with(2, count=1 << 32), COUNTS), "does not fit"),
         (lambda: write_container(FIELDS, TILES, _with(2, stream_bytes={1: 10}), COUNTS), "stream_bytes"),
         (lambda: write_container(FIELDS, TILES, _with(2, stream_bytes={0: 1}), COUNTS), "stream_bytes"),
-        (lambda: write_container(FIELDS, TILES, _with(2, stream_bytes={12: 1}), COUNTS), "does not fit"),
+        (lambda: write_container(FIELDS, TILES, _with(2, stream_bytes={len(Stream): 1}), COUNTS), "does not fit"),
         (lambda: write_container(dataclasses.replace(FIELDS, slots=300), TILES, [], [(0, 0)]), "does not fit"),
         (lambda: write_container(dataclasses.replace(FIELDS, voxel=0.0), TILES, [], [(0, 0)]), "bad-voxel"),
     ],
@@ -484,17 +508,17 @@ def test_the_bytes_are_those_of_the_specification() -> None:
     """A file packed by hand from SPEC §5: the layout cannot change by accident."""
     layer, tile = b"description", b"coded anchors"
     records = struct.pack("<BBHQ", 2, 3, 0, 8)
-    data_offset = 232 + 12 + 2 * 32
+    data_offset = 240 + 12 + 2 * 32
     for kind, index, offset, payload, count in (
         (1, 0xFFFFFFFF, data_offset, layer, 0),
         (16, 0, data_offset + len(layer), tile, 5),
     ):
         records += struct.pack("<BBBBIQQII", kind, 1, 1, 0, index, offset, len(payload), count, zlib.crc32(payload))
     size = data_offset + len(layer + tile)
-    header = struct.pack("<9s3BIQ", b"\x89SCAR\r\n\x1a\n", 0, 1, 0, 232, size)
+    header = struct.pack("<9s3BIQ", b"\x89SCAR\r\n\x1a\n", 0, 1, 0, 240, size)
     header += struct.pack("<8B", 1, 0, 1, 10, 24, 1, 1, 0)
     header += struct.pack("<IIQQ4dQI", 1, 2, 5, 42, 0.5, -1.0, 3.0, 0.25, 77, zlib.crc32(records))
-    header += struct.pack("<4Q12Q", 5, 42, 24, size, 11, 9, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4)
+    header += struct.pack("<4Q13Q", 5, 42, 24, size, 11, 9, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 4)
     header += struct.pack("<I", zlib.crc32(header))
     fields = HeaderFields(Profile.ANCHOR, 0, 10, 24, (0.5, -1.0, 3.0), 0.25, 77, CoordinateFrame.RDF, ColourSpace.SRGB)
     blocks = [Block(BlockKind.LAYER, 1, layer), Block(BlockKind.TILE, 1, tile, 0, 5, {Stream.POSITIONS: 9})]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,6 +23,7 @@ from scarfmt.container import Block, Container, HeaderFields, Tile
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError, Truncated, Unsupported
 from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
 from scarfmt.reader import SceneReader
+from scarfmt.requirements import OUTPUTS_PER_SLOT
 from scarfmt.schema import BlockKind, Profile, Stream, header_length
 from scarfmt.source import BytesSource
 from scarfmt.tile import TileContent, first_values
@@ -32,9 +34,10 @@ from scarfmt.writer import QuantisedScene, write_scene
 def tiny_scene(profile: Profile) -> QuantisedScene:
     """Two anchors with a block of every kind the profile has, in as few bytes as that takes."""
     anchor = profile == Profile.ANCHOR
-    channels = [Channel(Stream.SCALE, (0.5,), (ContextRule(False),))]
+    scales = 6 if anchor else 3
+    channels = [Channel(Stream.SCALE, (0.5,) * scales, (ContextRule(False),) * scales)]
     if anchor:
-        channels.append(Channel(Stream.OFFSETS, (0.1,), (ContextRule(False),)))
+        channels.append(Channel(Stream.OFFSETS, (0.1,) * 3, (ContextRule(False),) * 3))
     row = LayerRow((1,), ((1,) * len(channels),))
     model = SceneModel(profile, 2 if anchor else 1, tuple(channels), (row,))
     content = TileContent.empty(model, 2)
@@ -45,11 +48,16 @@ def tiny_scene(profile: Profile) -> QuantisedScene:
         content.slot_layers[:] = [[1, 0], [1, 1]]
         content.values[1][:, :, 0] = [[2, 0], [-1, 5]]
     content.first = first_values(model, content)
-    net = Network((Linear.quantised(np.ones((1, 1)), np.zeros(1)),))
     fields = HeaderFields(profile, 0, model.slots, 4, (0.0, 0.0, 0.0), 1.0, 2)
     books = Codebooks(np.array([[0], [1]]), np.zeros((0, 1), np.int64))
-    nets = (net,) * 3 if anchor else ()
-    return QuantisedScene(fields, model, (Tile(1, 0, 0),), (content,), books, net, nets, {"a": 1})
+    decoder = _net(1, 1 if anchor else 3)
+    nets = tuple(_net(4, 1, outputs * model.slots) for outputs in OUTPUTS_PER_SLOT) if anchor else ()
+    return QuantisedScene(fields, model, (Tile(1, 0, 0),), (content,), books, decoder, nets, {"a": 1})
+
+
+def _net(*widths: int) -> Network:
+    pairs = itertools.pairwise(widths)
+    return Network(tuple(Linear.quantised(np.ones((rows, columns)), np.zeros(rows)) for columns, rows in pairs))
 
 
 SMALL = {profile: write_scene(tiny_scene(profile)) for profile in Profile}

@@ -15,6 +15,7 @@ from scarfmt.model import (
     MAX_COMPONENTS,
     MAX_STAGES,
     MAX_STEPS,
+    NO_SOURCE,
     Channel,
     ContextRule,
     LayerRow,
@@ -34,6 +35,7 @@ def channel(stream: Stream = Stream.SCALE, *rules: ContextRule, step: float = 0.
 
 
 SCALE = channel()
+ANCHOR_SCALE = channel(Stream.SCALE, *[PLAIN] * 6)
 OFFSETS = channel(Stream.OFFSETS)
 
 
@@ -58,16 +60,29 @@ def test_models_that_keep_the_rules_pass(scene: QuantisedScene) -> None:
         ((Channel(Stream.SCALE, (0.5, 0.5), (PLAIN, PLAIN, PLAIN)),), Profile.EXPLICIT),
         ((channel(Stream.SCALE, *[PLAIN] * (MAX_COMPONENTS + 1)),), Profile.EXPLICIT),
         ((SCALE, OFFSETS), Profile.EXPLICIT),
-        ((SCALE,), Profile.ANCHOR),
+        ((ANCHOR_SCALE,), Profile.ANCHOR),
         ((channel(Stream.SCALE, ContextRule(True, 0, 0), PLAIN, PLAIN),), Profile.EXPLICIT),
         ((channel(Stream.SCALE, ContextRule(True, 0, 1), PLAIN, PLAIN),), Profile.EXPLICIT),
         ((channel(Stream.SCALE, PLAIN, ContextRule(True, 1, 0), PLAIN), channel(Stream.COLOUR)), Profile.EXPLICIT),
         ((SCALE, channel(Stream.COLOUR, ContextRule(True, 0, 3), PLAIN, PLAIN)), Profile.EXPLICIT),
         ((SCALE, channel(Stream.COLOUR, ContextRule(True, 0, 0, 0, 32), PLAIN, PLAIN)), Profile.EXPLICIT),
-        ((SCALE, channel(Stream.OFFSETS, ContextRule(True, 0, 0), PLAIN, PLAIN)), Profile.ANCHOR),
-        ((SCALE, channel(Stream.OFFSETS, PLAIN, ContextRule(True, 1, 0), PLAIN)), Profile.ANCHOR),
+        ((ANCHOR_SCALE, channel(Stream.OFFSETS, ContextRule(True, 0, 0), PLAIN, PLAIN)), Profile.ANCHOR),
+        ((ANCHOR_SCALE, channel(Stream.OFFSETS, PLAIN, ContextRule(True, 1, 0), PLAIN)), Profile.ANCHOR),
+        ((channel(step=2.0**97),), Profile.EXPLICIT),
+        ((), Profile.EXPLICIT),
+        ((channel(Stream.COLOUR),), Profile.EXPLICIT),
+        ((channel(Stream.SCALE, PLAIN),), Profile.EXPLICIT),
+        ((ANCHOR_SCALE,), Profile.EXPLICIT),
+        ((SCALE, channel(Stream.OPACITY)), Profile.EXPLICIT),
+        ((SCALE, OFFSETS), Profile.ANCHOR),
+        ((OFFSETS,), Profile.ANCHOR),
+        ((ANCHOR_SCALE, channel(Stream.OFFSETS, *[PLAIN] * 64)), Profile.ANCHOR),
+        ((ANCHOR_SCALE, channel(Stream.OPACITY, PLAIN), OFFSETS), Profile.ANCHOR),
+        ((channel(Stream.SCALE, ContextRule(True, NO_SOURCE, 1), PLAIN, PLAIN),), Profile.EXPLICIT),
+        ((channel(Stream.SCALE, ContextRule(True, NO_SOURCE, 0, 1), PLAIN, PLAIN),), Profile.EXPLICIT),
+        ((channel(Stream.SCALE, ContextRule(True, NO_SOURCE, 0, 0, 1), PLAIN, PLAIN),), Profile.EXPLICIT),
     ],
-    ids=range(19),
+    ids=range(32),
 )
 def test_channel_tables_that_break_the_rule_are_refused(channels: tuple[Channel, ...], profile: Profile) -> None:
     """Streams, steps, sizes, context sources, and offsets in the right profile."""
@@ -78,7 +93,7 @@ def test_sources_may_be_any_earlier_component() -> None:
     """Of an earlier channel, or of the same one."""
     colour = channel(Stream.COLOUR, ContextRule(True, 0, 2, -9, 31), ContextRule(True, 1, 0), ContextRule(True, 1, 1))
     check_channels((SCALE, colour), Profile.EXPLICIT)
-    check_channels((SCALE, OFFSETS), Profile.ANCHOR)
+    check_channels((ANCHOR_SCALE, OFFSETS), Profile.ANCHOR)
 
 
 BEFORE = LayerRow((1, 2), ((1, 3), (0, 0)))
@@ -129,3 +144,30 @@ def test_lookups_follow_the_table_and_are_0_before_a_class_appears() -> None:
     assert model.max_stages == 4
     broken = replace(model, layers=(later, BEFORE))
     refuses("bad-layer-table", broken.check)
+
+
+def anchor_model(rows: tuple[LayerRow, ...]) -> SceneModel:
+    """SCALE, LATENT and OFFSETS, in this order."""
+    return SceneModel(Profile.ANCHOR, 2, (ANCHOR_SCALE, channel(Stream.LATENT), OFFSETS), rows)
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        (LayerRow((1,), ((1, 0, 0),)),),
+        (LayerRow((1,), ((1, 0, 2),)),),
+        (LayerRow((1,), ((1, 0, 1),)), LayerRow((1, 0), ((1, 0, 1), (1, 0, 0)))),
+        (LayerRow((0,), ((1, 0, 1),)),),
+        (LayerRow((0,), ((1, 0, 1),)), LayerRow((1,), ((1, 1, 1),))),
+    ],
+    ids=range(5),
+)
+def test_the_anchor_profile_has_offsets_in_one_step_and_a_feature_from_the_start(rows: tuple[LayerRow, ...]) -> None:
+    """Without a stage or a latent step there is no decoder, and without a decoder nothing to draw."""
+    refuses("bad-layer-table", anchor_model(rows).check)
+
+
+def test_one_class_with_a_feature_is_enough() -> None:
+    """By a stage or by a latent step."""
+    for first in (LayerRow((0, 1), ((1, 0, 1), (0, 0, 1))), LayerRow((0, 0), ((1, 0, 1), (0, 1, 1)))):
+        anchor_model((first,)).check()

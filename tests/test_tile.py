@@ -8,17 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from codec_samples import refuses
-from file_surgery import ATTRIBUTES, same_content
+from file_surgery import ATTRIBUTES, arrays_of, same_content
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_samples import quantised_scenes, random_scene
 
 from scarfmt.codecs.channels import coarsen
+from scarfmt.directory import local_bits
 from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
 from scarfmt.schema import Profile, Stream
 from scarfmt.symbols import SymbolCounter, SymbolReader, SymbolTable, SymbolWriter, TableKey, fit_table
 from scarfmt.tile import TileContent, first_values, get_layer, needed_channels, put_layer
-from scarfmt.writer import QuantisedScene, keep_layers, local_bits
+from scarfmt.writer import QuantisedScene, keep_layers
 
 Coded = tuple[int, dict[Stream, bytes], dict[TableKey, SymbolTable]]
 
@@ -51,7 +52,17 @@ def read_layer(
 
     bits = local_bits(scene.fields, scene.tiles[tile])
     sizes = scene.codebooks.sizes if scene.codebooks else (0, 0)
-    return get_layer(scene.model, layer, bits, content, new, open_stream, wanted, sizes)
+    content = with_room(scene.model, content, new)
+    get_layer(scene.model, layer, bits, content, new, open_stream, wanted, sizes)
+    return content
+
+
+def with_room(model: SceneModel, content: TileContent, new: int) -> TileContent:
+    """The same anchors at the start of a larger tile."""
+    larger = TileContent.empty(model, len(content) + new)
+    for target, source in zip(arrays_of(larger.head(len(content))), arrays_of(content), strict=True):
+        target[...] = source
+    return larger
 
 
 @settings(deadline=None, max_examples=25)
@@ -136,7 +147,9 @@ def reading(
         return SymbolReader((streams or {}).get(stream, b""), tables or {})
 
     model = chained()
-    return get_layer(model, 1, 4, TileContent.empty(model), new, open_stream, ATTRIBUTES, (0, 0))
+    content = TileContent.empty(model, new)
+    get_layer(model, 1, 4, content, new, open_stream, ATTRIBUTES, (0, 0))
+    return content
 
 
 def test_streams_must_hold_what_the_directory_announces() -> None:
@@ -156,14 +169,48 @@ def test_streams_must_hold_what_the_directory_announces() -> None:
         return SymbolReader(some + streams[stream] if stream == Stream.SCALE else streams.get(stream, b""), tables)
 
     sizes = scene.codebooks.sizes if scene.codebooks else (0, 0)
-    refuses("rans-seal", lambda: get_layer(model, 1, bits, TileContent.empty(model), 40, more, ATTRIBUTES, sizes))
+    refuses("rans-seal", lambda: get_layer(model, 1, bits, TileContent.empty(model, 40), 40, more, ATTRIBUTES, sizes))
 
 
-def test_joining_tiles_keeps_both() -> None:
-    """Anchors of one after those of the other, in every array."""
-    a, b = random_scene(1, anchors=30, tiles=1).contents[0], random_scene(1, anchors=30, tiles=1).contents[0]
-    both = a.extended(b)
-    assert len(both) == 60
-    assert both.codes.tolist() == a.codes.tolist() + b.codes.tolist()
-    for joined, x, y in zip(both.values, a.values, b.values, strict=True):
-        assert joined.tolist() == x.tolist() + y.tolist()
+def test_the_head_of_a_tile_is_the_tile_itself() -> None:
+    """A layer is read into a view of the arrays that hold all layers."""
+    whole = random_scene(1, Profile.ANCHOR, anchors=30, tiles=1).contents[0]
+    head = whole.head(12)
+    assert len(head) == 12
+    for part, array in zip(arrays_of(head), arrays_of(whole), strict=True):
+        assert part.shape[1:] == array.shape[1:]
+        assert part.size == 0 or np.shares_memory(part, array)
+    head.classes[:] = 7
+    assert (whole.classes == 7).sum() == 12
+
+
+def test_a_position_residual_beyond_its_cell_is_refused_in_the_layer_that_sends_it() -> None:
+    """Even where a later layer brings it back: a cut file must not break a rule that the whole one keeps."""
+    channels = (Channel(Stream.POSITION_RESIDUAL, (0.3,) * 3, (ContextRule(),) * 3),)
+    rows = (LayerRow((0,), ((1,),)), LayerRow((0,), ((2,),)))
+    model = SceneModel(Profile.EXPLICIT, 1, channels, rows)
+    content = TileContent.empty(model, 1)
+    content.values[0][:] = 10  # 10 * 0.1 = 1 after both steps, but 3 * 0.3 = 0.9 after the first
+    content.first = first_values(model, content)
+    assert decoded(model, content).values[0].tolist() == [[10, 10, 10]]
+    content.values[0][0] = [0, 11, 0]  # 11 * 0.1 is out; after the first step it is 4 * 0.3 = 1.2
+    content.first = first_values(model, content)
+    refuses("value-range", lambda: decoded(model, content, layers=1))
+
+
+def decoded(model: SceneModel, content: TileContent, layers: int = 2) -> TileContent:
+    """The tile of one anchor after coding and decoding, without what a writer checks."""
+    out = TileContent.empty(model, 1)
+    for layer in range(1, layers + 1):
+        counter = SymbolCounter()
+        put_layer(model, layer, 4, content, lambda _, counter=counter: counter)
+        tables = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
+        writers: dict[Stream, SymbolWriter] = {}
+        new = put_layer(
+            model, layer, 4, content, lambda s, w=writers, t=tables: w.setdefault(s, SymbolWriter(t))
+        )
+        streams = {stream: writer.finish() for stream, writer in writers.items()}
+        get_layer(
+            model, layer, 4, out, new, lambda s, d=streams, t=tables: SymbolReader(d.get(s, b""), t), ATTRIBUTES, (0, 0)
+        )
+    return out

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from reference_decoder.bake import bake, default_eyes, sh_basis
 from reference_decoder.decode import decode
 from reference_decoder.stream_ply import export_ply
 from reference_encoder.importers import load
-from scarfmt.errors import InvalidInput, Malformed
+from scarfmt.errors import InvalidInput
 from scarfmt.scene import AnchorModel, GaussianScene, Mlp
 from scarfmt.schema import Profile
 from scarfmt.writer import write_scene
@@ -152,14 +151,6 @@ def test_decoded_model_makes_gaussians() -> None:
         assert decoded.slots[made.anchors, made.slots].all()
         drawn += len(made.scene)
     assert drawn > 100
-
-
-def test_layers_without_a_latent_decoder_have_no_gaussians_yet() -> None:
-    decoded = decode(anchor_files()[0])
-    early = replace(decoded, models=replace(decoded.models, codebooks=None, decoder=None))
-    with pytest.raises(Malformed) as caught:
-        _ = early.scene
-    assert caught.value.refusal == "missing-block"
 
 
 def test_baked_ply_says_that_it_is_lossy() -> None:

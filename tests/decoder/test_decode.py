@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from reference_decoder.decode import ATTRIBUTES, Decoded, decode, iter_tiles
+from scarfmt.codecs.layer import pack_layer
 from scarfmt.container import Container
 from scarfmt.errors import InvalidInput, Malformed, Truncated
 from scarfmt.schema import BlockKind, Profile, Stream
 from scarfmt.source import BytesSource
 from scarfmt.substreams import MAX_TABLE_SIZE
-from scarfmt.tile import first_values
 from scarfmt.truncate import truncate
 from scarfmt.writer import QuantisedScene, keep_layers, write_scene
+from tests.file_surgery import blocks_of, rebuilt
 from tests.scene_samples import quantised_scenes, random_scene
 
 
@@ -170,13 +173,20 @@ def test_cut_file_is_refused_or_decodes_its_whole_layers() -> None:
 
 
 def test_position_far_outside_its_tile_is_refused() -> None:
-    """Culling by tile boxes is right only if residuals cannot carry an anchor away."""
+    """Culling by tile boxes is right only if residuals cannot carry an anchor away: a forged step tries to."""
     scene = next(s for s in (random_scene(seed) for seed in range(50)) if _has_residual(s))
-    index = [channel.stream for channel in scene.model.channels].index(Stream.POSITION_RESIDUAL)
-    content = max(scene.contents, key=len)
-    content.values[index][content.values[index] != 0] *= 400
+    model = scene.model
+    channels = (replace(model.channels[0], step=(400.0,) * 3), *model.channels[1:])
+    payload = pack_layer(model.layers[0], channels)
+    data = rebuilt(
+        write_scene(scene),
+        [
+            replace(block, payload=payload) if (block.kind, block.layer) == (BlockKind.LAYER, 1) else block
+            for block in blocks_of(write_scene(scene))
+        ],
+    )
     with pytest.raises(Malformed) as caught:
-        decode(write_scene(_refreshed(scene)))
+        decode(data)
     assert caught.value.refusal == "value-range"
 
 
@@ -185,9 +195,3 @@ def _has_residual(scene: QuantisedScene) -> bool:
         if channel.stream == Stream.POSITION_RESIDUAL:
             return any(bool(content.values[index].any()) for content in scene.contents)
     return False
-
-
-def _refreshed(scene: QuantisedScene) -> QuantisedScene:
-    for content in scene.contents:
-        content.first = first_values(scene.model, content)
-    return scene
