@@ -1,7 +1,7 @@
 """Linear against learned latents at equal bits: the table of docs/decisions/0005-latent.md.
 
-    python benchmarks/latent.py plush-on-bed.ply --frame=-y:125:70
-    python benchmarks/latent.py plush-on-bed.npz --cameras cameras.json
+    python -m benchmarks.latent plush-on-bed.ply --frame=-y:125:70
+    python -m benchmarks.latent plush-on-bed.npz --cameras cameras.json
 
 Error is weighted by visibility, counts every anchor and includes what the latent cannot represent; it is given
 in dB relative to sending nothing but the mean. Bits are those of ideal static tables per class and stage, plus
@@ -94,7 +94,7 @@ def curve(problem: Problem, latent: Latent, chosen: RvqResult) -> list[tuple[flo
 
 def variants(rvq: RvqOptions, steps: int) -> Iterator[tuple[str, AutoencoderOptions]]:
     """What the table compares: the paper's choice first, then one change at a time."""
-    paper = AutoencoderOptions(replace(rvq, epochs=0), hidden=64, steps=steps)
+    paper = AutoencoderOptions(replace(rvq, epochs=0), hidden=64, layer_norm=True, loss="l1", steps=steps)
     yield "paper: LayerNorm, rotation, L1, H=64", paper
     yield "straight-through", replace(paper, estimator="straight-through")
     yield "no LayerNorm", replace(paper, layer_norm=False)

@@ -1,8 +1,7 @@
 """What other formats need on the same scenes from the same eight views, measured once, before this project began.
 
-SOG: @playcanvas/splat-transform 3.7.0, default settings and `sog-max`; SPZ: Niantic's, version 4, `default`, and
-tuned:
-scaled so that positions and scales use its fixed ranges well, with spherical harmonics of as many bits as said.
+SOG: @playcanvas/splat-transform 3.7.0, the smaller of its two settings. SPZ: Niantic's version 4; *tuned* is scaled so
+that positions and scales use its fixed ranges well; N bit is the depth of its spherical harmonics.
 """
 
 from __future__ import annotations

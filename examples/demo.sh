@@ -6,7 +6,8 @@ scene=examples/plush-toys.ply
 out=demo-out
 mkdir -p "$out"
 
-say() { printf '\n\033[1m# %s\033[0m\n' "$1"; }
+if [ -t 1 ]; then bold=$(printf '\033[1m') plain=$(printf '\033[0m'); else bold= plain=; fi
+say() { printf '\n%s# %s%s\n' "$bold" "$1" "$plain"; }
 run() { printf '$ %s\n' "$*"; "$@"; }
 
 say "A real trained scene, $(wc -c < "$scene" | tr -d ' ') bytes, into layers"

@@ -36,7 +36,7 @@ _CHUNK = 65536
 
 @dataclass(frozen=True)
 class AutoencoderOptions:
-    """How the autoencoder is built and trained.
+    """How the autoencoder is built and trained. Defaults are what measured best (docs/decisions/0005-latent.md).
 
     Attributes:
         rvq: codebook sizes, stages, seed, and the lambda and epochs of the final entropy-constrained pass.
@@ -55,9 +55,9 @@ class AutoencoderOptions:
     rvq: RvqOptions
     dimensions: int = 32
     hidden: int = 0
-    layer_norm: bool = True
+    layer_norm: bool = False
     estimator: str = "rotation"
-    loss: str = "l1"
+    loss: str = "l2"
     commitment: float = 0.25
     steps: int = 600
     batch: int = 4096

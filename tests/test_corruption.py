@@ -16,11 +16,14 @@ from hypothesis import strategies as st
 from numpy.random import Generator
 from scene_samples import random_scene
 
+from reference_decoder.decode import decode
 from scarfmt.bytefields import compress, decompress
 from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.codecs.layer import pack_layer
 from scarfmt.codecs.mlp import Linear, Network
 from scarfmt.container import Block, Container, HeaderFields, Tile
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError, Truncated, Unsupported
+from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
 from scarfmt.reader import SceneReader
 from scarfmt.requirements import OUTPUTS_PER_SLOT
@@ -225,3 +228,59 @@ def test_a_forged_anchor_count_is_bounded_by_the_file() -> None:
     with pytest.raises(InvalidInput, match="anchor"):
         rebuilt(data, blocks)
     assert container.header.anchor_count == 150
+
+
+def amplifying_file(profile: Profile, anchors: int, slots: int = 1) -> bytes:
+    """Equal anchors cost next to nothing: a file of about 2 KiB for any number of them."""
+    anchor = profile == Profile.ANCHOR
+    scales = 6 if anchor else 3
+    rules = (ContextRule(False),)
+    channels = [Channel(Stream.SCALE, (0.5,) * scales, rules * scales)]
+    channels.append(Channel(Stream.LATENT, (0.5,) * 64, rules * 64))
+    if anchor:
+        channels.append(Channel(Stream.OFFSETS, (0.1,) * 3, rules * 3))
+    row = LayerRow((0,), ((1,) * len(channels),))
+    model = SceneModel(profile, slots, tuple(channels), (row,))
+    contents = []
+    for first in range(0, anchors, 65536):
+        contents.append(TileContent.empty(model, min(65536, anchors - first)))
+        contents[-1].slot_layers[:] = 1
+    decoder = _net(64, 1 if anchor else 3)
+    nets = tuple(_net(4, 1, outputs * slots) for outputs in OUTPUTS_PER_SLOT) if anchor else ()
+    fields = HeaderFields(profile, 0, slots, 4, (0.0, 0.0, 0.0), 1.0, anchors)
+    tiles = tuple(Tile(4, 0, prefix) for prefix in range(len(contents)))
+    return write_scene(QuantisedScene(fields, model, tiles, tuple(contents), None, decoder, nets))
+
+
+def test_a_small_file_asks_for_little_memory() -> None:
+    """8,000 anchors of 32 slots in 2 KiB: what a file may ask for beside its bytes, and no more."""
+    data = amplifying_file(Profile.ANCHOR, 8000, 32)
+    assert len(data) < 4096
+    tracemalloc.start()
+    decode(data)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 64 * MIB
+
+
+@pytest.mark.parametrize(("profile", "anchors", "slots"), [(Profile.EXPLICIT, 80000, 1), (Profile.ANCHOR, 18000, 32)])
+def test_a_small_file_that_asks_for_more_is_refused(profile: Profile, anchors: int, slots: int) -> None:
+    """From its header alone; anchors count, and so do slots."""
+    data = amplifying_file(profile, anchors, slots)
+    assert len(data) < 4096
+    with pytest.raises(LimitExceeded) as caught:
+        decode(data)
+    assert caught.value.refusal == "limit-expansion"
+    assert len(decode(data, limits=FORMAT_LIMITS)) == anchors
+
+
+def test_wide_channels_are_refused_before_a_tile_is_read() -> None:
+    """Components multiply memory: their number is checked with the models."""
+    data = SMALL[Profile.ANCHOR]
+    wide = Channel(Stream.OFFSETS, (0.1,) * 64, (ContextRule(False),) * 64)
+    scale = Channel(Stream.SCALE, (0.5,) * 6, (ContextRule(False),) * 6)
+    payload = pack_layer(LayerRow((1,), ((1, 1),)), (scale, wide))
+    forged = rebuilt(data, [replace(b, payload=payload) if b.kind == BlockKind.LAYER else b for b in blocks_of(data)])
+    with pytest.raises(Malformed) as caught:
+        SceneReader(BytesSource(forged)).models()
+    assert caught.value.refusal == "bad-channel"

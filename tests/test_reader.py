@@ -18,9 +18,10 @@ from scarfmt.codecs.codebooks import pack_codebooks
 from scarfmt.codecs.mlp import Linear, Network, pack_networks
 from scarfmt.container import Block, Container
 from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
-from scarfmt.reader import SceneReader
+from scarfmt.reader import ALL_STREAMS, SceneReader
 from scarfmt.schema import BlockKind, Profile, Stream
 from scarfmt.source import BytesSource
+from scarfmt.substreams import pack_substreams, unpack_table
 from scarfmt.truncate import truncate
 from scarfmt.writer import QuantisedScene, keep_layers, write_scene
 
@@ -103,6 +104,74 @@ def test_layers_that_do_not_exist_are_invalid_input(layers: int) -> None:
     with pytest.raises(InvalidInput, match=r"1\.\.3") as caught:
         opened(write_scene(random_scene(1, layers=3))).models(layers)
     assert caught.value.refusal == "input-layers"
+
+
+@pytest.mark.parametrize("tiles", [[99], [-1], [0, 3]])
+def test_tiles_that_do_not_exist_are_invalid_input(tiles: list[int]) -> None:
+    """At the call, not when the first tile is taken."""
+    reader = opened(write_scene(random_scene(1, tiles=3)))
+    models = reader.models()
+    with pytest.raises(InvalidInput) as caught:
+        reader.tiles(models, tiles)
+    assert caught.value.refusal == "input-tiles"
+
+
+def requests(data: bytes, tiles: list[int] | None = None) -> tuple[int, int]:
+    """Requests for models and for tiles."""
+    source = BytesSource(data)
+    reader = SceneReader(source)
+    opening = source.reads
+    models = reader.models()
+    between = source.reads
+    list(reader.tiles(models, tiles))
+    return between - opening, source.reads - between
+
+
+def test_a_layer_is_one_request_for_its_models_and_one_for_its_tiles() -> None:
+    """A URL costs a round trip a request: their number must not grow with that of the tiles."""
+    data = write_scene(random_scene(8, Profile.ANCHOR, anchors=900, layers=3, tiles=40))
+    assert requests(data) == (3, 3)
+    # Tiles far from each other are read by themselves: nothing between them is transferred.
+    assert requests(data, [1]) == (3, 3)
+    assert requests(data, [1, 20, 39]) == (3, 9)
+
+
+def test_read_ahead_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tiles are read in batches of so many bytes, or one by one where one has more."""
+    scene = random_scene(8, Profile.ANCHOR, anchors=900, layers=3, tiles=40)
+    data = write_scene(scene)
+    entries = [e for e in Container.open(BytesSource(data)).entries if e.kind == BlockKind.TILE]
+    total, largest = sum(e.length for e in entries), 0
+    fetch = BytesSource._fetch
+
+    def measured(self: BytesSource, offset: int, length: int) -> bytes:
+        nonlocal largest
+        if offset >= entries[0].offset:
+            largest = max(largest, length)
+        return fetch(self, offset, length)
+
+    monkeypatch.setattr(BytesSource, "_fetch", measured)
+    for bound in (total // 4, 1):
+        monkeypatch.setattr("scarfmt.reader.PREFETCH_BYTES", bound)
+        largest = 0
+        found = [content for _, content in opened(data).tiles(opened(data).models())]
+        assert all(map(same_content, found, scene.contents))
+        assert 0 < largest <= max(bound, *(e.length for e in entries))
+
+
+def test_damage_to_one_tile_does_not_keep_back_those_before_it() -> None:
+    """They are read in one request, but verified one by one."""
+    data = write_scene(random_scene(8, anchors=900, layers=1, tiles=5))
+    last = Container.open(BytesSource(data)).find(BlockKind.TILE, 1, 4)
+    assert last is not None
+    damaged = bytearray(data)
+    damaged[last.offset] ^= 1
+    reader = opened(bytes(damaged))
+    tiles = reader.tiles(reader.models())
+    assert [next(tiles)[0] for _ in range(4)] == [0, 1, 2, 3]
+    with pytest.raises(Malformed) as caught:
+        next(tiles)
+    assert (caught.value.refusal, caught.value.offset) == ("crc-mismatch", last.offset)
 
 
 # ------------------------------------------------------------------------------------------------ broken files
@@ -243,3 +312,23 @@ def test_a_file_cut_in_its_first_layer_has_nothing_to_decode() -> None:
     with pytest.raises(Truncated) as caught:
         reader.models()
     assert caught.value.refusal == "truncated-block"
+
+
+@pytest.mark.parametrize("streams", [ALL_STREAMS, frozenset({Stream.SCALE})])
+def test_a_sub_stream_that_nothing_reads_is_refused(streams: frozenset[Stream]) -> None:
+    """Whatever was asked for: else two readers would disagree about the file."""
+    done = False
+
+    def smuggle(block: Block) -> Block:
+        nonlocal done
+        if block.kind != BlockKind.TILE or done:
+            return block
+        done = True
+        table = unpack_table(block.payload, len(block.payload))
+        parts = {kind: block.payload[part.start :][: part.length] for kind, part in table.items()}
+        return replace(block, payload=pack_substreams({**parts, Stream.MASKS: b"data"}))
+
+    reader = opened(rebuilt(DATA, [smuggle(block) for block in blocks_of(DATA)]))
+    with pytest.raises(Malformed, match="MASKS") as caught:
+        list(reader.tiles(reader.models(), streams=streams))
+    assert caught.value.refusal == "bad-substream-table"

@@ -20,6 +20,7 @@ from scarfmt.symbols import (
     SymbolTable,
     SymbolWriter,
     TableKey,
+    cached_uniform,
     emit_by_context,
     fit_table,
     pack_table,
@@ -225,3 +226,10 @@ def test_symbols_left_in_a_stream_break_the_seal() -> None:
     with pytest.raises(Malformed) as caught:
         reader.finish()
     assert caught.value.refusal == "rans-seal"
+
+
+def test_uniform_tables_kept_are_few() -> None:
+    """All 4095 sizes with their models would hold more than 200 MiB."""
+    for size in range(2, 4097, 7):
+        assert len(cached_uniform(size)) == size
+    assert cached_uniform.cache_info().currsize <= 128

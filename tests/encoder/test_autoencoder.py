@@ -16,7 +16,9 @@ from reference_encoder.rvq import RvqOptions, RvqResult
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.codecs.mlp import pack_networks, unpack_networks
 
-OPTIONS = AutoencoderOptions(RvqOptions(32, 3, rate=0.0, epochs=0, seed=5), dimensions=6, steps=120, batch=256)
+OPTIONS = AutoencoderOptions(
+    RvqOptions(32, 3, rate=0.0, epochs=0, seed=5), dimensions=6, layer_norm=True, loss="l1", steps=120, batch=256
+)
 
 
 @pytest.fixture(autouse=True)
