@@ -11,7 +11,6 @@ from reference_encoder.allocate import aligned_steps, allocate, base_rate, class
 from reference_encoder.anchor_sensitivity import AnchorSensitivity, measure_anchors
 from reference_encoder.assemble import (
     build_model,
-    codebook_size,
     final_rate,
     latent_chain,
     layer_rates,
@@ -19,11 +18,10 @@ from reference_encoder.assemble import (
     position_bits,
     tile_contents,
 )
-from reference_encoder.latent import linear_latent
+from reference_encoder.fit_latent import fit_latent
 from reference_encoder.lattice import place
-from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.options import EncodeOptions
 from reference_encoder.rdo import choose_values
-from reference_encoder.rvq import RvqOptions, quantise
 from reference_encoder.sensitivity import ABSENCE_FACTOR, survey_cameras
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.codecs.mlp import Linear, Network
@@ -114,17 +112,12 @@ def _seen(seen: AnchorSensitivity, index: I64) -> AnchorSensitivity:
 
 def _encode(job: _Job, lost: float, importance: F64, source_count: int, report: Report) -> QuantisedScene:
     model, seen, classes, count, rate = job.model, job.seen, job.classes, job.count, job.rate
-    effort = EFFORTS[job.options.effort]
     place_weight = (seen.shape * seen.inverse_variance).sum(axis=1)
     wanted = np.sqrt(6 * rate / np.log(2) / np.maximum(place_weight, 1e-300))
     placement = place(model.anchors, wanted)
-    latent = linear_latent(model.features, seen.feature, rate * len(model), seen.metric)
-    if latent is None:
+    latent, rvq = fit_latent(model.features, seen.feature, classes, rate, 1, job.options, report, seen.metric)
+    if latent is None or rvq is None:
         raise InvalidInput("input-anchors", "no feature of this model is visible from the given cameras")
-    rvq_options = RvqOptions(
-        codebook_size(len(classes)), effort.stages + 1, rate, effort.sample, effort.epochs, job.options.seed
-    )
-    rvq = quantise(latent.values, latent.weight, classes, rvq_options, lambda f: report("codebooks", f))
     report("allocate", 0.0)
     values = {Stream.POSITION_RESIDUAL: placement.residual, Stream.SCALE: model.log_scaling.astype(np.float64)}
     weights = {

@@ -9,7 +9,6 @@ from reference_encoder.allocate import aligned_steps, allocate, base_rate, class
 from reference_encoder.assemble import (
     BASE_SHARE,
     build_model,
-    codebook_size,
     final_rate,
     latent_chain,
     layer_rates,
@@ -18,10 +17,9 @@ from reference_encoder.assemble import (
     tile_contents,
 )
 from reference_encoder.attributes import from_scene
-from reference_encoder.latent import Latent, linear_latent
+from reference_encoder.fit_latent import fit_latent
 from reference_encoder.lattice import place
-from reference_encoder.options import EFFORTS, Effort, EncodeOptions
-from reference_encoder.rvq import RvqOptions, RvqResult, quantise
+from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.sensitivity import measure, survey_cameras
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.container import HeaderFields
@@ -63,8 +61,10 @@ def encode_explicit(scene: GaussianScene, options: EncodeOptions, report: Report
     report("visibility", 1.0)
     wanted = np.sqrt(6 * rate / np.log(2) / np.maximum(sensitivity.channels[Stream.POSITION_RESIDUAL][:, 0], 1e-300))
     placement = place(attributes.positions, wanted)
-    latent = linear_latent(attributes.rest, sensitivity.colour * _REST_SHARE, rate * len(kept)) if degree else None
-    rvq = _quantise_latent(latent, classes, rate, effort, options, report)
+    latent, rvq = None, None
+    if degree:
+        weight = sensitivity.colour * _REST_SHARE
+        latent, rvq = fit_latent(attributes.rest, weight, classes, rate, 0, options, report)
     values = {stream: attributes.channel(stream) for stream in CHANNELS[1:]}
     values[Stream.POSITION_RESIDUAL] = placement.residual
     weights = dict(sensitivity.channels)
@@ -111,12 +111,3 @@ def encode_explicit(scene: GaussianScene, options: EncodeOptions, report: Report
         (),
         dict(options.metadata),
     )
-
-
-def _quantise_latent(
-    latent: Latent | None, classes: I64, rate: float, effort: Effort, options: EncodeOptions, report: Report
-) -> RvqResult | None:
-    if latent is None:
-        return None
-    rvq = RvqOptions(codebook_size(len(classes)), effort.stages, rate, effort.sample, effort.epochs, options.seed)
-    return quantise(latent.values, latent.weight, classes, rvq, lambda fraction: report("codebooks", fraction))

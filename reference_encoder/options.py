@@ -10,6 +10,8 @@ from scarfmt.errors import InvalidInput
 from scarfmt.limits import MAX_LAYERS
 from scarfmt.render.camera import Camera
 
+LATENTS = ("linear", "learned")
+ESTIMATORS = ("rotation", "straight-through")
 MIN_QUALITY, MAX_QUALITY = 20.0, 80.0
 
 
@@ -23,6 +25,9 @@ class EncodeOptions:
         layers: most layers, 1..16; the first takes about a quarter of the bytes.
         cameras: views that matter, e.g. those of the photos; None for rings round the core.
         frame: up axis, or UP:CENTRE_DEG:SPAN_DEG for a scene seen from one side.
+        latent: "linear" (a weighted Karhunen-Loève basis, the default as measured) or "learned" (the paper's
+            RVQ-VAE).
+        estimator: gradient through the learned latent's quantiser: "rotation" or "straight-through".
         seed: of everything random; same seed, same bytes.
         metadata: JSON-able annotations to store.
     """
@@ -32,6 +37,8 @@ class EncodeOptions:
     layers: int = 5
     cameras: Sequence[Camera] | None = None
     frame: str = "-y"
+    latent: str = "linear"
+    estimator: str = "rotation"
     seed: int = 0
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
@@ -47,6 +54,10 @@ class EncodeOptions:
             raise InvalidInput("input-options", f"effort {self.effort} is not 1, 2 or 3", field="effort")
         if not 1 <= self.layers <= MAX_LAYERS:
             raise InvalidInput("input-options", f"{self.layers} layers: 1..{MAX_LAYERS} are possible", field="layers")
+        for name, choices in (("latent", LATENTS), ("estimator", ESTIMATORS)):
+            if getattr(self, name) not in choices:
+                said = getattr(self, name)
+                raise InvalidInput("input-options", f"{said!r} is not one of {', '.join(choices)}", field=name)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from scarfmt.scene import AnchorModel, GaussianScene
 
 FORMAT_IDS = ("compressed-ply", "ply", "spz", "sog", "anchor-npz", "splat")
+LATENTS = ("linear", "learned")
+ESTIMATORS = ("rotation", "straight-through")
 
 
 def parse_metadata(_ctx: click.Context, _parameter: click.Parameter, pairs: tuple[str, ...]) -> dict[str, Any]:
@@ -46,12 +48,26 @@ def _refuse_constant(name: str) -> Any:
 @click.argument("output")
 @click.option("--quality", type=click.FloatRange(20, 80), help="About the PSNR of the last layer, dB [default: 45].")
 @click.option("--effort", type=click.IntRange(1, 3), help="1 is fast, 3 slow and a little smaller [default: 2].")
-@click.option("--layers", type=click.IntRange(1, 16), help="Most layers to make, about 5 dB each [default: 5].")
+@click.option(
+    "--layers",
+    type=click.IntRange(1, 16),
+    help="Most layers to make [default: 5].",
+)
 @click.option("--cameras", type=click.Path(exists=True, dir_okay=False), help="JSON list of the capture's cameras.")
 @click.option("--frame", help=FRAME_HELP + " [default: -y]")
 @click.option("--sh-degree", type=click.IntRange(0, 3), help="Drop spherical harmonics above this degree.")
 @click.option("--drop-invalid", is_flag=True, help="Leave out Gaussians with NaN or infinite values.")
 @click.option("--format", "format_id", type=click.Choice(FORMAT_IDS), help="Format of INPUT [default: as it looks].")
+@click.option(
+    "--latent",
+    type=click.Choice(["linear", "learned"]),
+    help="learned: the paper's RVQ-VAE; 7-10 times slower [default: linear].",
+)
+@click.option(
+    "--estimator",
+    type=click.Choice(["rotation", "straight-through"]),
+    help="Gradient of --latent learned [default: rotation].",
+)
 @click.option("--seed", type=click.IntRange(min=0), help="Of all random choices: equal seeds give equal files.")
 @click.option(
     "--metadata", multiple=True, metavar="KEY=VALUE", callback=parse_metadata, help="Annotate the file; repeatable."

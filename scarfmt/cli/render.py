@@ -41,9 +41,7 @@ def parse_layers(_ctx: click.Context, _parameter: click.Parameter, value: str | 
 @click.option("--force", is_flag=True, help="Overwrite pictures that exist.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @requires_extra("render")
-def render(
-    file: str, output: str, layers: str | None, sheet: bool, force: bool, quiet: bool, **views: Any
-) -> None:
+def render(file: str, output: str, layers: str | None, sheet: bool, force: bool, quiet: bool, **views: Any) -> None:
     """Draw the scene FILE (.scar, PLY, SPZ, SOG, .splat or anchor model) into PNG pictures.
 
     OUTPUT is a folder, for one picture per view, or a name ending in .png, for one sheet of them all (one row per

@@ -136,6 +136,8 @@ import os, signal, sys
 from pathlib import Path
 from scarfmt import cli as command
 import scarfmt.truncate
+# A test run in the background of a shell hands down that SIGINT is ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 def interrupted(source, layers, target):
     target.write(b"half")
     os.kill(os.getpid(), signal.{signal})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -84,11 +85,22 @@ def test_quality_buys_bytes(scene: GaussianScene, data: bytes) -> None:
     assert gain[1] > gain[0] + 3
 
 
-@pytest.mark.parametrize("options", [{"quality": 5.0}, {"effort": 9}, {"layers": 0}, {"layers": 17}])
-def test_bad_options_are_refused(scene: GaussianScene, options: dict[str, float]) -> None:
+@pytest.mark.parametrize("estimator", ["rotation", "straight-through"])
+def test_learned_latent_is_selectable(scene: GaussianScene, data: bytes, estimator: str) -> None:
+    """The paper's RVQ-VAE makes another valid file of like quality, the same each time."""
+    options = EncodeOptions(effort=1, layers=4, quality=40, latent="learned", estimator=estimator)
+    file = encode(scene, options)
+    assert file != data
+    assert file == encode(scene, options)
+    cameras = orbit_cameras(scene, 2, width=240, height=180)
+    assert compare(scene, decode(file).scene, cameras, ssim=False).mean_psnr_db > 34
+
+
+@pytest.mark.parametrize("options", [{"quality": 5.0}, {"effort": 9}, {"layers": 0}, {"layers": 17}, {"latent": "x"}])
+def test_bad_options_are_refused(scene: GaussianScene, options: dict[str, Any]) -> None:
     """Options out of range are named."""
     with pytest.raises(InvalidInput, match="input-options"):
-        encode(scene, EncodeOptions(**options))  # type: ignore[arg-type]
+        encode(scene, EncodeOptions(**options))
 
 
 @pytest.mark.scene
