@@ -88,6 +88,10 @@ def position_bits(classes: I64, count: int) -> F64:
     return 10.0 * np.bincount(classes, minlength=count).astype(np.float64)
 
 
+# SPEC §6.4 wants scales; with a colour channel, even an empty one, the decoder gives no degree 0 (SPEC §9.4).
+_ALWAYS = (Stream.SCALE, Stream.COLOUR)
+
+
 def build_model(
     profile: Profile,
     slots: int,
@@ -111,7 +115,7 @@ def build_model(
     used: list[int] = []
     for index, plan in enumerate(plans):
         steps = np.array([row[index] for row in rows[-1].steps])[classes]
-        if not steps.any():
+        if not steps.any() and plan.stream not in _ALWAYS:
             continue
         used.append(index)
         unit = np.array(plan.step) / 3.0 ** np.maximum(steps - 1, 0)[:, None]
