@@ -2,35 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.allocate import aligned_steps, allocate, base_rate, classify, plan_channel
+from reference_encoder.allocate import classify
 from reference_encoder.anchor_sensitivity import AnchorSensitivity, measure_anchors
-from reference_encoder.assemble import (
-    build_model,
-    final_rate,
-    latent_chain,
-    layer_rates,
-    model_bits,
-    position_bits,
-    tile_contents,
-)
+from reference_encoder.assemble import final_rate, position_bits
+from reference_encoder.decide import Problem, best_step, codebooks, contents, decide, decoder, header_fields
 from reference_encoder.fit_latent import fit_latent
 from reference_encoder.lattice import place
 from reference_encoder.options import EncodeOptions
 from reference_encoder.rdo import choose_values
-from reference_encoder.sensitivity import ABSENCE_FACTOR, survey_cameras
-from scarfmt.codecs.codebooks import Codebooks
+from reference_encoder.sensitivity import ABSENCE_FACTOR, survey
 from scarfmt.codecs.mlp import Linear, Network
-from scarfmt.container import HeaderFields
 from scarfmt.errors import InvalidInput
 from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
 from scarfmt.render.camera import Camera
 from scarfmt.scene import AnchorModel, GaussianScene, Mlp
-from scarfmt.schema import ColourSpace, CoordinateFrame, Profile, Stream
+from scarfmt.schema import Profile, Stream
 from scarfmt.writer import QuantisedScene, Report
 
 F64 = NDArray[np.float64]
@@ -46,7 +37,6 @@ _COARSEST_STEP: dict[Stream, tuple[float, ...]] = {
 _ANCHOR_BITS = 60.0
 _SLOT_BITS = 14.0
 _MOST_CLASSES = 7
-_MOST_VIEWS = 24
 # Masks, offsets and networks make the first layer hard to predict: this gives it about a quarter of the bytes.
 _BASE_SHARE = 0.36
 
@@ -85,19 +75,16 @@ class _Job:
 
 
 def _cameras(model: AnchorModel, options: EncodeOptions) -> list[Camera]:
-    """The views to judge by: those given, thinned, or rings round the anchors."""
-    if options.cameras is None:
-        n = len(model)
-        shell = GaussianScene(
-            model.anchors,
-            np.zeros((n, 3), np.float32),
-            np.zeros((n, 4), np.float32),
-            np.zeros(n, np.float32),
-            np.zeros((n, 1, 3), np.float32),
-        )
-        return survey_cameras(shell, options.frame, thorough=False)
-    cameras = [camera for camera in options.cameras if camera.split != "test"] or list(options.cameras)
-    return cameras[:: max(1, -(-len(cameras) // _MOST_VIEWS))]
+    """The views to judge by; where none are given, as for a scene with a Gaussian on every anchor."""
+    n = len(model)
+    shell = GaussianScene(
+        model.anchors,
+        np.zeros((n, 3), np.float32),
+        np.zeros((n, 4), np.float32),
+        np.zeros(n, np.float32),
+        np.zeros((n, 1, 3), np.float32),
+    )
+    return survey(shell, options)
 
 
 def _taken(model: AnchorModel, index: I64) -> AnchorModel:
@@ -111,64 +98,59 @@ def _seen(seen: AnchorSensitivity, index: I64) -> AnchorSensitivity:
 
 
 def _encode(job: _Job, lost: float, importance: F64, source_count: int, report: Report) -> QuantisedScene:
-    model, seen, classes, count, rate = job.model, job.seen, job.classes, job.count, job.rate
-    place_weight = (seen.shape * seen.inverse_variance).sum(axis=1)
-    wanted = np.sqrt(6 * rate / np.log(2) / np.maximum(place_weight, 1e-300))
-    placement = place(model.anchors, wanted)
-    latent, rvq = fit_latent(model.features, seen.feature, classes, rate, 1, job.options, report, seen.metric)
-    if latent is None or rvq is None:
-        raise InvalidInput("input-anchors", "no feature of this model is visible from the given cameras")
+    problem = _problem(job, lost, importance, report)
     report("allocate", 0.0)
-    values = {Stream.POSITION_RESIDUAL: placement.residual, Stream.SCALE: model.log_scaling.astype(np.float64)}
-    weights = {
-        Stream.POSITION_RESIDUAL: np.repeat((place_weight * placement.cell**2)[:, None], 3, axis=1),
-        Stream.SCALE: _scale_weight(job),
-    }
-    plans = [
-        plan_channel(s, values[s], aligned_steps(caps, weights[s], classes, count, rate), weights[s], classes, count)
-        for s, caps in _COARSEST_STEP.items()
-    ]
-    chain, latent_plan, left = latent_chain(latent, rvq, classes, count, rate)
-    fixed = position_bits(classes, count)
+    decision = decide(problem, job.options.layers)
+    model, offsets = _with_offsets(job, decision.model, decision.classes)
+    slot_layers = _slot_layers(job, model, decision.classes, decision.rates)
+    finals = {**decision.finals, Stream.OFFSETS: offsets * (slot_layers > 0)[:, :, None]}
+    decision = replace(decision, model=model, finals=finals)
+    report("allocate", 1.0)
+    return QuantisedScene(
+        header_fields(problem, 0, source_count),
+        model,
+        problem.placement.tiles,
+        contents(problem, decision, slot_layers),
+        codebooks(problem, model),
+        decoder(problem, model),
+        tuple(_network(job.model.mlps[name]) for name in _NETWORKS),
+        dict(job.options.metadata),
+    )
+
+
+def _problem(job: _Job, lost: float, importance: F64, report: Report) -> Problem:
+    model, seen, classes, rate = job.model, job.seen, job.classes, job.rate
+    weight = (seen.shape * seen.inverse_variance).sum(axis=1)
+    placement = place(model.anchors, best_step(weight, rate))
+    latent, rvq = fit_latent(model.features, seen.feature, classes, rate, 1, job.options, report, seen.metric)
+    if latent is None:
+        raise InvalidInput("input-anchors", "no feature of this model is visible from the given cameras")
+    fixed = position_bits(classes, job.count)
     gain = seen.shape * ABSENCE_FACTOR * job.slots
 
-    def base(at: float) -> F64:
-        return fixed + _SLOT_BITS * np.bincount(classes, (gain > at * _SLOT_BITS).sum(axis=1), count)
+    def presence_bits(at: float) -> F64:
+        shown = (gain > at * _SLOT_BITS).sum(axis=1)
+        return fixed + _SLOT_BITS * np.bincount(classes, shown, job.count)
 
-    absence = np.bincount(classes, importance, count).astype(np.float64)
-    first = base_rate(plans, chain, base, absence, model_bits(rvq, latent), rate, _BASE_SHARE)
-    rates = layer_rates(rate, first, job.options.layers)
-    allocation = allocate(plans, chain, base, absence, lost, rates)
-    values[Stream.LATENT] = left
-    weights[Stream.LATENT] = np.repeat(latent.weight[:, None].astype(np.float64), left.shape[1], axis=1)
-    classes = allocation.order[classes]
-    scene_model, finals = build_model(
-        Profile.ANCHOR, model.slots, [*plans, latent_plan], allocation.rows, values, weights, classes, rate
-    )
-    scene_model, offsets = _with_offsets(job, scene_model, classes)
-    slot_layers = _slot_layers(job, scene_model, classes, rates)
-    finals[Stream.OFFSETS] = offsets * (slot_layers > 0)[:, :, None]
-    report("allocate", 1.0)
-    fields = HeaderFields(
+    return Problem(
         Profile.ANCHOR,
-        0,
         model.slots,
-        placement.lattice.bits,
-        placement.lattice.origin,
-        placement.lattice.voxel,
-        source_count,
-        CoordinateFrame.RDF,
-        ColourSpace.SRGB,
-    )
-    return QuantisedScene(
-        fields,
-        scene_model,
-        placement.tiles,
-        tile_contents(scene_model, placement, classes, finals, rvq, slot_layers),
-        Codebooks(rvq.coarse, rvq.residual) if scene_model.max_stages else None,
-        latent.decoder,
-        tuple(_network(model.mlps[name]) for name in _NETWORKS),
-        dict(job.options.metadata),
+        placement,
+        {Stream.POSITION_RESIDUAL: placement.residual, Stream.SCALE: model.log_scaling.astype(np.float64)},
+        {
+            Stream.POSITION_RESIDUAL: np.repeat((weight * placement.cell**2)[:, None], 3, axis=1),
+            Stream.SCALE: _scale_weight(job),
+        },
+        _COARSEST_STEP,
+        latent,
+        rvq,
+        classes,
+        job.count,
+        rate,
+        importance,
+        presence_bits,
+        lost,
+        _BASE_SHARE,
     )
 
 
@@ -206,7 +188,6 @@ def _slot_layers(job: _Job, scene: SceneModel, classes: I64, rates: list[float])
     """(N, K) layer that turns each slot on, 0 for never: the first in which it pays, once its anchor is there."""
     appears = 1 + np.searchsorted([row.class_count for row in scene.layers], classes, side="right")
     gain = job.seen.shape * ABSENCE_FACTOR
-    rates = rates[-len(scene.layers) :]
     pays = np.stack([gain > rate * _SLOT_BITS for rate in rates])
     first = 1 + pays.argmax(axis=0)
     layers = np.maximum(first, appears[:, None])

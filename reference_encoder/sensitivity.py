@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.attributes import Attributes
+from reference_encoder.options import EFFORTS, EncodeOptions
 from scarfmt.render.camera import Camera, orbit_cameras
 from scarfmt.render.rasterise import contributions
 from scarfmt.scene import GaussianScene
@@ -32,6 +33,8 @@ _SCALE_SHARE = np.array([1.0, 0.8, 0.25])
 # a radian; beyond this cap the linear model overestimates.
 _ROTATION_CAP = 9.0
 _OPACITY_SHARE = 1.1
+# Cameras looked from, of those given; twice as many at the highest effort.
+_MOST_VIEWS = 24
 # Leaving a Gaussian out is worse than the sum of single errors says: neighbours left out err together.
 ABSENCE_FACTOR = 8.0
 
@@ -54,6 +57,16 @@ class Sensitivity:
         """The Gaussians at `index`, in that order."""
         channels = {stream: values[index] for stream, values in self.channels.items()}
         return Sensitivity(channels, self.colour[index], self.absence[index])
+
+
+def survey(scene: GaussianScene, options: EncodeOptions) -> list[Camera]:
+    """The views to judge by: those given, thinned and without a test split, or rings round the core."""
+    thorough = EFFORTS[options.effort].thorough_views
+    if options.cameras is None:
+        return survey_cameras(scene, options.frame, thorough)
+    cameras = [camera for camera in options.cameras if camera.split != "test"] or list(options.cameras)
+    most = _MOST_VIEWS * (2 if thorough else 1)
+    return cameras[:: max(1, -(-len(cameras) // most))]
 
 
 def survey_cameras(scene: GaussianScene, frame: str, thorough: bool) -> list[Camera]:

@@ -1,0 +1,45 @@
+"""The example scene: what README.md and examples/README.md say of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from conftest import REPOSITORY
+
+from reference_encoder.importers import load
+from scarfmt.render.camera import load_cameras
+from scarfmt.render.rasterise import render
+from scarfmt.scene import GaussianScene
+
+EXAMPLES = REPOSITORY / "examples"
+
+
+def example() -> GaussianScene:
+    scene = load(EXAMPLES / "plush-toys.ply")
+    assert isinstance(scene, GaussianScene)
+    return scene
+
+
+def test_the_scene_is_the_one_described() -> None:
+    """Count, degree and size are printed in two documents; a scene with NaN would stop the demo."""
+    scene = example()
+    size = (EXAMPLES / "plush-toys.ply").stat().st_size
+    told = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    assert f"{len(scene):,} Gaussians, spherical harmonics of degree {scene.sh_degree}" in told
+    assert f"{size:,} bytes" in told
+    assert not scene.invalid_rows().any()
+
+
+def test_the_encoder_does_not_know_the_views_it_is_judged_from() -> None:
+    """Figures from views the encoder was tuned for would flatter it."""
+    known = {camera.name for camera in load_cameras(EXAMPLES / "plush-toys.cameras.json")}
+    judged = {camera.name for camera in load_cameras(EXAMPLES / "plush-toys.views.json")}
+    assert len(known) == len(judged) == 8
+    assert not known & judged
+
+
+def test_the_cameras_look_at_the_toys() -> None:
+    """From a wrong pose the picture is black or fog: neither bright in the middle nor rich in contrast."""
+    camera = load_cameras(EXAMPLES / "plush-toys.views.json")[0]
+    middle = render(example(), camera)[90:270, 120:360]
+    assert float(middle.mean()) > 0.2
+    assert float(np.std(middle)) > 0.15
