@@ -27,6 +27,7 @@ _FINEST = 9
 TABLE_ENTRY_BITS = 8.0
 _SAMPLE = 12_000
 _STAGGER = 3.0**0.5
+_LARGEST_RATIO = 1e7
 _IMPORTANCE_RATIO = 9.0
 """Squared-error ratio between neighbouring classes: one ternary step."""
 
@@ -224,6 +225,7 @@ def allocate(
     absence: F64,
     lost: float,
     rates: list[float],
+    base_classes: int,
 ) -> Allocation:
     """Layer rows for falling `rates`.
 
@@ -234,6 +236,7 @@ def allocate(
         absence: (classes,) error of leaving the class out.
         lost: error of the anchors dropped for good.
         rates: lambda per layer.
+        base_classes: classes of the first layer; later ones add a class when it pays.
     """
     count = len(absence)
     chosen: list[list[tuple[int, ...] | None]] = []
@@ -246,9 +249,9 @@ def allocate(
         for kind in range(count):
             entry, e, b = _increment(plans, latent, kind, rate, rates[-1])
             b += fixed[kind]
-            first = kind == 0 and number == 0
             last = number == len(rates) - 1
-            if present[kind] or first or last or e + rate * b < absence[kind]:
+            pays = kind < base_classes if number == 0 else e + rate * b < absence[kind]
+            if present[kind] or last or pays:
                 present[kind] = True
                 row.append(entry)
                 error, cost = error + e, cost + b
@@ -261,7 +264,7 @@ def allocate(
     return _numbered(chosen, errors, spent)
 
 
-def base_rate(
+def base_layer(
     plans: list[ChannelPlan],
     latent: LatentChain,
     position_bits: PositionBits,
@@ -269,31 +272,33 @@ def base_rate(
     model_bits: float,
     last: float,
     share: float,
-) -> float:
-    """The smallest lambda, at least `last`, whose layer alone takes at most `share` of the bits at `last`.
+) -> tuple[float, int]:
+    """Lambda and number of classes of a first layer that takes at most `share` of the bits at `last`.
+
+    A class is a large step in bytes, a lambda a small one: for every number of classes the smallest
+    affordable lambda is found, and the pair with the least predicted error taken.
 
     Args:
         model_bits: bits of codebooks and networks, which the first layer carries too.
         last: lambda of the last layer.
     """
+    count = len(absence)
 
-    def spend(rate: float) -> float:
+    def outcome(rate: float, shown: int) -> tuple[float, float]:
         fixed = position_bits(rate)
-        kinds = len(fixed)
-        chosen = [_increment(plans, latent, kind, rate, last) for kind in range(kinds)]
-        shown = [
-            fixed[kind] + bits
-            for kind, (_, error, bits) in enumerate(chosen)
-            if kind == 0 or error + rate * (bits + fixed[kind]) < absence[kind]
-        ]
-        return float(sum(shown)) + model_bits
+        parts = [_increment(plans, latent, kind, rate, last) for kind in range(shown)]
+        bits = model_bits + sum(part[2] + fixed[kind] for kind, part in enumerate(parts))
+        return float(bits), float(sum(part[1] for part in parts) + absence[shown:].sum())
 
-    budget, rate = share * spend(last), last
-    for _ in range(80):
-        if spend(rate) <= budget:
-            break
-        rate *= 1.25
-    return rate
+    budget = share * outcome(last, count)[0]
+    best = (float("inf"), last * _LARGEST_RATIO, 1)
+    for shown in range(1, count + 1):
+        for rate in last * np.geomspace(1, _LARGEST_RATIO, 80):
+            bits, error = outcome(float(rate), shown)
+            if bits <= budget:
+                best = min(best, (error, float(rate), shown))
+                break
+    return best[1], best[2]
 
 
 def _increment(
@@ -318,8 +323,9 @@ def _increment(
 
 def _pick(plan: ChannelPlan, kind: int, rate: float) -> int:
     best = hull_choice(plan.bits[kind], plan.error[kind], rate)
-    # Scale must be there for anything to be drawn; a wild scale is worse than a coarse one.
-    return min(max(best, 1 if plan.stream == Stream.SCALE else 0), MAX_STEPS)
+    # Far from the truth the model of errors is too kind: an anchor that shows has at least a coarse shape,
+    # opacity and colour.
+    return min(max(best, 0 if plan.stream == Stream.POSITION_RESIDUAL else 1), MAX_STEPS)
 
 
 def _numbered(chosen: list[list[tuple[int, ...] | None]], error: list[float], bits: list[float]) -> Allocation:

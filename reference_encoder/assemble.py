@@ -25,7 +25,7 @@ I64 = NDArray[np.int64]
 
 LATENT_STEP = 81.0
 """Coarsest cell of the latent channel, in codeword lattice units."""
-BASE_SHARE = 0.27
+BASE_SHARE = 0.265
 """Share of the bits that the first layer may take."""
 _RATE_OFFSET_DB, _RATE_QUALITY, _RATE_SLOPE = 60.0, 42.0, 0.82
 

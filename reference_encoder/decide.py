@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.allocate import aligned_steps, allocate, base_rate, plan_channel
+from reference_encoder.allocate import aligned_steps, allocate, base_layer, plan_channel
 from reference_encoder.assemble import build_model, latent_chain, layer_rates, model_bits, tile_contents
 from reference_encoder.latent import Latent
 from reference_encoder.lattice import Placement
@@ -22,6 +22,9 @@ from scarfmt.tile import TileContent
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
+
+COARSE_ABSENCE = 3.0
+"""How much worse than predicted leaving out a whole class is in early layers: holes, where one Gaussian leaves none."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +104,11 @@ def decide(problem: Problem, layers: int) -> Decision:
     values[Stream.LATENT] = left
     if p.latent is not None:
         weights[Stream.LATENT] = np.repeat(p.latent.weight[:, None].astype(np.float64), left.shape[1], axis=1)
-    absence = np.bincount(p.classes, p.importance, p.count).astype(np.float64)
-    first = base_rate(plans, chain, p.presence_bits, absence, model_bits(p.rvq, p.latent), p.rate, p.base_share)
+    absence = COARSE_ABSENCE * np.bincount(p.classes, p.importance, p.count)
+    bits = model_bits(p.rvq, p.latent)
+    first, shown = base_layer(plans, chain, p.presence_bits, absence, bits, p.rate, p.base_share)
     rates = layer_rates(p.rate, first, layers)
-    allocation = allocate(plans, chain, p.presence_bits, absence, p.lost, rates)
+    allocation = allocate(plans, chain, p.presence_bits, absence, p.lost, rates, shown)
     classes = allocation.order[p.classes]
     model, finals = build_model(
         p.profile, p.slots, [*plans, latent_plan], allocation.rows, values, weights, classes, p.rate
