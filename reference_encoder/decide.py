@@ -104,7 +104,7 @@ def decide(problem: Problem, layers: int) -> Decision:
     values[Stream.LATENT] = left
     if p.latent is not None:
         weights[Stream.LATENT] = np.repeat(p.latent.weight[:, None].astype(np.float64), left.shape[1], axis=1)
-    absence = COARSE_ABSENCE * np.bincount(p.classes, p.importance, p.count)
+    absence = np.asarray(COARSE_ABSENCE * np.bincount(p.classes, p.importance, p.count), np.float64)
     bits = model_bits(p.rvq, p.latent)
     first, shown = base_layer(plans, chain, p.presence_bits, absence, bits, p.rate, p.base_share)
     rates = layer_rates(p.rate, first, layers)
