@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scarfmt.errors import LimitExceeded, Malformed, ScarError, Unsupported
 from scarfmt.header import Header, HeaderFields
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH, Limits
+from scarfmt.morton import deinterleave
 from scarfmt.schema import (
     FILE_HEADER_SIZE,
     LAYER_SUMMARY_SIZE,
@@ -60,6 +61,28 @@ class Entry:
 def local_bits(fields: HeaderFields, tile: Tile) -> int:
     """Local bits per axis of a tile (SPEC §6.2)."""
     return fields.lattice_bits - tile.depth - tile.shift
+
+
+@dataclass(frozen=True)
+class TileFrame:
+    """Where the local coordinates of a tile lie in the lattice (SPEC §6.2).
+
+    Attributes:
+        bits: local bits per axis.
+        shift: local coordinates count 2^shift lattice steps.
+        corner: (3,) lattice coordinates of the cube's lowest corner.
+    """
+
+    bits: int
+    shift: int = 0
+    corner: tuple[int, int, int] = (0, 0, 0)
+
+
+def tile_frame(fields: HeaderFields, tile: Tile) -> TileFrame:
+    """The frame of a tile."""
+    free = fields.lattice_bits - tile.depth
+    x, y, z = (int(c) << free for c in deinterleave(np.array([tile.prefix], np.uint64))[0])
+    return TileFrame(local_bits(fields, tile), tile.shift, (x, y, z))
 
 
 def required_flags(kind: int) -> BlockFlag | None:

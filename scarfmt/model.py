@@ -34,7 +34,14 @@ CHANNEL_STREAMS = (
     Stream.LATENT,
     Stream.OFFSETS,
 )
+ATTRIBUTE_STREAMS = frozenset({Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR})
+"""Channels whose decoded values are context for others (SPEC §10.2)."""
+
 NO_SOURCE = 255
+
+MAX_PASSES_LOG2 = 3
+MAX_DEPTHS = 4
+MAX_OCCUPANCY = 65535
 
 MAX_STEP = 2.0**96
 """With |v| < 2^31 it keeps every channel value a finite binary32, whatever symbols are decoded."""
@@ -96,15 +103,17 @@ class Channel:
 
 @dataclass(frozen=True)
 class LayerRow:
-    """State of every class after one layer (SPEC §6.5).
+    """State of every class after one layer (SPEC §6.5), and how its indices are coded.
 
     Attributes:
         stages: (classes,) RVQ stages received so far.
         steps: (classes, channels) ternary steps received so far, 0 = nothing yet.
+        neural: whether the index network, not static tables, codes INDICES in this layer (SPEC §10.4).
     """
 
     stages: tuple[int, ...]
     steps: tuple[tuple[int, ...], ...]
+    neural: bool = False
 
     @property
     def class_count(self) -> int:
@@ -128,6 +137,32 @@ class Lattice:
 
 
 @dataclass(frozen=True)
+class DecodedContext:
+    """How the values already decoded are summed up for predictors and the index network (SPEC §10.2).
+
+    Attributes:
+        passes_log2: a group of symbols is coded in this many passes, plus one; 0..3.
+        occupancies: anchors a cell shall hold on average, one number a depth, coarse first: strictly descending, 1..65535.
+    """
+
+    passes_log2: int = 0
+    occupancies: tuple[int, ...] = ()
+
+    def check(self) -> None:
+        """Check SPEC §10.2.
+
+        Raises:
+            Malformed: ``bad-context``.
+        """
+        targets = self.occupancies
+        falls = all(a > b for a, b in zip(targets, targets[1:], strict=False))
+        sane = 0 <= self.passes_log2 <= MAX_PASSES_LOG2 and len(targets) <= MAX_DEPTHS
+        if not (sane and falls and all(1 <= target <= MAX_OCCUPANCY for target in targets)):
+            message = f"{self.passes_log2} and {targets} are no passes and occupancies (SPEC §10.2)"
+            raise Malformed("bad-context", message, field="context")
+
+
+@dataclass(frozen=True)
 class SceneModel:
     """Everything the sub-stream codecs need to know.
 
@@ -136,12 +171,14 @@ class SceneModel:
         slots: K, Gaussian slots per anchor.
         channels: in coding order.
         layers: one row a layer.
+        context: what predictors and the index network look at.
     """
 
     profile: Profile
     slots: int
     channels: tuple[Channel, ...]
     layers: tuple[LayerRow, ...]
+    context: DecodedContext = DecodedContext()
 
     def first_new_class(self, layer: int) -> int:
         """Number of classes present before `layer` (1-based)."""
@@ -179,9 +216,12 @@ class SceneModel:
             Malformed: ``bad-layer-table`` or ``bad-channel``.
         """
         check_channels(self.channels, self.profile)
+        self.context.check()
         before: LayerRow | None = None
         for row in self.layers:
             check_row(row, before, len(self.channels))
+            if row.neural and not max(row.stages):
+                raise _bad_table("entropy mode 1 is for layers by which a class has a stage")
             before = row
         if self.profile == Profile.ANCHOR:
             self._check_anchor_rows()
@@ -192,6 +232,11 @@ class SceneModel:
             raise _bad_table("offsets come in one step, with their slot: their steps are always 1")
         if first_layers(self)[2] != 1:
             raise _bad_table("the anchor profile needs a stage or a latent step in layer 1: there is no feature else")
+
+    @cached_property
+    def attributes(self) -> tuple[int, ...]:
+        """Indices of the channels whose values are context for others (SPEC §10.2)."""
+        return tuple(index for index, channel in enumerate(self.channels) if channel.stream in ATTRIBUTE_STREAMS)
 
     def channel_index(self, stream: Stream) -> int | None:
         """Index of the channel that `stream` carries, None without it."""
@@ -209,6 +254,11 @@ def first_layers(model: SceneModel) -> tuple[int | None, int | None, int | None]
             if found[item] is None and needed:
                 found[item] = number
     return found[0], found[1], found[2]
+
+
+def first_neural_layer(model: SceneModel) -> int | None:
+    """The first layer (1-based) of entropy mode 1, None without one."""
+    return next((number for number, row in enumerate(model.layers, start=1) if row.neural), None)
 
 
 def _padded(rows: object) -> I64:

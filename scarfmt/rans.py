@@ -27,9 +27,13 @@ STATE_LOWER = 1 << 32
 
 I64 = NDArray[np.int64]
 I32 = NDArray[np.int32]
+F64 = NDArray[np.float64]
 
 AnsCoder = constriction.stream.stack.AnsCoder
 Categorical = constriction.stream.model.Categorical
+
+# The family of models whose tables come as rows, one a symbol. `perfect`: see FrequencyTable.model.
+_ROWS = Categorical(perfect=False)
 
 
 @dataclass(frozen=True)
@@ -107,6 +111,8 @@ class SymbolSource(Protocol):
 
     def decode(self, table: FrequencyTable, count: int) -> I32: ...
 
+    def decode_rows(self, weights: F64) -> I32: ...
+
     def finish(self) -> None: ...
 
 
@@ -114,7 +120,7 @@ class RansEncoder:
     """Collects groups of symbols in decoding order; :meth:`finish` codes them in reverse."""
 
     def __init__(self) -> None:
-        self._groups: list[tuple[I32, FrequencyTable]] = []
+        self._groups: list[tuple[I32, FrequencyTable | F64]] = []
 
     def encode(self, symbols: NDArray[np.integer[Any]], table: FrequencyTable) -> None:
         """Append `symbols`, (count,) integers in 0..n-1, coded with `table`."""
@@ -124,12 +130,48 @@ class RansEncoder:
         if len(values) and len(table) > 1:
             self._groups.append((values, table))
 
+    def encode_rows(self, symbols: NDArray[np.integer[Any]], weights: F64) -> None:
+        """Append `symbols`, each coded with a frequency table of its own (SPEC §10.2).
+
+        Args:
+            symbols: (n,) integers in 0..k-1.
+            weights: (n, k) float64, the frequencies minus 1: integers >= 0, each row's sum 2^24 - k. With k = 1
+                nothing is coded.
+
+        Raises:
+            InvalidInput: ``input-symbol``, ``input-table``.
+        """
+        values = np.ascontiguousarray(symbols, dtype=np.int32)
+        rows = np.ascontiguousarray(weights, dtype=np.float64)
+        _check_rows(rows, len(values))
+        count = rows.shape[1]
+        if len(values) and (int(values.min()) < 0 or int(values.max()) >= count):
+            raise InvalidInput("input-symbol", f"symbol outside the alphabet of {count}", field="symbols")
+        if len(values) and count > 1:
+            self._groups.append((values, rows))
+
     def finish(self) -> bytes:
         """The sealed stream: 32-bit little-endian words, empty when nothing was coded."""
         coder = AnsCoder()
         for values, table in reversed(self._groups):
-            coder.encode_reverse(values, table.model)
+            if isinstance(table, FrequencyTable):
+                coder.encode_reverse(values, table.model)
+            else:
+                coder.encode_reverse(values, _ROWS, table)
         return bytes(coder.get_compressed().astype("<u4").tobytes())
+
+
+def _check_rows(rows: F64, count: int) -> None:
+    """Refuse rows that are not `count` frequency tables minus 1."""
+    if rows.ndim != 2 or len(rows) != count or not 1 <= rows.shape[1] <= MAX_ALPHABET:
+        raise InvalidInput("input-table", f"rows of shape {rows.shape} for {count} symbols", field="table")
+    sums = rows.sum(axis=1)
+    if count and (
+        bool((rows < 0).any() or (rows != np.floor(rows)).any()) or bool((sums != TOTAL - rows.shape[1]).any())
+    ):
+        raise InvalidInput(
+            "input-table", "a row of frequencies minus 1 must be integers >= 0 that sum to 2^24 - k", field="table"
+        )
 
 
 def _words(data: bytes) -> NDArray[np.uint32]:
@@ -156,6 +198,17 @@ class RansDecoder:
         if len(table) == 1 or count == 0:
             return np.zeros(count, np.int32)
         return np.asarray(self._coder.decode(table.model, count), dtype=np.int32)
+
+    def decode_rows(self, weights: F64) -> I32:
+        """The next len(weights) symbols, (n,) int32, each with the frequencies weights[i] + 1.
+
+        Args:
+            weights: (n, k) float64 as :meth:`RansEncoder.encode_rows` takes them; not checked here.
+        """
+        if weights.shape[1] == 1 or not len(weights):
+            return np.zeros(len(weights), np.int32)
+        rows = np.ascontiguousarray(weights, dtype=np.float64)
+        return np.asarray(self._coder.decode(_ROWS, rows), dtype=np.int32)
 
     def finish(self) -> None:
         """Check the end state (SPEC §8.2).
@@ -193,6 +246,13 @@ class PureRansDecoder:
         if len(table) == 1:
             return np.zeros(count, np.int32)
         return np.array([self._symbol(table) for _ in range(count)], dtype=np.int32)
+
+    def decode_rows(self, weights: F64) -> I32:
+        """As :meth:`RansDecoder.decode_rows`."""
+        if weights.shape[1] == 1:
+            return np.zeros(len(weights), np.int32)
+        tables = (FrequencyTable(row.astype(np.int64) + 1) for row in weights)
+        return np.array([self._symbol(table) for table in tables], dtype=np.int32)
 
     def finish(self) -> None:
         """As :meth:`RansDecoder.finish`."""

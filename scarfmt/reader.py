@@ -19,19 +19,27 @@ from numpy.typing import NDArray
 
 from scarfmt.bytefields import decompress
 from scarfmt.codecs.codebooks import Codebooks, unpack_codebooks
-from scarfmt.codecs.layer import unpack_layer
+from scarfmt.codecs.grid import unpack_grid
+from scarfmt.codecs.layer import Opening, unpack_layer
 from scarfmt.codecs.mlp import Network, unpack_networks
+from scarfmt.codecs.network import unpack_network
+from scarfmt.codecs.neural_indices import index_coder
+from scarfmt.codecs.predictors import unpack_predictors
 from scarfmt.container import COALESCE_BYTES, Container, Entry, check_crc
-from scarfmt.directory import block_name, local_bits
+from scarfmt.directory import block_name, tile_frame
 from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-from scarfmt.model import Channel, Lattice, LayerRow, SceneModel, first_layers
-from scarfmt.requirements import check_networks
+from scarfmt.model import DecodedContext, Lattice, LayerRow, SceneModel, first_layers, first_neural_layer
+from scarfmt.neural.grid import HashGrid
+from scarfmt.neural.network import IndexNetwork
+from scarfmt.neural.operations import NUMPY, Operations
+from scarfmt.neural.predictors import Predictor, check_predictors
+from scarfmt.requirements import check_index_network, check_networks
 from scarfmt.schema import BlockKind, Profile, Stream
 from scarfmt.source import ByteSource
 from scarfmt.substreams import MAX_TABLE_SIZE, Substream, check_substream, unpack_table
 from scarfmt.symbols import SymbolReader, SymbolTable, TableKey, unpack_tables
-from scarfmt.tile import TileContent, coded_streams, get_layer, needed_channels
+from scarfmt.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
 
 ALL_STREAMS = frozenset(Stream) - {Stream.MODELS, Stream.FRAMING}
 MAX_TABLES_BYTES = 64 << 20
@@ -49,6 +57,19 @@ _MODEL_KINDS = (
     BlockKind.CODEBOOKS,
     BlockKind.DECODER_MLP,
     BlockKind.SCENE_MLP,
+    BlockKind.HASH_GRID,
+    BlockKind.ENTROPY_NETWORK,
+    BlockKind.PREDICTORS,
+)
+
+
+# Kinds that come once, in the layer that first needs them.
+_ONCE = (
+    BlockKind.CODEBOOKS,
+    BlockKind.DECODER_MLP,
+    BlockKind.SCENE_MLP,
+    BlockKind.HASH_GRID,
+    BlockKind.ENTROPY_NETWORK,
 )
 
 
@@ -83,6 +104,9 @@ class SceneModels:
         codebooks: with empty books where none is sent; None when no stage is used.
         decoder: latent to SH or feature, or None.
         scene_mlps: networks of the anchor profile.
+        predictors: context predictors in force in each layer, by key.
+        network: the index network, None where no layer is of entropy mode 1.
+        grid: the hash grid it reads, or None.
     """
 
     model: SceneModel
@@ -90,6 +114,16 @@ class SceneModels:
     codebooks: Codebooks | None
     decoder: Network | None
     scene_mlps: tuple[Network, ...]
+    predictors: tuple[dict[tuple[int, int, int], Predictor], ...] = ()
+    network: IndexNetwork | None = None
+    grid: HashGrid | None = None
+
+    def neural(self, operations: Operations = NUMPY) -> tuple[NeuralModels, ...]:
+        """What codes symbols beside static tables, per layer; `operations` does the network's arithmetic."""
+        coder = None
+        if self.network is not None and self.codebooks is not None:
+            coder = index_coder(self.network, self.codebooks, self.grid, operations)
+        return tuple(NeuralModels(predictors, coder) for predictors in self.predictors)
 
 
 class SceneReader:
@@ -99,9 +133,18 @@ class SceneReader:
         source: the file.
         limits: what the caller accepts.
         allow_truncated: use the whole layers of a cut file instead of refusing it.
+        operations: array arithmetic of the index network; whichever it is, the result is the same.
     """
 
-    def __init__(self, source: ByteSource, *, limits: Limits = DEFAULT_LIMITS, allow_truncated: bool = False) -> None:
+    def __init__(
+        self,
+        source: ByteSource,
+        *,
+        limits: Limits = DEFAULT_LIMITS,
+        allow_truncated: bool = False,
+        operations: Operations = NUMPY,
+    ) -> None:
+        self._operations = operations
         self.container = Container.open(source, limits=limits, allow_truncated=allow_truncated)
         self.header = self.container.header
         self.lattice = Lattice(self.header.fields.origin, self.header.fields.voxel, self.header.fields.lattice_bits)
@@ -141,23 +184,25 @@ class SceneReader:
         count = self.layer_number(layers)
         fields = self.header.fields
         rows: list[LayerRow] = []
-        channels: tuple[Channel, ...] = ()
+        opening: Opening = ((), DecodedContext())
         tables: list[dict[TableKey, SymbolTable]] = []
         blocks = self._model_blocks(count)
         for layer in range(1, count + 1):
-            row, channels = blocks.required(
-                BlockKind.LAYER, layer, partial(unpack_layer, layer=layer, channels=channels)
+            row, opening = blocks.required(
+                BlockKind.LAYER, layer, partial(unpack_layer, layer=layer, opening=opening)
             )
             rows.append(row)
             new = blocks.optional(BlockKind.TABLES, layer, _tables_from)
             tables.append({**(tables[-1] if tables else {}), **(new or {})})
-        model = SceneModel(fields.profile, fields.slots, channels, tuple(rows))
+        channels, context = opening
+        model = SceneModel(fields.profile, fields.slots, channels, tuple(rows), context)
         model.check()
         self._refuse_unexpected(model)
         books, decoder = _latent_models(model, blocks)
         mlps = blocks.optional(BlockKind.SCENE_MLP, 1, unpack_networks) or ()
         check_networks(fields, model, decoder, mlps)
-        return SceneModels(model, tuple(tables), books, decoder, mlps)
+        network, grid = _index_models(model, blocks, books)
+        return SceneModels(model, tuple(tables), books, decoder, mlps, _predictors(model, blocks), network, grid)
 
     def _refuse_unexpected(self, model: SceneModel) -> None:
         """A model block no layer needs would be read by one decoder and skipped by another (SPEC §7.8-7.9)."""
@@ -165,8 +210,10 @@ class SceneReader:
         needed = {(BlockKind.CODEBOOKS, coarse), (BlockKind.CODEBOOKS, residual), (BlockKind.DECODER_MLP, decoder)}
         if model.profile == Profile.ANCHOR:
             needed.add((BlockKind.SCENE_MLP, 1))
+        neural = first_neural_layer(model)
+        needed |= {(BlockKind.HASH_GRID, neural), (BlockKind.ENTROPY_NETWORK, neural)}
         for layer in range(1, len(model.layers) + 1):
-            for kind in (BlockKind.CODEBOOKS, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP):
+            for kind in _ONCE:
                 entry = self.container.find(kind, layer)
                 if entry is not None and (kind, layer) not in needed:
                     message = "nothing first needs this block in its layer (SPEC §7.8-7.9)"
@@ -207,8 +254,12 @@ class SceneReader:
     def _decoded(
         self, models: SceneModels, tiles: list[int], streams: frozenset[Stream], threads: int
     ) -> Iterator[tuple[int, TileContent]]:
+        neural = models.neural(self._operations)
+        # A layer's predictors may look at what only earlier layers send: what is needed last is needed first.
+        needed = streams | needed_streams(models.model, streams, neural[-1])
+
         def one(tile: int, blocks: TileBlocks) -> TileContent:
-            return self._tile(models, tile, blocks, streams)
+            return self._tile(models, neural, tile, blocks, needed)
 
         supply = zip(tiles, self._supply(models, tiles, streams), strict=True)
         if threads <= 1:
@@ -243,21 +294,28 @@ class SceneReader:
             payloads = dict(self.container.read_blocks(entries, verify=False))
             yield from ([(entry, payloads[entry] if entry else None) for entry in row] for row in batch)
 
-    def _tile(self, models: SceneModels, tile: int, blocks: TileBlocks, streams: frozenset[Stream]) -> TileContent:
+    def _tile(
+        self,
+        models: SceneModels,
+        neural: tuple[NeuralModels, ...],
+        tile: int,
+        blocks: TileBlocks,
+        streams: frozenset[Stream],
+    ) -> TileContent:
         model = models.model
-        bits = local_bits(self.header.fields, self.container.tiles[tile])
+        frame = tile_frame(self.header.fields, self.container.tiles[tile])
         sizes = models.codebooks.sizes if models.codebooks else (0, 0)
         content = TileContent.empty(model, sum(entry.count for entry, _ in blocks if entry))
         known = 0
-        for layer, (tables, (entry, payload)) in enumerate(zip(models.tables, blocks, strict=True), start=1):
+        stages = zip(models.tables, neural, blocks, strict=True)
+        for layer, (tables, beside, (entry, payload)) in enumerate(stages, start=1):
             new = entry.count if entry else 0
             known += new
             if entry is None and not known:
                 continue
             parts = self._substreams(entry, payload, model, streams) if entry else {}
-            decode = partial(
-                get_layer, model, layer, bits, content.head(known), new, _opener(parts, tables), streams, sizes
-            )
+            here, opener = content.head(known), _opener(parts, tables)
+            decode = partial(get_layer, model, layer, frame, here, new, opener, streams, sizes, beside)
             if entry is None:
                 decode()
             else:
@@ -275,9 +333,7 @@ class SceneReader:
                 kind: _checked(entry, kind, part, payload[part.start : part.start + part.length])
                 for kind, part in table.items()
             }
-        need = needed_channels(model, streams)
-        wanted = {Stream.POSITIONS, Stream.CLASSES, Stream.MASKS} | (streams & {Stream.INDICES})
-        wanted |= {channel.stream for channel, needed in zip(model.channels, need, strict=True) if needed}
+        wanted = streams | {Stream.POSITIONS, Stream.CLASSES, Stream.MASKS}
         head = self.container.read_range(entry, 0, min(entry.length, MAX_TABLE_SIZE))
         table = _placed(entry, lambda: _table_of(head, entry, model))
         out = {}
@@ -301,6 +357,29 @@ def _batches(rows: Iterable[list[Entry | None]]) -> Iterator[list[list[Entry | N
         size += more
     if batch:
         yield batch
+
+
+def _index_models(
+    model: SceneModel, blocks: _ModelBlocks, books: Codebooks | None
+) -> tuple[IndexNetwork | None, HashGrid | None]:
+    """Index network and hash grid, from the first layer of entropy mode 1."""
+    layer = first_neural_layer(model)
+    if layer is None or books is None:
+        return None, None
+    network = blocks.required(BlockKind.ENTROPY_NETWORK, layer, unpack_network)
+    grid = blocks.optional(BlockKind.HASH_GRID, layer, unpack_grid)
+    check_index_network(model, books, network, grid)
+    return network, grid
+
+
+def _predictors(model: SceneModel, blocks: _ModelBlocks) -> tuple[dict[tuple[int, int, int], Predictor], ...]:
+    """Predictors in force in each layer."""
+    out: list[dict[tuple[int, int, int], Predictor]] = []
+    for layer in range(1, len(model.layers) + 1):
+        new = blocks.optional(BlockKind.PREDICTORS, layer, unpack_predictors) or ()
+        check_predictors(model, layer, new)
+        out.append({**(out[-1] if out else {}), **{predictor.key: predictor for predictor in new}})
+    return tuple(out)
 
 
 def _latent_models(model: SceneModel, blocks: _ModelBlocks) -> tuple[Codebooks | None, Network | None]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.codecs.mlp import Network
 from scarfmt.errors import Malformed
 from scarfmt.header import HeaderFields
 from scarfmt.model import SceneModel
+from scarfmt.neural.grid import HashGrid
+from scarfmt.neural.network import IndexNetwork
 from scarfmt.schema import Profile, Stream
 
 OUTPUTS_PER_SLOT = (1, 7, 3)
@@ -40,6 +43,25 @@ def check_networks(
         # A feature, then the view direction, then perhaps the distance.
         if len(network.layers) != 2 or network.inputs - decoder.outputs not in (3, 4):
             raise _bad(f"a network of {len(network.layers)} layers and {network.inputs} inputs", "scene_mlps")
+
+
+def check_index_network(
+    model: SceneModel, books: Codebooks, network: IndexNetwork, grid: HashGrid | None
+) -> None:
+    """Check the index network and its grid against the scene (SPEC §10.5).
+
+    Raises:
+        Malformed: ``bad-network`` where widths, stages or codebooks do not agree.
+    """
+    network.check(books, model.max_stages)
+    inputs = network.inputs
+    attributes = sum(model.channels[index].components for index in model.attributes)
+    features = grid.width if grid is not None else 0
+    wanted = (attributes, len(model.context.occupancies), features)
+    if (inputs.attributes, inputs.depths, inputs.grid) != wanted:
+        found = (inputs.attributes, inputs.depths, inputs.grid)
+        message = f"inputs for {found} attributes, depths and grid features, the file has {wanted} (SPEC §10.5)"
+        raise Malformed("bad-network", message, field="network")
 
 
 def network_coefficients(sh_degree: int, model: SceneModel) -> int:

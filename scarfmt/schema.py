@@ -82,16 +82,18 @@ class BlockKind(IntEnum):
     SCENE_MLP = 5
     """Opacity, covariance and colour MLPs (anchor profile)."""
     HASH_GRID = 6
-    """Reserved for the neural entropy model."""
+    """Binarised hash grid, a spatial source of the index network."""
     ENTROPY_NETWORK = 7
-    """Reserved for the neural entropy model."""
+    """Index network: probabilities of RVQ indices."""
+    PREDICTORS = 8
+    """Context predictors: which static table codes a channel value."""
     TILE = 16
     """The sub-streams of one tile of one layer."""
     METADATA = 64
     """One UTF-8 JSON object; in layer 1; changes nothing in the decoded scene."""
 
 
-READABLE_KINDS = frozenset(BlockKind) - {BlockKind.HASH_GRID, BlockKind.ENTROPY_NETWORK}
+READABLE_KINDS = frozenset(BlockKind)
 """Kinds this package understands. A critical block of any other kind refuses the file."""
 
 

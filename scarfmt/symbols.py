@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint
 from scarfmt.errors import Malformed, ScarError
-from scarfmt.rans import MAX_ALPHABET, FrequencyTable, RansDecoder, RansEncoder, SymbolSource, uniform_table
+from scarfmt.rans import MAX_ALPHABET, PRECISION, FrequencyTable, RansDecoder, RansEncoder, SymbolSource, uniform_table
 
 Values = NDArray[np.integer[Any]]
 I64 = NDArray[np.int64]
+F64 = NDArray[np.float64]
 
 MAX_TABLES = 1 << 16
 # Weight precisions tried for a table; the cheapest of table bytes + coding loss wins.
@@ -80,6 +81,8 @@ class Emitter(Protocol):
 
     def emit_uniform(self, size: int, values: Values) -> None: ...
 
+    def emit_rows(self, weights: F64, values: Values) -> None: ...
+
 
 class SymbolCounter:
     """An emitter that only counts, per table key."""
@@ -87,6 +90,7 @@ class SymbolCounter:
     def __init__(self) -> None:
         self._values: dict[TableKey, list[Values]] = {}
         self.uniform_bits = 0.0
+        self.modelled_bits = 0.0
 
     def emit(self, key: TableKey, values: Values) -> None:
         if len(values):
@@ -94,6 +98,10 @@ class SymbolCounter:
 
     def emit_uniform(self, size: int, values: Values) -> None:
         self.uniform_bits += len(values) * float(np.log2(size))
+
+    def emit_rows(self, weights: F64, values: Values) -> None:
+        frequencies = weights[np.arange(len(values)), values] + 1
+        self.modelled_bits += float((PRECISION - np.log2(frequencies)).sum())
 
     def histograms(self) -> dict[TableKey, tuple[I64, I64]]:
         """(alphabet, counts) per key, keys ascending."""
@@ -116,6 +124,9 @@ class SymbolWriter:
 
     def emit_uniform(self, size: int, values: Values) -> None:
         self._rans.encode(values, cached_uniform(size))
+
+    def emit_rows(self, weights: F64, values: Values) -> None:
+        self._rans.encode_rows(values, weights)
 
     def finish(self) -> bytes:
         """The sealed rANS stream."""
@@ -145,6 +156,10 @@ class SymbolReader:
     def read_uniform(self, size: int, count: int) -> I64:
         """The next `count` values of a uniform alphabet 0..size-1."""
         return self._rans.decode(cached_uniform(size), count).astype(np.int64)
+
+    def read_rows(self, weights: F64) -> I64:
+        """The next (n,) values, each with its own row of (n, k) `weights`: frequencies less 1 (SPEC §10.5)."""
+        return self._rans.decode_rows(weights).astype(np.int64)
 
     def finish(self) -> None:
         """Check the seal (SPEC §8.2)."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,12 @@ from scarfmt.codecs.channels import check_reach, coarsen, get_channel, put_chann
 from scarfmt.codecs.classes import get_classes, put_classes
 from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
+from scarfmt.codecs.neural_indices import IndexCoder, get_neural_indices, put_neural_indices
 from scarfmt.codecs.positions import get_positions, put_positions
+from scarfmt.directory import TileFrame
 from scarfmt.model import SceneModel
+from scarfmt.neural.layer_context import LayerContext
+from scarfmt.neural.predicted import PredictedChannel, Predictors, predicted_streams
 from scarfmt.schema import Profile, Stream
 from scarfmt.symbols import Emitter, SymbolReader
 
@@ -26,8 +31,29 @@ I64 = NDArray[np.int64]
 I32 = NDArray[np.int32]
 I16 = NDArray[np.int16]
 U64 = NDArray[np.uint64]
+Ints = NDArray[np.integer[Any]]
 
 OpenStream = Callable[[Stream], SymbolReader]
+
+
+@dataclass(frozen=True)
+class NeuralModels:
+    """What codes symbols beside static tables (SPEC §10).
+
+    Attributes:
+        predictors: in force, by key.
+        indices: what codes indices in layers of entropy mode 1; None where no such layer is.
+    """
+
+    predictors: Predictors = field(default_factory=dict)
+    indices: IndexCoder | None = None
+
+    def coder(self, model: SceneModel, layer: int) -> IndexCoder | None:
+        """What codes the indices of a layer, None for static tables."""
+        return self.indices if model.layers[layer - 1].neural else None
+
+
+STATIC = NeuralModels()
 
 
 @dataclass
@@ -98,56 +124,105 @@ def first_values(model: SceneModel, content: TileContent) -> list[I32]:
 
 
 def put_layer(
-    model: SceneModel, layer: int, bits: int, content: TileContent, emitters: Callable[[Stream], Emitter]
+    model: SceneModel,
+    layer: int,
+    frame: TileFrame,
+    content: TileContent,
+    emitters: Callable[[Stream], Emitter],
+    neural: NeuralModels = STATIC,
+    indices: bool = True,
 ) -> int:
     """Emit one layer of one tile.
 
     Args:
         model: layer table and channels.
         layer: 1-based.
-        bits: local bits per axis.
+        frame: local coordinates of the tile.
         content: the tile at the model's last layer, anchors in order.
         emitters: gives the emitter of a stream kind.
+        neural: predictors and index network.
+        indices: False leaves out indices that the index network codes: they need no tables.
 
     Returns:
         How many anchors first appear in it.
     """
     known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
+    # Anchors are ordered by the layer in which they appear: those known are the first ones.
+    content = content.head(int((content.classes < past).sum()))
     classes = content.classes
-    new = np.flatnonzero((classes >= known) & (classes < past))
-    put_positions(emitters(Stream.POSITIONS), content.codes[new], bits)
+    new = np.flatnonzero(classes >= known)
+    put_positions(emitters(Stream.POSITIONS), content.codes[new], frame.bits)
     put_classes(emitters(Stream.CLASSES), classes[new], known, past)
     if model.profile == Profile.ANCHOR:
-        here = np.flatnonzero(classes < past)
-        slot_layers = content.slot_layers[here]
+        slot_layers = content.slot_layers
         before, after = (slot_layers > 0) & (slot_layers < layer), (slot_layers > 0) & (slot_layers <= layer)
         put_masks(emitters(Stream.MASKS), before, after)
     last = len(model.layers)
     known_first: list[I32] = []
+    coder = neural.coder(model, layer)
+    context = _context(model, frame, content, neural.predictors, coder)
     for index, channel in enumerate(model.channels):
         emitter = emitters(channel.stream)
         if channel.stream == Stream.OFFSETS:
-            put_offsets(emitter, channel, content.values[index][here], classes[here], after & ~before)
+            put_offsets(emitter, channel, content.values[index], classes, after & ~before)
             continue
         before_steps, after_steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)
         # A context source counts as 0 until its own first step has travelled, as the decoder sees it.
         known_first.append(content.first[index] * (after_steps > 0)[:, None].astype(np.int32))
         final = (content.values[index], model.steps(last, index, classes))
-        put_channel(emitter, channel, classes, before_steps, after_steps, final, known_first)
+        predicted = None
+        if context is not None:
+            predicted = _predicted(context, index, neural.predictors, _at(*final, before_steps), before_steps)
+        put_channel(emitter, channel, classes, before_steps, after_steps, final, known_first, predicted)
+        if context is not None and index in model.attributes:
+            context.settle(index, _at(*final, after_steps), after_steps)
     stages = model.stages(layer - 1, classes), model.stages(layer, classes)
-    put_indices(emitters(Stream.INDICES), content.indices, classes, *stages)
+    if coder is not None and context is not None:
+        if indices:
+            put_neural_indices(emitters(Stream.INDICES), coder, context, content.indices, *stages)
+    else:
+        put_indices(emitters(Stream.INDICES), content.indices, classes, *stages)
     return len(new)
 
 
-def needed_channels(model: SceneModel, wanted: Collection[Stream]) -> list[bool]:
-    """Per channel, whether it must be decoded for the streams wanted: itself, or as a context source."""
+def _at(values: I32, at: I64, steps: I64) -> I64:
+    """(n, components) `values`, which are at (n,) `at` steps, at `steps` steps; 0 at none."""
+    return np.where(steps[:, None] > 0, coarsen(values, (at - steps)[:, None]), 0)
+
+
+def _context(
+    model: SceneModel, frame: TileFrame, content: TileContent, predictors: Predictors, coder: IndexCoder | None
+) -> LayerContext | None:
+    """The decoded context of a tile-layer, None where nothing looks at it."""
+    if coder is None and not predictors:
+        return None
+    return LayerContext(model, frame, content.codes, content.classes)
+
+
+def _predicted(
+    context: LayerContext, index: int, predictors: Predictors, values: Ints, steps: I64
+) -> PredictedChannel | None:
+    if context.model.channels[index].stream not in predicted_streams(predictors):
+        return None
+    return PredictedChannel(context, index, predictors, values, steps)
+
+
+def needed_streams(model: SceneModel, wanted: Collection[Stream], neural: NeuralModels = STATIC) -> frozenset[Stream]:
+    """The channels that must be decoded for the streams wanted: those themselves, and contexts of those that are."""
     need = [channel.stream in wanted for channel in model.channels]
+    predicted = predicted_streams(neural.predictors)
+    if neural.indices is not None and Stream.INDICES in wanted:
+        for index in model.attributes:
+            need[index] = True
     for index in range(len(need) - 1, -1, -1):
         if need[index]:
             for rule in model.channels[index].rules:
                 if rule.source_channel < len(need):
                     need[rule.source_channel] = True
-    return need
+            if model.channels[index].stream in predicted:
+                for source in model.attributes:
+                    need[source] |= source < index
+    return frozenset(channel.stream for channel, needed in zip(model.channels, need, strict=True) if needed)
 
 
 def coded_streams(model: SceneModel, new: int) -> set[Stream]:
@@ -161,12 +236,13 @@ def coded_streams(model: SceneModel, new: int) -> set[Stream]:
 def get_layer(
     model: SceneModel,
     layer: int,
-    bits: int,
+    frame: TileFrame,
     content: TileContent,
     new: int,
     open_stream: OpenStream,
     wanted: Collection[Stream],
     book_sizes: tuple[int, int],
+    neural: NeuralModels = STATIC,
 ) -> None:
     """Read one layer of one tile, in place: the inverse of :func:`put_layer`.
 
@@ -176,12 +252,13 @@ def get_layer(
         open_stream: gives the reader of a stream kind.
         wanted: channel streams to decode (positions, classes and masks always are); others stay 0.
         book_sizes: codewords in the coarse and the residual codebook.
+        neural: predictors and index network.
     """
     known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
     classes = content.classes
     if new:
         with _opened(open_stream, Stream.POSITIONS) as reader:
-            content.codes[-new:] = get_positions(reader, new, bits)
+            content.codes[-new:] = get_positions(reader, new, frame.bits)
         with _opened(open_stream, Stream.CLASSES) as reader:
             classes[-new:] = get_classes(reader, new, known, past)
     turned_on = np.zeros(content.slot_layers.shape, np.bool_)
@@ -190,21 +267,30 @@ def get_layer(
         with _opened(open_stream, Stream.MASKS) as reader:
             turned_on = get_masks(reader, before) & ~before
         content.slot_layers[turned_on] = layer
-    need = needed_channels(model, wanted)
+    need = needed_streams(model, wanted, neural)
+    coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
+    context = _context(model, frame, content, neural.predictors, coder)
     for index, channel in enumerate(model.channels):
-        if not need[index]:
+        if channel.stream not in need:
             continue
         with _opened(open_stream, channel.stream) as reader:
             if channel.stream == Stream.OFFSETS:
                 get_offsets(reader, channel, content.values[index], classes, turned_on)
                 continue
             steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)
-            get_channel(reader, channel, classes, *steps, content.values[index], content.first[: index + 1])
+            values, first = content.values[index], content.first[: index + 1]
+            predicted = context and _predicted(context, index, neural.predictors, values, steps[0])
+            get_channel(reader, channel, classes, *steps, values, first, predicted)
+        if context is not None and index in model.attributes:
+            context.settle(index, content.values[index], steps[1])
         if channel.stream == Stream.POSITION_RESIDUAL:
             check_reach(content.values[index], channel.step, steps[1])
     if Stream.INDICES in wanted:
         with _opened(open_stream, Stream.INDICES) as reader:
             stages = model.stages(layer - 1, classes), model.stages(layer, classes)
+            if coder is not None and context is not None:
+                get_neural_indices(reader, coder, context, content.indices, *stages)
+                return
             get_indices(reader, content.indices, classes, *stages, book_sizes)
 
 

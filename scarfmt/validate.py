@@ -15,14 +15,17 @@ import numpy as np
 
 from scarfmt.bytefields import decompress
 from scarfmt.codecs.codebooks import unpack_codebooks
-from scarfmt.codecs.layer import unpack_layer
+from scarfmt.codecs.grid import unpack_grid
+from scarfmt.codecs.layer import Opening, unpack_layer
 from scarfmt.codecs.mlp import unpack_networks
+from scarfmt.codecs.network import unpack_network
+from scarfmt.codecs.predictors import unpack_predictors
 from scarfmt.container import Container, Entry, read_header
 from scarfmt.directory import block_name
 from scarfmt.errors import InvalidInput, Malformed, ScarError
 from scarfmt.inspection import read_metadata
 from scarfmt.limits import FORMAT_LIMITS, Limits
-from scarfmt.model import Channel
+from scarfmt.model import DecodedContext
 from scarfmt.reader import MAX_TABLES_BYTES, SceneModels, SceneReader
 from scarfmt.schema import (
     FILE_HEADER_SIZE,
@@ -168,7 +171,7 @@ class _Check:
         self._report = report
         self._last = result.layers_checked
         self._broken: list[Entry] = []
-        self._channels: tuple[Channel, ...] = ()
+        self._opening: Opening = ((), DecodedContext())
         self._tables: list[dict[TableKey, SymbolTable]] = [{} for _ in range(self._last)]
         self._used: list[set[TableKey]] = [set() for _ in range(self._last)]
         self._streams = np.zeros((self._last + 1, STREAM_COUNT), np.int64)
@@ -223,9 +226,9 @@ class _Check:
     def _element_count(self, entry: Entry, payload: bytes) -> int | None:
         """Elements of a model block, parsed; None for kinds without a count."""
         if entry.kind == BlockKind.LAYER:
-            if entry.layer > 1 and not self._channels:
+            if entry.layer > 1 and not self._opening[0]:
                 return None
-            row, self._channels = unpack_layer(payload, entry.layer, self._channels)
+            row, self._opening = unpack_layer(payload, entry.layer, self._opening)
             return row.class_count
         if entry.kind == BlockKind.TABLES:
             tables = unpack_tables(decompress(payload, MAX_TABLES_BYTES, "tables"))
@@ -235,6 +238,13 @@ class _Check:
             return len(unpack_codebooks(payload))
         if entry.kind in (BlockKind.DECODER_MLP, BlockKind.SCENE_MLP):
             return len(unpack_networks(payload))
+        if entry.kind == BlockKind.HASH_GRID:
+            return len(unpack_grid(payload).levels)
+        if entry.kind == BlockKind.ENTROPY_NETWORK:
+            unpack_network(payload)
+            return 1
+        if entry.kind == BlockKind.PREDICTORS:
+            return len(unpack_predictors(payload))
         return None
 
     def _check_tile_block(self, entry: Entry, payload: bytes) -> None:

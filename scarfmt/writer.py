@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -18,20 +18,27 @@ from numpy.typing import NDArray
 from scarfmt.bytefields import compress
 from scarfmt.codecs.channels import coarsen
 from scarfmt.codecs.codebooks import Codebooks, pack_codebooks
+from scarfmt.codecs.grid import pack_grid
 from scarfmt.codecs.layer import pack_layer
 from scarfmt.codecs.mlp import Network, pack_networks
+from scarfmt.codecs.network import pack_network
+from scarfmt.codecs.neural_indices import IndexCoder, index_coder
+from scarfmt.codecs.predictors import pack_predictors
 from scarfmt.conformity import check_books, check_content
 from scarfmt.container import Block, HeaderFields, Tile, write_container
-from scarfmt.directory import local_bits
+from scarfmt.directory import local_bits, tile_frame
 from scarfmt.errors import InvalidInput, ScarError
 from scarfmt.limits import FORMAT_LIMITS
-from scarfmt.model import SceneModel, first_layers
+from scarfmt.model import SceneModel, first_layers, first_neural_layer
+from scarfmt.neural.grid import HashGrid
+from scarfmt.neural.network import IndexNetwork
+from scarfmt.neural.predictors import Predictor
 from scarfmt.reader import SceneReader
 from scarfmt.schema import BlockKind, Profile, Stream
 from scarfmt.source import BytesSource
 from scarfmt.substreams import pack_substreams
 from scarfmt.symbols import SymbolCounter, SymbolTable, SymbolWriter, TableKey, fit_table, pack_table, pack_tables
-from scarfmt.tile import TileContent, first_values, put_layer
+from scarfmt.tile import NeuralModels, TileContent, first_values, put_layer
 
 Report = Callable[[str, float], None]
 Ints = NDArray[np.integer[Any]]
@@ -53,6 +60,9 @@ class QuantisedScene:
         decoder: latent to SH or feature; None when no stage is used.
         scene_mlps: opacity, covariance and colour networks of the anchor profile, else empty.
         metadata: JSON-able annotations, or empty.
+        predictors: per layer (1-based), those whose step first travels in it.
+        network: the index network; needed exactly when a layer's row is neural.
+        grid: the hash grid the network reads, or None.
     """
 
     fields: HeaderFields
@@ -63,12 +73,26 @@ class QuantisedScene:
     decoder: Network | None = None
     scene_mlps: tuple[Network, ...] = ()
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    predictors: Mapping[int, tuple[Predictor, ...]] = field(default_factory=dict)
+    network: IndexNetwork | None = None
+    grid: HashGrid | None = None
+
+    def neural(self, layer: int) -> NeuralModels:
+        """What codes symbols beside static tables in a layer."""
+        found = {p.key: p for number, group in self.predictors.items() if number <= layer for p in group}
+        return NeuralModels(found, self._coder)
+
+    @cached_property
+    def _coder(self) -> IndexCoder | None:
+        if self.network is None or self.codebooks is None:
+            return None
+        return index_coder(self.network, self.codebooks, self.grid)
 
 
 def _model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, SymbolTable]) -> Iterator[Block]:
     model = scene.model
-    row, channels = model.layers[layer - 1], model.channels if layer == 1 else None
-    yield Block(BlockKind.LAYER, layer, pack_layer(row, channels), count=row.class_count)
+    row, opening = model.layers[layer - 1], (model.channels, model.context) if layer == 1 else None
+    yield Block(BlockKind.LAYER, layer, pack_layer(row, opening), count=row.class_count)
     if tables:
         yield Block(BlockKind.TABLES, layer, compress(pack_tables(tables)), count=len(tables))
     books, starts = scene.codebooks, first_layers(model)
@@ -80,6 +104,13 @@ def _model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, S
         yield Block(BlockKind.DECODER_MLP, layer, pack_networks((scene.decoder,)), count=1)
     if layer == 1 and scene.scene_mlps:
         yield Block(BlockKind.SCENE_MLP, layer, pack_networks(scene.scene_mlps), count=len(scene.scene_mlps))
+    if scene.network is not None and first_neural_layer(model) == layer:
+        if scene.grid is not None:
+            yield Block(BlockKind.HASH_GRID, layer, pack_grid(scene.grid), count=len(scene.grid.levels))
+        yield Block(BlockKind.ENTROPY_NETWORK, layer, pack_network(scene.network), count=1)
+    if scene.predictors.get(layer):
+        group = scene.predictors[layer]
+        yield Block(BlockKind.PREDICTORS, layer, pack_predictors(group), count=len(group))
     if layer == 1 and scene.metadata:
         text = json.dumps(scene.metadata, sort_keys=True, separators=(",", ":"), allow_nan=False)
         yield Block(BlockKind.METADATA, layer, text.encode())
@@ -106,8 +137,8 @@ def _write_tile(
     def writer(stream: Stream) -> SymbolWriter:
         return writers.setdefault(stream, SymbolWriter(tables))
 
-    bits = local_bits(scene.fields, scene.tiles[tile])
-    new = put_layer(scene.model, layer, bits, scene.contents[tile], writer)
+    frame = tile_frame(scene.fields, scene.tiles[tile])
+    new = put_layer(scene.model, layer, frame, scene.contents[tile], writer, scene.neural(layer))
     streams = {stream: writer.finish() for stream, writer in writers.items()}
     if not new and not any(streams.values()):
         return None
@@ -150,7 +181,8 @@ def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
         report("code", (layer - 1) / layers)
         counter = SymbolCounter()
         for tile, content in zip(scene.tiles, scene.contents, strict=True):
-            put_layer(model, layer, local_bits(scene.fields, tile), content, partial(_always, counter))
+            frame = tile_frame(scene.fields, tile)
+            put_layer(model, layer, frame, content, partial(_always, counter), scene.neural(layer), indices=False)
         sent = _fit_tables(counter, known)
         known = {**known, **sent}
         blocks += _model_blocks(scene, layer, sent)
@@ -184,11 +216,9 @@ def keep_layers(scene: QuantisedScene, layers: int) -> QuantisedScene:
 
     ``write_scene(keep_layers(scene, k))`` is byte-equal to truncating ``write_scene(scene)`` (SPEC §14).
     """
-    model = SceneModel(scene.model.profile, scene.model.slots, scene.model.channels, scene.model.layers[:layers])
+    model = replace(scene.model, layers=scene.model.layers[:layers])
     contents = tuple(_content_at(scene.model, model, content) for content in scene.contents)
-    return QuantisedScene(
-        scene.fields, model, scene.tiles, contents, scene.codebooks, scene.decoder, scene.scene_mlps, scene.metadata
-    )
+    return replace(scene, model=model, contents=contents)
 
 
 def _content_at(full: SceneModel, model: SceneModel, content: TileContent) -> TileContent:

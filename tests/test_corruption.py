@@ -24,7 +24,7 @@ from scarfmt.codecs.mlp import Linear, Network
 from scarfmt.container import Block, Container, HeaderFields, Tile
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError, Truncated, Unsupported
 from scarfmt.limits import FORMAT_LIMITS
-from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
+from scarfmt.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 from scarfmt.reader import SceneReader
 from scarfmt.requirements import OUTPUTS_PER_SLOT
 from scarfmt.schema import BlockKind, Profile, Stream, header_length
@@ -279,7 +279,7 @@ def test_wide_channels_are_refused_before_a_tile_is_read() -> None:
     data = SMALL[Profile.ANCHOR]
     wide = Channel(Stream.OFFSETS, (0.1,) * 64, (ContextRule(False),) * 64)
     scale = Channel(Stream.SCALE, (0.5,) * 6, (ContextRule(False),) * 6)
-    payload = pack_layer(LayerRow((1,), ((1, 1),)), (scale, wide))
+    payload = pack_layer(LayerRow((1,), ((1, 1),)), ((scale, wide), DecodedContext()))
     forged = rebuilt(data, [replace(b, payload=payload) if b.kind == BlockKind.LAYER else b for b in blocks_of(data)])
     with pytest.raises(Malformed) as caught:
         SceneReader(BytesSource(forged)).models()

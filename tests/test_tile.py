@@ -14,24 +14,25 @@ from hypothesis import strategies as st
 from scene_samples import quantised_scenes, random_scene
 
 from scarfmt.codecs.channels import coarsen
-from scarfmt.directory import local_bits
+from scarfmt.directory import TileFrame, tile_frame
 from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
 from scarfmt.schema import Profile, Stream
 from scarfmt.symbols import SymbolCounter, SymbolReader, SymbolTable, SymbolWriter, TableKey, fit_table
-from scarfmt.tile import TileContent, first_values, get_layer, needed_channels, put_layer
+from scarfmt.tile import TileContent, first_values, get_layer, needed_streams, put_layer
 from scarfmt.writer import QuantisedScene, keep_layers
 
-Coded = tuple[int, dict[Stream, bytes], dict[TableKey, SymbolTable]]
+Tables = dict[TableKey, SymbolTable]
+Coded = tuple[int, dict[Stream, bytes], Tables]
 
 
 def code_layer(scene: QuantisedScene, layer: int, tile: int) -> Coded:
     """New anchors, streams and tables of one layer of one tile."""
-    bits, content = local_bits(scene.fields, scene.tiles[tile]), scene.contents[tile]
+    frame, content = tile_frame(scene.fields, scene.tiles[tile]), scene.contents[tile]
     counter = SymbolCounter()
-    put_layer(scene.model, layer, bits, content, lambda _: counter)
+    put_layer(scene.model, layer, frame, content, lambda _: counter)
     tables = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
     writers: dict[Stream, SymbolWriter] = {}
-    new = put_layer(scene.model, layer, bits, content, lambda s: writers.setdefault(s, SymbolWriter(tables)))
+    new = put_layer(scene.model, layer, frame, content, lambda s: writers.setdefault(s, SymbolWriter(tables)))
     return new, {stream: writer.finish() for stream, writer in writers.items()}, tables
 
 
@@ -50,10 +51,10 @@ def read_layer(
             opened.add(stream)
         return SymbolReader(streams.get(stream, b""), tables)
 
-    bits = local_bits(scene.fields, scene.tiles[tile])
+    frame = tile_frame(scene.fields, scene.tiles[tile])
     sizes = scene.codebooks.sizes if scene.codebooks else (0, 0)
     content = with_room(scene.model, content, new)
-    get_layer(scene.model, layer, bits, content, new, open_stream, wanted, sizes)
+    get_layer(scene.model, layer, frame, content, new, open_stream, wanted, sizes)
     return content
 
 
@@ -84,8 +85,7 @@ def test_after_each_layer_a_decoder_holds_what_keeping_layers_gives(scene: Quant
 @given(quantised_scenes(max_anchors=40, max_layers=3), st.sets(st.sampled_from(sorted(ATTRIBUTES))))
 def test_leaving_attributes_out_changes_no_other(scene: QuantisedScene, wanted: set[Stream]) -> None:
     """Others stay 0 unless a context needs them, and only streams that are needed are opened."""
-    need = needed_channels(scene.model, wanted)
-    needed = {channel.stream for channel, yes in zip(scene.model.channels, need, strict=True) if yes}
+    needed = needed_streams(scene.model, wanted)
     for tile, full in enumerate(scene.contents):
         opened: set[Stream] = set()
         content = TileContent.empty(scene.model)
@@ -113,15 +113,15 @@ def chained() -> SceneModel:
 @pytest.mark.parametrize(
     ("wanted", "needed"),
     [
-        (set(), [False, False, False, False]),
-        ({Stream.COLOUR}, [True, False, True, True]),
-        ({Stream.OPACITY, Stream.ROTATION}, [True, True, True, False]),
-        ({Stream.SCALE, Stream.INDICES}, [True, False, False, False]),
+        (set(), set()),
+        ({Stream.COLOUR}, {Stream.SCALE, Stream.OPACITY, Stream.COLOUR}),
+        ({Stream.OPACITY, Stream.ROTATION}, {Stream.SCALE, Stream.ROTATION, Stream.OPACITY}),
+        ({Stream.SCALE, Stream.INDICES}, {Stream.SCALE}),
     ],
 )
-def test_sources_of_sources_are_needed(wanted: set[Stream], needed: list[bool]) -> None:
+def test_sources_of_sources_are_needed(wanted: set[Stream], needed: set[Stream]) -> None:
     """A chain of contexts is followed to its start, and no further."""
-    assert needed_channels(chained(), wanted) == needed
+    assert needed_streams(chained(), wanted) == needed
 
 
 def test_first_values_are_the_coarsest_rounding() -> None:
@@ -148,7 +148,7 @@ def reading(
 
     model = chained()
     content = TileContent.empty(model, new)
-    get_layer(model, 1, 4, content, new, open_stream, ATTRIBUTES, (0, 0))
+    get_layer(model, 1, TileFrame(4), content, new, open_stream, ATTRIBUTES, (0, 0))
     return content
 
 
@@ -163,13 +163,13 @@ def test_streams_must_hold_what_the_directory_announces() -> None:
     refuses("rans-length", lambda: reading(0, {Stream.COLOUR: b"12345"}))
     scene = random_scene(1, Profile.EXPLICIT, anchors=40, layers=1, tiles=1)
     _, streams, tables = code_layer(scene, 1, 0)
-    bits, model = local_bits(scene.fields, scene.tiles[0]), scene.model
+    frame, model = tile_frame(scene.fields, scene.tiles[0]), scene.model
 
     def more(stream: Stream) -> SymbolReader:
         return SymbolReader(some + streams[stream] if stream == Stream.SCALE else streams.get(stream, b""), tables)
 
     sizes = scene.codebooks.sizes if scene.codebooks else (0, 0)
-    refuses("rans-seal", lambda: get_layer(model, 1, bits, TileContent.empty(model, 40), 40, more, ATTRIBUTES, sizes))
+    refuses("rans-seal", lambda: get_layer(model, 1, frame, TileContent.empty(model, 40), 40, more, ATTRIBUTES, sizes))
 
 
 def test_the_head_of_a_tile_is_the_tile_itself() -> None:
@@ -203,14 +203,17 @@ def decoded(model: SceneModel, content: TileContent, layers: int = 2) -> TileCon
     out = TileContent.empty(model, 1)
     for layer in range(1, layers + 1):
         counter = SymbolCounter()
-        put_layer(model, layer, 4, content, lambda _, counter=counter: counter)
+        put_layer(model, layer, TileFrame(4), content, lambda _, counter=counter: counter)
         tables = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
         writers: dict[Stream, SymbolWriter] = {}
         new = put_layer(
-            model, layer, 4, content, lambda s, w=writers, t=tables: w.setdefault(s, SymbolWriter(t))
+            model, layer, TileFrame(4), content, lambda s, w=writers, t=tables: w.setdefault(s, SymbolWriter(t))
         )
         streams = {stream: writer.finish() for stream, writer in writers.items()}
-        get_layer(
-            model, layer, 4, out, new, lambda s, d=streams, t=tables: SymbolReader(d.get(s, b""), t), ATTRIBUTES, (0, 0)
-        )
+
+
+        def opened(stream: Stream, data: dict[Stream, bytes] = streams, known: Tables = tables) -> SymbolReader:
+            return SymbolReader(data.get(stream, b""), known)
+
+        get_layer(model, layer, TileFrame(4), out, new, opened, ATTRIBUTES, (0, 0))
     return out

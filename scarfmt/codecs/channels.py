@@ -6,7 +6,7 @@ the attribute is v_n * step / 3^(n-1). Cells nest, so any prefix of steps is its
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from scarfmt.errors import Malformed
 from scarfmt.model import MAX_STEPS, NO_SOURCE, Channel, ContextRule
+from scarfmt.neural.predicted import PredictedChannel
 from scarfmt.schema import Stream
 from scarfmt.symbols import Emitter, SymbolReader, TableKey, by_context, emit_by_context, read_by_context
 
@@ -28,6 +29,8 @@ _SOURCE_CONTEXTS = 16
 _COMPONENT_CONTEXTS = 256
 VALUE_LIMIT = (1 << 31) - 1
 """Largest magnitude of a channel value: -2^31 is left out, so that every value can be negated."""
+# (anchors, component, key, their contexts, values before) -> values after: emits or reads one run of symbols.
+Exchange = Callable[[I64, int, TableKey, I64, I64], I64]
 # First-step values of the channels decoded so far, one (n, components) array a channel.
 FirstValues = Sequence[Ints]
 
@@ -67,6 +70,7 @@ def put_channel(
     after: I64,
     final: tuple[Ints, I64],
     first: FirstValues,
+    predicted: PredictedChannel | None = None,
 ) -> None:
     """Emit the steps before+1..after of every anchor of a tile.
 
@@ -74,11 +78,22 @@ def put_channel(
         classes, before, after: (n,) class and steps of each anchor before and after this layer.
         final: (n, components) values and (n,) the step counts they are at, each >= `after`.
         first: first-step values of all channels up to and including this one.
+        predicted: the channel's predictors, if it has any.
     """
     values, at = final
+
+    def put(part: I64, component: int, key: TableKey, kinds: I64, coarse: I64) -> I64:
+        here = coarsen(values[part, component], at[part] - key.step)
+        emit_by_context(emitter, key, kinds, here - 3 * coarse)
+        return here
+
     for step in range(int(before.min(initial=0)) + 1, int(after.max(initial=0)) + 1):
         chosen = np.flatnonzero((before < step) & (after >= step))
         if not len(chosen):
+            continue
+        if predicted is not None and predicted.covers(step):
+            coarse = np.where(step > 1, coarsen(values, np.maximum(at - step + 1, 0)[:, None]), 0)
+            _code_predicted(channel, step, chosen, classes, coarse, first, predicted, put)
             continue
         kinds = classes[chosen]
         for component, rule in enumerate(channel.rules):
@@ -99,19 +114,33 @@ def get_channel(
     after: I64,
     values: Ints,
     first: FirstValues,
+    predicted: PredictedChannel | None = None,
 ) -> None:
     """Read the steps before+1..after of every anchor of a tile, in place.
 
     Args:
         values: (n, components) int32, v at `before` steps on entry, at `after` on return.
         first: first-step values of the channels up to and including this one; the last array is written.
+        predicted: the channel's predictors, if it has any.
 
     Raises:
         Malformed: ``bad-trit`` or ``value-range`` for symbols outside SPEC §7.5.
     """
+
+    def get(part: I64, component: int, key: TableKey, kinds: I64, coarse: I64) -> I64:
+        symbols = read_by_context(reader, key, kinds)
+        here = _in_range(symbols if key.step == 1 else 3 * coarse + _checked(symbols), channel)
+        values[part, component] = here
+        if key.step == 1:
+            first[-1][part, component] = here
+        return here
+
     for step in range(int(before.min(initial=0)) + 1, int(after.max(initial=0)) + 1):
         chosen = np.flatnonzero((before < step) & (after >= step))
         if not len(chosen):
+            continue
+        if predicted is not None and predicted.covers(step):
+            _code_predicted(channel, step, chosen, classes, values, first, predicted, get)
             continue
         kinds = classes[chosen]
         if step == 1:
@@ -122,6 +151,33 @@ def get_channel(
             values[chosen] = first[-1][chosen]
         else:
             values[chosen] = _refined(reader, channel, step, kinds, values[chosen]).T
+
+
+def _code_predicted(
+    channel: Channel,
+    step: int,
+    chosen: I64,
+    classes: I64,
+    values: Ints,
+    first: FirstValues,
+    predicted: PredictedChannel,
+    exchange: Exchange,
+) -> None:
+    """Code one step of the anchors `chosen` pass by pass, components in order (SPEC §10.3); either direction.
+
+    Args:
+        values: (n, components) values before this step; 0 before the first.
+    """
+    for part in predicted.parts(step, chosen):
+        for component, rule in enumerate(channel.rules):
+            coarse = values[part, component].astype(np.int64)
+            kinds = predicted.contexts(component)
+            if kinds is None and step == 1:
+                kinds = contexts(rule, classes[part], first, part)
+            elif kinds is None:
+                kinds = trit_contexts(rule, classes[part], coarse)
+            key = TableKey(channel.stream, component, step, 0)
+            predicted.know(component, exchange(part, component, key, kinds, coarse))
 
 
 def _refined(reader: SymbolReader, channel: Channel, step: int, kinds: I64, values: Ints) -> Ints:

@@ -1,4 +1,4 @@
-"""LAYER block: entropy mode, the channel table (layer 1 only) and one row of the layer table (SPEC §6.4-6.5)."""
+"""LAYER block: entropy mode, channel table and context (layer 1 only), one row of the layer table (SPEC §7.11)."""
 
 from __future__ import annotations
 
@@ -11,22 +11,30 @@ from scarfmt.model import (
     MAX_CHANNELS,
     MAX_CLASSES,
     MAX_COMPONENTS,
+    MAX_DEPTHS,
     Channel,
     ContextRule,
+    DecodedContext,
     LayerRow,
 )
 from scarfmt.schema import Stream
 
-STATIC = 0
-"""Entropy mode: static tables. Mode 1 is reserved for the neural entropy model."""
+STATIC, NEURAL = 0, 1
+"""Entropy modes: what codes INDICES, static tables or the index network (SPEC §10.4)."""
+
+Opening = tuple[tuple[Channel, ...], DecodedContext]
+"""What only the LAYER block of layer 1 says."""
 
 
-def pack_layer(row: LayerRow, channels: tuple[Channel, ...] | None) -> bytes:
-    """The payload of a LAYER block; `channels` exactly in layer 1."""
-    out = [bytes([STATIC])]
-    if channels is not None:
+def pack_layer(row: LayerRow, opening: Opening | None) -> bytes:
+    """The payload of a LAYER block; `opening` exactly in layer 1."""
+    out = [bytes([NEURAL if row.neural else STATIC])]
+    if opening is not None:
+        channels, context = opening
         out.append(unsigned_varint(len(channels)))
         out += [_pack_channel(channel) for channel in channels]
+        out += [bytes([context.passes_log2]), unsigned_varint(len(context.occupancies))]
+        out += [unsigned_varint(target) for target in context.occupancies]
     out.append(unsigned_varint(row.class_count))
     for stages, steps in zip(row.stages, row.steps, strict=True):
         out.append(bytes([stages, *steps]))
@@ -42,12 +50,12 @@ def _pack_channel(channel: Channel) -> bytes:
     return b"".join(out)
 
 
-def unpack_layer(payload: bytes, layer: int, channels: tuple[Channel, ...]) -> tuple[LayerRow, tuple[Channel, ...]]:
+def unpack_layer(payload: bytes, layer: int, opening: Opening) -> tuple[LayerRow, Opening]:
     """The inverse of :func:`pack_layer`.
 
     Args:
-        layer: 1-based; the channel table is read in layer 1.
-        channels: the channel table of layer 1, for later layers.
+        layer: 1-based; channels and context are read in layer 1.
+        opening: what layer 1 said, for later layers.
 
     Raises:
         Unsupported: ``unsupported-entropy-mode``.
@@ -55,16 +63,22 @@ def unpack_layer(payload: bytes, layer: int, channels: tuple[Channel, ...]) -> t
     """
     reader = ByteReader(payload, f"layer {layer}")
     mode = reader.take(1)[0]
-    if mode != STATIC:
+    if mode not in (STATIC, NEURAL):
         raise Unsupported("unsupported-entropy-mode", f"entropy mode {mode} needs a newer reader", field="entropy_mode")
     if layer == 1:
         channels = tuple(_read_channel(reader) for _ in range(reader.count(MAX_CHANNELS)))
+        opening = channels, _read_context(reader)
     stages, steps = [], []
     for _ in range(reader.count(MAX_CLASSES)):
         stages.append(reader.take(1)[0])
-        steps.append(tuple(reader.take(len(channels))))
+        steps.append(tuple(reader.take(len(opening[0]))))
     reader.finish()
-    return LayerRow(tuple(stages), tuple(steps)), channels
+    return LayerRow(tuple(stages), tuple(steps), mode == NEURAL), opening
+
+
+def _read_context(reader: ByteReader) -> DecodedContext:
+    passes_log2 = reader.take(1)[0]
+    return DecodedContext(passes_log2, tuple(reader.unsigned(16) for _ in range(reader.count(MAX_DEPTHS))))
 
 
 def _read_channel(reader: ByteReader) -> Channel:

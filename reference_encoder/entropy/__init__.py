@@ -1,0 +1,1 @@
+"""Training of the neural entropy model (encoder side; SPEC §10 is what it trains for)."""

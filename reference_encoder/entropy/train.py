@@ -1,0 +1,186 @@
+"""Training of the index network: what it codes plus what it costs, in bits, on a bounded budget.
+
+The file pays for the network, so the loss is the bits of the indices of the whole scene plus those of the weights;
+there is no overfitting to fear that this sum does not show. Same rows, options and seed give the same network.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from reference_encoder.entropy.dataset import IndexRows
+from reference_encoder.entropy.model import Batch, IndexModel, InputStatistics, NetworkShape
+from scarfmt.codecs.codebooks import Codebooks
+
+I64 = NDArray[np.int64]
+
+_CHUNK = 4096
+_MEASURED = 16384
+"""Rows on which progress is measured."""
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """How the network is trained.
+
+    Attributes:
+        epochs: passes over the rows.
+        batch: rows a step.
+        rate: highest learning rate, of Adam with a one-cycle schedule.
+        weight_rate: weight of the network's own bits; 1 is what they cost.
+        quantised: train the integers; off: the float model, to compare.
+        patience: stop when the rest of the epochs would, at the pace of the last, save fewer bytes than this.
+        seed: of everything random.
+    """
+
+    epochs: int = 12
+    batch: int = 1024
+    rate: float = 0.02
+    weight_rate: float = 1.0
+    quantised: bool = True
+    patience: float = 24.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A trained network.
+
+    Attributes:
+        model: in torch.
+        history: estimated bits of the whole scene's indices plus network after each epoch.
+        index_bits: estimated bits of the whole scene's indices.
+        network_bits: estimated bits of the network.
+    """
+
+    model: IndexModel
+    history: list[float]
+    index_bits: float
+    network_bits: float
+
+
+def as_batch(rows: IndexRows) -> Batch:
+    """Tensors of `rows`."""
+    return Batch(
+        torch.from_numpy(rows.inputs),
+        torch.from_numpy(rows.before),
+        torch.from_numpy(rows.after),
+        torch.from_numpy(rows.codes.astype(np.int64)),
+    )
+
+
+def part(batch: Batch, chosen: torch.Tensor) -> Batch:
+    """Some rows, inputs as float32."""
+    return Batch(batch.inputs[chosen].float(), batch.before[chosen], batch.after[chosen], batch.codes[chosen])
+
+
+def measure(model: IndexModel, rows: IndexRows, exact: bool = True, strict: bool = False) -> NDArray[np.float64]:
+    """(M,) bits of the indices of every stage of `rows`."""
+    batch = as_batch(rows)
+    totals = np.zeros(model.stages)
+    with torch.no_grad():
+        for first in range(0, len(rows), _CHUNK):
+            chosen = torch.arange(first, min(first + _CHUNK, len(rows)))
+            found = model.bits(part(batch, chosen), exact, strict)
+            totals += [float(bits.double().sum()) for bits in found]
+    return totals
+
+
+def code_uses(rows: IndexRows, sizes: Sequence[int]) -> list[I64]:
+    """(n,) uses of each codeword of the coarse and the residual book in `rows`."""
+    uses = [np.zeros(size, np.int64) for size in sizes]
+    for stage in range(1, rows.codes.shape[1] + 1):
+        sent = (rows.before < stage) & (rows.after >= stage)
+        book = min(stage - 1, 1)
+        uses[book] += np.bincount(rows.codes[sent, stage - 1], minlength=sizes[book])
+    return uses
+
+
+def build(
+    rows: IndexRows, books: Codebooks, clusters: Sequence[Sequence[int]], shape: NetworkShape, seed: int
+) -> IndexModel:
+    """An untrained network for `rows`: right on average, knows nothing else."""
+    statistics = InputStatistics.of(rows.inputs, shape.top)
+    model = IndexModel(shape, books, clusters, rows.codes.shape[1], statistics, seed)
+    for book, uses in enumerate(code_uses(rows, books.sizes)[: len(model.heads)]):
+        model.head(book).start_from(uses)
+    return model
+
+
+def train(
+    rows: IndexRows,
+    books: Codebooks,
+    clusters: Sequence[Sequence[int]],
+    shape: NetworkShape,
+    options: TrainOptions,
+    report: Callable[[float], None] = lambda _fraction: None,
+    start: IndexModel | None = None,
+) -> Trained:
+    """Train a network on `rows`, codes in the order of the `clusters` of `books`.
+
+    Args:
+        start: a network of the same shape to go on from (it is changed).
+    """
+    model = build(rows, books, clusters, shape, options.seed) if start is None else start
+    draw = np.random.default_rng(options.seed)
+    batch, steps = as_batch(rows), max(1, round(len(rows) / options.batch))
+    sent = max(int((rows.after - rows.before).sum()), 1)
+    seen = rows.take(np.sort(draw.permutation(len(rows))[:_MEASURED]))
+    optimiser = torch.optim.Adam(_groups(model, options.rate))
+    schedule = _schedule(optimiser, steps * options.epochs)
+    history: list[float] = []
+    for epoch in range(options.epochs):
+        order = torch.from_numpy(draw.permutation(len(rows)))
+        for number, chosen in enumerate(torch.tensor_split(order, steps)):
+            loss = torch.cat(model.bits(part(batch, chosen), options.quantised)).sum() / (sent / steps)
+            loss = loss + options.weight_rate / max(rows.symbols, 1) * model.weight_bits()
+            optimiser.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            torch.nn.utils.clip_grad_norm_(model.parameters(), 2.0)
+            optimiser.step()
+            schedule.step()
+            report((epoch + (number + 1) / steps) / options.epochs)
+        history.append(sum(_estimate(model, seen, options.quantised)))
+        if _settled(history, options, epoch):
+            break
+    return Trained(model, history, *_estimate(model, seen, options.quantised))
+
+
+def _groups(model: IndexModel, rate: float) -> list[dict[str, object]]:
+    """Parameter groups: biases of logits are in bits and need longer steps."""
+    betas = [p for name, p in model.named_parameters() if name.endswith("beta")]
+    rest = [p for name, p in model.named_parameters() if not name.endswith("beta") and p.requires_grad]
+    return [{"params": rest, "lr": rate}, {"params": betas, "lr": 2 * rate}]
+
+
+def _schedule(optimiser: torch.optim.Optimizer, steps: int) -> torch.optim.lr_scheduler.LRScheduler:
+    """One cycle: up for a tenth of the steps, then down to nothing along a cosine."""
+    warm = max(1, steps // 10)
+
+    def factor(step: int) -> float:
+        if step < warm:
+            return 0.1 + 0.9 * step / warm
+        return 0.5 + 0.5 * float(np.cos(np.pi * min(1.0, (step - warm) / max(1, steps - warm))))
+
+    return torch.optim.lr_scheduler.LambdaLR(optimiser, factor)
+
+
+def _estimate(model: IndexModel, seen: IndexRows, exact: bool) -> tuple[float, float]:
+    """Bits of the whole scene's indices, measured on some rows, and of the network."""
+    sent = max(int((seen.after - seen.before).sum()), 1)
+    with torch.no_grad():
+        network = float(model.weight_bits())
+    return float(measure(model, seen, exact).sum()) * seen.symbols / sent, network
+
+
+def _settled(history: list[float], options: TrainOptions, epoch: int) -> bool:
+    """Whether the epochs left are not worth their time; asked in the second half only, when steps are short."""
+    left = options.epochs - 1 - epoch
+    if epoch < options.epochs // 2 or not left:
+        return False
+    return (history[-2] - history[-1]) * left < 8 * options.patience

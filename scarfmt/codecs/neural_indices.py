@@ -1,0 +1,185 @@
+"""Index sub-stream in entropy mode 1: every codeword number by the index network (SPEC §10.5; paper §3.3-3.4).
+
+Anchors travel pass by pass: those of a pass are embedded with what earlier passes revealed around them, then
+coded stage by stage. A symbol is one of the codebook, or a cluster and then a member of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.neural.context import CellSums, count_features
+from scarfmt.neural.evaluator import Evaluator
+from scarfmt.neural.grid import HashGrid
+from scarfmt.neural.layer_context import LayerContext
+from scarfmt.neural.network import IndexNetwork
+from scarfmt.neural.operations import NUMPY, Operations
+from scarfmt.symbols import Emitter, SymbolReader
+
+I64 = NDArray[np.int64]
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+Ints = NDArray[np.integer[Any]]
+
+CLASS_VALUE = 64
+_ATTRIBUTE_SHIFT = 6
+_ROWS = 4096
+"""Symbols whose frequencies are held at once."""
+
+
+@dataclass(frozen=True)
+class IndexCoder:
+    """What codes the indices of a file in entropy mode 1.
+
+    Attributes:
+        network: the index network.
+        books: the codebooks.
+        grid: the hash grid, if the network reads one.
+        evaluator: of the network.
+    """
+
+    network: IndexNetwork
+    books: Codebooks
+    grid: HashGrid | None
+    evaluator: Evaluator
+
+
+def index_coder(
+    network: IndexNetwork, books: Codebooks, grid: HashGrid | None = None, operations: Operations = NUMPY
+) -> IndexCoder:
+    """The coder of a file's index network; `operations` does the arithmetic, with equal results whichever it is."""
+    return IndexCoder(network, books, grid, Evaluator(network, books, operations))
+
+
+# (stage, anchors, mixer outputs) -> their indices of that stage: emits or reads one run of symbols.
+Exchange = Callable[[int, I64, Any], Ints]
+
+
+def put_neural_indices(
+    emitter: Emitter, coder: IndexCoder, context: LayerContext, indices: Ints, before: I64, after: I64
+) -> None:
+    """Emit stages before+1..after of every anchor known.
+
+    Args:
+        context: with every channel settled for this layer.
+        indices: (n, stages) int16 codeword numbers.
+        before, after: (n,) stages before and after this layer.
+    """
+
+    def put(stage: int, anchors: I64, mixed: Any) -> Ints:
+        chosen = indices[anchors, stage - 1].astype(np.int64)
+        _put_symbols(emitter, coder, int(stage > 1), mixed, chosen)
+        return chosen
+
+    _code(coder, context, indices, before, after, put)
+
+
+def get_neural_indices(
+    reader: SymbolReader, coder: IndexCoder, context: LayerContext, indices: Ints, before: I64, after: I64
+) -> None:
+    """Read stages before+1..after into `indices`, (n, stages) int16, in place; the rest as for the emitter."""
+
+    def get(stage: int, anchors: I64, mixed: Any) -> Ints:
+        chosen = _get_symbols(reader, coder, int(stage > 1), mixed, len(anchors))
+        indices[anchors, stage - 1] = chosen
+        return chosen
+
+    _code(coder, context, indices, before, after, get)
+
+
+def _code(
+    coder: IndexCoder, context: LayerContext, indices: Ints, before: I64, after: I64, exchange: Exchange
+) -> None:
+    settled = context.settled()
+    inputs = coder.network.inputs
+    latents = coder.books.latents(indices, before)[:, : inputs.latents]
+    means = context.cells.sums(settled.shape[1] + inputs.latents)
+    known = np.flatnonzero(before > 0)
+    means.add(context.rows(known), np.concatenate([settled[known], latents[known]], axis=1))
+    for part in context.parts(np.flatnonzero(before < after)):
+        _code_pass(coder, context, part, (settled, means), indices, (before[part], after[part]), exchange)
+        decoded = coder.books.latents(indices[part], after[part])[:, : inputs.latents]
+        means.add(context.rows(part), np.concatenate([settled[part], decoded], axis=1))
+
+
+def _code_pass(
+    coder: IndexCoder,
+    context: LayerContext,
+    part: I64,
+    known: tuple[I64, CellSums],
+    indices: Ints,
+    stages: tuple[I64, I64],
+    exchange: Exchange,
+) -> None:
+    """All stages of the anchors of one pass; the recurrent state runs over stages received earlier, too."""
+    evaluator = coder.evaluator
+    before, after = stages
+    embedded = evaluator.embed(embedding_inputs(coder, context, part, *known))
+    state = evaluator.start(len(part))
+    for stage in range(1, int(after.max(initial=0)) + 1):
+        coded = np.flatnonzero((before < stage) & (after >= stage))
+        if len(coded):
+            whole = len(coded) == len(part)
+            here = (embedded, state) if whole else (embedded[coded], evaluator.take(state, coded))
+            exchange(stage, part[coded], evaluator.context(*here))
+        if stage < int(after.max()):
+            # Anchors without this stage are not coded later: their state no longer matters.
+            state = evaluator.advance(state, stage, np.where(after >= stage, indices[part, stage - 1], 0))
+
+
+def embedding_inputs(coder: IndexCoder, context: LayerContext, part: I64, settled: I64, means: CellSums) -> F32:
+    """(m, width) float32 integers: the input columns of the anchors `part`, clamped (SPEC §10.5)."""
+    inputs, amax = coder.network.inputs, coder.network.amax
+    x = np.zeros((len(part), inputs.width), np.float32)
+    kinds = context.classes[part]
+    some = np.flatnonzero(kinds < inputs.classes)
+    x[some, kinds[some]] = CLASS_VALUE
+    at = inputs.classes
+    if inputs.own:
+        x[:, at : at + inputs.attributes] = settled[part] >> _ATTRIBUTE_SHIFT
+        at += inputs.attributes
+    around, counts = means.around(context.rows(part))
+    width = inputs.attributes + inputs.latents
+    for depth in range(inputs.depths):
+        mean = around[:, depth]
+        x[:, at : at + inputs.attributes] = np.floor(mean[:, : inputs.attributes] * 2.0**-_ATTRIBUTE_SHIFT)
+        rounded = np.floor(mean[:, inputs.attributes :] * 2.0**-inputs.latent_shift + 0.5 * (inputs.latent_shift > 0))
+        x[:, at + inputs.attributes : at + width] = rounded
+        x[:, at + width] = count_features(counts[:, depth])
+        at += width + 1
+    if coder.grid is not None:
+        x[:, at:] = coder.grid.features(context.lattice_positions(part))
+    return np.clip(x, -amax, amax, out=x)
+
+
+def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: Any, symbols: I64) -> None:
+    head, evaluator = coder.network.heads[book], coder.evaluator
+    if not head.two_level:
+        for first in range(0, len(symbols), _ROWS):
+            run = slice(first, first + _ROWS)
+            emitter.emit_rows(evaluator.flat_rows(book, mixed[run]), symbols[run])
+        return
+    ends = np.cumsum(head.clusters)
+    clusters = np.searchsorted(ends, symbols, side="right")
+    members = symbols - (ends - head.clusters)[clusters]
+    emitter.emit_rows(evaluator.cluster_rows(book, mixed), clusters)
+    for block in evaluator.member_blocks(book, mixed, clusters):
+        emitter.emit_rows(block.weights, members[block.rows])
+
+
+def _get_symbols(reader: SymbolReader, coder: IndexCoder, book: int, mixed: Any, count: int) -> I64:
+    head, evaluator = coder.network.heads[book], coder.evaluator
+    if not head.two_level:
+        runs = (slice(first, first + _ROWS) for first in range(0, count, _ROWS))
+        return np.concatenate([reader.read_rows(evaluator.flat_rows(book, mixed[run])) for run in runs])
+    clusters = reader.read_rows(evaluator.cluster_rows(book, mixed))
+    out: I64 = (np.cumsum(head.clusters) - head.clusters)[clusters]
+    for block in evaluator.member_blocks(book, mixed, clusters):
+        out[block.rows] += reader.read_rows(block.weights)
+    return out

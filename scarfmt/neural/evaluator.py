@@ -1,0 +1,235 @@
+"""Fast evaluation of the index network: rows of frequencies for the symbols of many anchors (SPEC §10.5).
+
+The same integers as the definition, fewer operations: what depends on the embedding alone (the query, and
+h's share of the mixer) is computed once an anchor; what depends on one codeword alone (its input products,
+and every state after the first token) is a table made once; rounding shifts are folded into the weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.errors import InvalidInput
+from scarfmt.neural.network import IndexNetwork
+from scarfmt.neural.operations import NUMPY, Array, Operations
+from scarfmt.neural.parts import Attending, Logits, Recurrence, Rounded
+from scarfmt.neural.tables import exp2_table
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+Ints = NDArray[np.integer[Any]]
+
+
+@dataclass(frozen=True)
+class State:
+    """What the network remembers of the indices of `count` anchors.
+
+    Attributes:
+        count: anchors.
+        stage: indices known of each, 0 or more.
+        layers: newest (count, H) state of each recurrent layer; empty at stage 0, where all have the start state.
+        keys, values: (count, H) of each token, in order; empty without attention.
+    """
+
+    count: int
+    stage: int
+    layers: tuple[Array, ...]
+    keys: tuple[Array, ...]
+    values: tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class MemberBlock:
+    """Members to code in one call: consecutive clusters of one size.
+
+    Attributes:
+        rows: (m,) int64 positions among the anchors asked for; clusters ascend, order is kept within a cluster.
+        weights: (m, size) float64 f - 1.
+    """
+
+    rows: I64
+    weights: F64
+
+
+class Evaluator:
+    """The network of a scene, prepared for its codebooks. Threads may share one.
+
+    Args:
+        network: valid for `books` (:meth:`IndexNetwork.check`).
+        books: a codebook may be empty if none of its indices are to be coded.
+        operations: the array library.
+    """
+
+    def __init__(self, network: IndexNetwork, books: Codebooks, operations: Operations = NUMPY) -> None:
+        self._do, self._amax, h = operations, network.amax, network.hidden
+        self._embed = (
+            Rounded.of(network.embed[0], operations, 0, network.amax),
+            Rounded.of(network.embed[1], operations, -network.amax, network.amax),
+        )
+        weights, biases = network.mixer.folded
+        self._mix_embedding, self._mix_biases = operations.constant(weights[:h]), operations.constant(biases)
+        self._mix_state = operations.constant(weights[h:])
+        words = [network.codewords(book) for book in (books.coarse, books.residual)][: len(network.heads)]
+        self._gru = [
+            Recurrence(layer, [] if number else words, network.activation_bits, operations)
+            for number, layer in enumerate(network.gru)
+        ]
+        start = network.gru[-1].start
+        self._attend: Attending | None = None
+        if network.attention is not None:
+            self._attend = Attending(network.attention, start, network.amax, operations)
+        self._heads = [Logits(*each, network.amax, operations) for each in zip(network.heads, words, strict=True)]
+        self._exp2 = operations.constant(exp2_table())
+        # Attention over one state is the value of that state.
+        context = operations.constant(start[None]) if self._attend is None else self._attend.first_value
+        self._mix_start = operations.product(context, self._mix_state)
+        self._tokens = len(network.gru[0].biases)
+        self._first = self._after_first_token(network, len(words[0])) if self._tokens else self.start(0)
+
+    def _after_first_token(self, network: IndexNetwork, codewords: int) -> State:
+        """The state after each of the coarse codewords: the first token decides it alone."""
+        starts = tuple(self._do.constant(np.tile(layer.start, (codewords, 1))) for layer in network.gru)
+        return State(codewords, 1, *self._step(starts, 1, self._do.index(np.arange(codewords))))
+
+    def _chunks(self, count: int) -> Iterator[slice]:
+        step = self._do.chunk
+        return (slice(first, min(first + step, count)) for first in range(0, count, step))
+
+    def embed(self, x: Ints) -> Array:
+        """What the network keeps of the decoded context of n anchors: (n, Y), or (n, Y + H) with attention.
+
+        The columns are h's share of the mixer and the query; rows may be selected by indexing.
+
+        Args:
+            x: (n, width) integers of any dtype, the columns of SPEC §10.5; clamped here.
+        """
+        width = self._mix_embedding.shape[1]
+        queries = 0 if self._attend is None else self._mix_embedding.shape[0]
+        out = self._do.empty(len(x), width + queries)
+        for part in self._chunks(len(x)):
+            h = self._embed[1](self._embed[0](self._do.lift(x[part], self._amax)))
+            out[part, :width] = self._do.product(h, self._mix_embedding)
+            out[part, :width] += self._mix_biases
+            if self._attend is not None:
+                out[part, width:] = self._attend.query(h)
+        return out
+
+    def start(self, count: int) -> State:
+        """The state of `count` anchors of which no index is known."""
+        return State(count, 0, (), (), ())
+
+    def take(self, state: State, rows: Ints) -> State:
+        """The state of the anchors `rows`, (m,) positions."""
+        chosen = self._do.index(rows)
+        layers, keys, values = (
+            tuple(self._do.take(array, chosen) for array in arrays)
+            for arrays in (state.layers, state.keys, state.values)
+        )
+        return State(len(rows), state.stage, layers, keys, values)
+
+    def advance(self, state: State, stage: int, codes: Ints) -> State:
+        """The state after the indices of one more stage.
+
+        Args:
+            stage: theirs, that of `state` plus 1; the last stage of a scene is no token.
+            codes: (count,) codeword numbers, below the size of the stage's codebook.
+
+        Raises:
+            InvalidInput: ``input-stage`` for another stage or number of indices.
+        """
+        if stage != state.stage + 1 or stage > self._tokens or len(codes) != state.count:
+            raise InvalidInput("input-stage", f"{len(codes)} indices of stage {stage} do not follow", field="stage")
+        if stage == 1:
+            return self.take(self._first, codes)
+        chosen = self._do.index(codes)
+        columns = state.layers + state.keys[-1:] + state.values[-1:]
+        new = [self._do.empty(state.count, column.shape[1]) for column in columns]
+        for part in self._chunks(state.count):
+            layers, key, value = self._step(tuple(layer[part] for layer in state.layers), stage, chosen[part])
+            for whole, piece in zip(new, layers + key + value, strict=True):
+                whole[part] = piece
+        depth = len(self._gru)
+        keys, values = tuple(new[depth : depth + 1]), tuple(new[depth + 1 :])
+        return State(state.count, stage, tuple(new[:depth]), state.keys + keys, state.values + values)
+
+    def _step(
+        self, states: tuple[Array, ...], stage: int, codes: Array
+    ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
+        """New states of all layers, and the key and value of the top one (none without attention)."""
+        new = [self._gru[0].step(self._gru[0].token_products(stage, codes), states[0])]
+        for layer, state in zip(self._gru[1:], states[1:], strict=True):
+            new.append(layer.step(layer.state_products(new[-1]), state))
+        if self._attend is None:
+            return tuple(new), (), ()
+        return tuple(new), (self._attend.key(new[-1]),), (self._attend.value(new[-1]),)
+
+    def context(self, h: Array, state: State) -> Array:
+        """(n, Y) y of the stage that follows `state`, of the embeddings `h` of the same anchors."""
+        width = self._mix_embedding.shape[1]
+        out = self._do.empty(state.count, width)
+        for part in self._chunks(state.count):
+            mix = h[part, :width] + self._share_of_state(h[part, width:], state, part)
+            out[part] = self._do.clip_(self._do.floor_(mix), 0, self._amax)
+        return out
+
+    def _share_of_state(self, query: Array, state: State, part: slice) -> Array:
+        """(n, Y) or (1, Y) what c adds to the mixer."""
+        if not state.stage:
+            return self._mix_start
+        if self._attend is None:
+            return self._do.product(state.layers[-1][part], self._mix_state)
+        c = self._attend(query, [key[part] for key in state.keys], [value[part] for value in state.values])
+        return self._do.product(c, self._mix_state)
+
+    def flat_rows(self, book: int, y: Array) -> F64:
+        """(n, k) float64 f - 1 of the codewords of a flat head, of (n, Y) `y`."""
+        return self._rows(self._heads[book].projections[0], self._heads[book].top, y)
+
+    def cluster_rows(self, book: int, y: Array) -> F64:
+        """(n, clusters) float64 f - 1 of the clusters of a two-level head, of (n, Y) `y`."""
+        return self._rows(self._heads[book].projections[0], self._heads[book].top, y)
+
+    def member_rows(self, book: int, y: Array, cluster: int) -> F64:
+        """(n, size) float64 f - 1 of the members of one cluster, of (n, Y) `y` of the anchors that chose it."""
+        return self._rows(self._heads[book].projections[1], self._heads[book].members[cluster], y)
+
+    def _rows(self, projection: Rounded, logits: Rounded, y: Array) -> F64:
+        out = np.empty((len(y), logits.outputs))
+        for part in self._chunks(len(y)):
+            out[part] = self._do.frequency_rows(logits(projection(y[part])), self._exp2)
+        return out
+
+    def member_blocks(self, book: int, y: Array, clusters: Ints) -> Iterator[MemberBlock]:
+        """The members of n anchors in coding order; clusters of one codeword code nothing and are left out.
+
+        Args:
+            y: (n, Y).
+            clusters: (n,) the cluster of each anchor.
+        """
+        head = self._heads[book]
+        order = np.argsort(clusters, kind="stable")
+        ends = np.searchsorted(clusters[order], np.arange(len(head.sizes) + 1))
+        for first, last in head.equal_runs():
+            rows = order[ends[first] : ends[last]]
+            if len(rows):
+                y_rows = self._do.take(y, self._do.index(rows))
+                yield MemberBlock(rows, self._member_weights(head, y_rows, first, ends[first : last + 1] - ends[first]))
+
+    def _member_weights(self, head: Logits, y: Array, first: int, ends: I64) -> F64:
+        """(m, size) f - 1 of anchors sorted by cluster: cluster first + i has those from ends[i] to ends[i + 1]."""
+        size = head.sizes[first]
+        weights = np.empty((len(y), size))
+        for part in self._chunks(len(y)):
+            o, logits = head.projections[1](y[part]), self._do.empty(part.stop - part.start, size)
+            edges = np.clip(ends, part.start, part.stop) - part.start
+            for cluster in np.flatnonzero(np.diff(edges)):
+                own = slice(int(edges[cluster]), int(edges[cluster + 1]))
+                logits[own] = head.members[first + int(cluster)](o[own])
+            weights[part] = self._do.frequency_rows(logits, self._exp2)
+        return weights

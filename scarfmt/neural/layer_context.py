@@ -1,0 +1,71 @@
+"""What the coders of one tile-layer may look at: values already decoded (SPEC §10.2).
+
+Encoder and decoder fill it in alike, channel by channel.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.directory import TileFrame
+from scarfmt.model import SceneModel
+from scarfmt.morton import deinterleave
+from scarfmt.neural.context import CellMeans, depth_shifts, fine, passes
+
+I64 = NDArray[np.int64]
+U64 = NDArray[np.uint64]
+Ints = NDArray[np.integer[Any]]
+
+
+class LayerContext:
+    """Decoded context of the anchors known in one layer of one tile.
+
+    Args:
+        model: of the file.
+        frame: the tile's.
+        codes: (n,) uint64 local Morton codes.
+        classes: (n,) int64.
+    """
+
+    def __init__(self, model: SceneModel, frame: TileFrame, codes: U64, classes: I64) -> None:
+        self.model = model
+        self.classes = classes
+        self._frame = frame
+        self._codes = codes
+        # Rows of `cells` are anchors by (code, index).
+        self._order = np.argsort(codes, kind="stable")
+        self._rows = np.empty_like(self._order)
+        self._rows[self._order] = np.arange(len(codes))
+        ordered = codes[self._order]
+        self.cells = CellMeans(ordered, depth_shifts(ordered, frame.bits, model.context.occupancies))
+        self._fine: dict[int, I64] = {}
+
+    def __len__(self) -> int:
+        return len(self.classes)
+
+    def settle(self, channel: int, values: Ints, steps: I64) -> None:
+        """Take the (n, components) `values` of a channel, at (n,) `steps`, as this layer leaves them."""
+        self._fine[channel] = fine(values, steps)
+
+    def settled(self, before: int | None = None) -> I64:
+        """(n, A) int64 fine values of the attribute channels settled, or of those before channel `before`."""
+        chosen = [self._fine[k] for k in self.model.attributes if before is None or k < before]
+        return np.concatenate(chosen, axis=1) if chosen else np.zeros((len(self), 0), np.int64)
+
+    def rows(self, anchors: I64) -> I64:
+        """The rows of some anchors in :attr:`cells`."""
+        return self._rows[anchors]
+
+    def parts(self, group: I64) -> list[I64]:
+        """The anchors of a group, pass by pass, each by (code, index)."""
+        ranked = self._order[np.sort(self._rows[group])]
+        return [ranked[part] for part in passes(len(ranked), self.model.context.passes_log2)]
+
+    def lattice_positions(self, anchors: I64) -> I64:
+        """(m, 3) int64 lattice coordinates of the cell centres of some anchors (SPEC §10.6)."""
+        shift = self._frame.shift
+        local = deinterleave(self._codes[anchors]).astype(np.int64)
+        return np.asarray(np.array(self._frame.corner, np.int64) + (local << shift) + ((1 << shift) >> 1))

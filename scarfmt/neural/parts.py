@@ -1,0 +1,170 @@
+"""The parts of the index network, prepared for evaluation: constants folded, tables made (SPEC §10.5)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.neural.arithmetic import Linear, folded
+from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, Head
+from scarfmt.neural.operations import Array, Operations
+from scarfmt.neural.tables import LAST, exp2_table, sigmoid_table, state_table
+
+I64 = NDArray[np.int64]
+Ints = NDArray[np.integer[Any]]
+
+_RECURRENT_AMAX = 2047
+_GATE_ONE = 4096
+_SHARE_ONE = 256
+
+
+class Rounded:
+    """clamp(round_shift(W x + b, s), low, high), without the clamp where no bounds are given."""
+
+    def __init__(
+        self, weights: Ints, biases: Ints, shift: int, do: Operations, bounds: tuple[int, int] | None = None
+    ) -> None:
+        scaled, offset = folded(weights, biases, shift)
+        self._weights, self._biases, self._bounds = do.constant(scaled), do.constant(offset), bounds
+        self._do = do
+        self.outputs = len(weights)
+
+    @classmethod
+    def of(cls, layer: Linear, do: Operations, low: int, high: int) -> Rounded:
+        """A layer with the bounds of its output."""
+        return cls(layer.weights, layer.biases, layer.shift, do, (low, high))
+
+    def __call__(self, x: Array) -> Array:
+        """(n, out) of (n, in)."""
+        out = self._do.product(x, self._weights)
+        out += self._biases
+        out = self._do.floor_(out)
+        return out if self._bounds is None else self._do.clip_(out, *self._bounds)
+
+
+class Recurrence:
+    """One recurrent layer.
+
+    Products are kept in two arrays, of the gates (z, r) and of the candidate n. Those of the input already hold
+    the halves of the rounding.
+
+    Args:
+        codewords: layer 1: (n, R) of each codebook that has an input matrix; later layers: none.
+    """
+
+    def __init__(self, layer: GruLayer, codewords: Sequence[I64], activation_bits: int, do: Operations) -> None:
+        self._do, self._width = do, len(layer.start)
+        gates = 2 * self._width
+        inputs = [folded(matrix, layer.recurrent_biases, layer.shift)[0] for matrix in layer.inputs]
+        # Float64 holds these integers too, and this product is made once.
+        tables = [words.astype(np.float64) @ matrix for words, matrix in zip(codewords, inputs, strict=False)]
+        self._tables = [self._split(table) for table in tables]
+        self._inputs = [] if codewords else [self._split(matrix) for matrix in inputs]
+        scale, half = 0.5**layer.shift, 0.5 if layer.shift else 0.0
+        self._biases = [self._split(row[None] * scale + half) for row in layer.biases]
+        recurrent, offset = folded(layer.recurrent, layer.recurrent_biases, layer.shift)
+        offset[:gates] -= np.float32(half)
+        self._recurrent, self._recurrent_biases = self._split(recurrent), self._split(offset[None])
+        self._sigmoid = do.constant(sigmoid_table() / _GATE_ONE)
+        self._tanh = do.constant(state_table(activation_bits))
+
+    def _split(self, columns: NDArray[Any]) -> tuple[Array, Array]:
+        gates = 2 * self._width
+        return self._do.constant(columns[:, :gates]), self._do.constant(columns[:, gates:])
+
+    def token_products(self, stage: int, codes: Array) -> tuple[Array, Array]:
+        """Input products of layer 1 for the indices (n,) of `stage`."""
+        tables, biases = self._tables[0 if stage == 1 else 1], self._biases[stage - 1]
+        gates, candidate = (self._do.take(table, codes) for table in tables)
+        gates += biases[0]
+        candidate += biases[1]
+        return gates, self._do.floor_(candidate)
+
+    def state_products(self, below: Array) -> tuple[Array, Array]:
+        """Input products of a later layer for the new state (n, H) of the layer below."""
+        gates, candidate = (self._do.product(below, matrix) for matrix in self._inputs[0])
+        gates += self._biases[0][0]
+        candidate += self._biases[0][1]
+        return gates, self._do.floor_(candidate)
+
+    def step(self, products: tuple[Array, Array], state: Array) -> Array:
+        """The new state (n, H); uses up `products`."""
+        do, (gates, candidate) = self._do, products
+        gates += do.product(state, self._recurrent[0])
+        gates += self._recurrent_biases[0]
+        gates = do.floor_(gates)
+        gates += LAST
+        gates = do.lookup_(self._sigmoid, gates)
+        kept = do.product(state, self._recurrent[1])
+        kept += self._recurrent_biases[1]
+        kept = do.clip_(do.floor_(kept), -_RECURRENT_AMAX, _RECURRENT_AMAX)
+        kept *= gates[:, self._width :]
+        # Where a candidate is too large for the fraction to fit beside it, it is far outside the table of tanh.
+        kept += candidate
+        kept += LAST + 0.5
+        new = do.lookup_(self._tanh, do.floor_(kept))
+        # z g + (1 - z) n as n + z (g - n): 11 bits before the point, the 12 of z after it.
+        change = state - new
+        change *= gates[:, : self._width]
+        change += new
+        change += 0.5
+        return do.floor_(change)
+
+
+class Attending:
+    """Attention over the states of the top layer; the key and value of its start state are constants."""
+
+    def __init__(self, attention: Attention, start: I64, amax: int, do: Operations) -> None:
+        self._do = do
+        self.query = Rounded.of(attention.query, do, -QUERY_AMAX, QUERY_AMAX)
+        self.key = Rounded.of(attention.key, do, -QUERY_AMAX, QUERY_AMAX)
+        self.value = Rounded.of(attention.value, do, -amax, amax)
+        first = do.constant(start[None])
+        self._first_key = self.key(first).reshape(-1, 1)
+        self.first_value = self.value(first)
+        self._scale, self._half = 0.5**attention.shift, 0.5 if attention.shift else 0.0
+        self._exp2 = do.constant(exp2_table())
+
+    def __call__(self, query: Array, keys: Sequence[Array], values: Sequence[Array]) -> Array:
+        """(n, H) c of n anchors, of (n, H) queries and the keys and values of each token."""
+        do = self._do
+        scores = do.empty(1 + len(keys), len(query))
+        scores[0] = do.product(query, self._first_key)[:, 0]
+        for number, key in enumerate(keys, start=1):
+            scores[number] = do.dots(query, key)
+        scores *= self._scale
+        scores += self._half
+        shares = do.shares(do.floor_(scores), self._exp2)
+        shares *= 1 / _SHARE_ONE
+        total = shares[0][:, None] * self.first_value
+        for share, value in zip(shares[1:], values, strict=True):
+            total += share[:, None] * value
+        # No clamp: the shares sum to at most 1.
+        total += 0.5
+        return do.floor_(total)
+
+
+class Logits:
+    """The head of one codebook."""
+
+    def __init__(self, head: Head, codewords: I64, amax: int, do: Operations) -> None:
+        self.sizes = head.clusters
+        self.projections = [Rounded.of(layer, do, -amax, amax) for layer in head.projections]
+        self.members: list[Rounded] = []
+        if not head.two_level:
+            self.top = Rounded(codewords, head.biases, head.shift, do)
+            return
+        self.top = Rounded(head.centroids(codewords), head.cluster_biases, head.shift, do)
+        deviations = head.deviations(codewords)
+        starts = itertools.accumulate(self.sizes, initial=0)
+        for part in (slice(first, last) for first, last in itertools.pairwise(starts)):
+            self.members.append(Rounded(deviations[part], head.biases[part], head.member_shift, do))
+
+    def equal_runs(self) -> list[tuple[int, int]]:
+        """Ranges first..last - 1 of consecutive clusters of one size, ascending, those of one codeword left out."""
+        runs = [list(group) for _, group in itertools.groupby(range(len(self.sizes)), key=self.sizes.__getitem__)]
+        return [(run[0], run[-1] + 1) for run in runs if self.sizes[run[0]] > 1]

@@ -1,0 +1,170 @@
+"""The evaluator: the integers of the oracle, however the work is cut, in NumPy and in torch."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from neural.networks import Case, cases, random_books, random_network
+from numpy.typing import NDArray
+
+from conformance.integer_oracle import Oracle
+from reference_decoder.torch_operations import TorchOperations
+from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.errors import InvalidInput, Unsupported
+from scarfmt.neural.evaluator import Evaluator
+from scarfmt.neural.network import Inputs
+from scarfmt.neural.operations import NUMPY, NumpyOperations, Operations
+from scarfmt.rans import TOTAL, PureRansDecoder, RansDecoder, RansEncoder
+
+I64 = NDArray[np.int64]
+INPUTS = Inputs(classes=2, own=True, attributes=3, depths=1, latents=2, latent_shift=1, grid=2)
+
+
+class SmallChunks(NumpyOperations):
+    """NumPy, three rows at a time."""
+
+    chunk = 3
+
+
+BACKENDS: list[Operations] = [NUMPY, SmallChunks(), TorchOperations("cpu"), TorchOperations("cpu", chunk=2)]
+
+
+def context_of(evaluator: Evaluator, x: I64, codes: I64) -> Any:
+    """y of the stage after those in `codes`, (n, stages known)."""
+    state = evaluator.start(len(x))
+    for stage, column in enumerate(codes.T, start=1):
+        state = evaluator.advance(state, stage, column)
+    return evaluator.context(evaluator.embed(x), state)
+
+
+def all_rows(evaluator: Evaluator, case: Case, x: I64, codes: I64) -> list[list[Any]]:
+    """Frequencies of the next symbol (flat), or of cluster and of every cluster's members (two-level)."""
+    book, y = int(codes.shape[1] > 0), context_of(evaluator, x, codes)
+    head = case.network.heads[book]
+    if not head.two_level:
+        return [(evaluator.flat_rows(book, y) + 1).tolist()]
+    members = [(evaluator.member_rows(book, y, i) + 1).tolist() for i in range(len(head.clusters))]
+    return [(evaluator.cluster_rows(book, y) + 1).tolist(), *members]
+
+
+def oracle_rows(case: Case, x: I64, codes: I64) -> list[list[Any]]:
+    """The same, one anchor at a time."""
+    oracle = Oracle(case.network, case.books.coarse.tolist(), case.books.residual.tolist())
+    book = int(codes.shape[1] > 0)
+    head = case.network.heads[book]
+    contexts = [oracle.context(a, b) for a, b in zip(x.tolist(), codes.tolist(), strict=True)]
+    if not head.two_level:
+        return [[oracle.flat(book, y) for y in contexts]]
+    members = [[oracle.members(book, y, i) for y in contexts] for i in range(len(head.clusters))]
+    return [[oracle.clusters(book, y) for y in contexts], *members]
+
+
+@st.composite
+def questions(draw: st.DrawFn) -> tuple[Case, I64, I64]:
+    """A network, inputs (ordinary and extreme), and the indices known so far."""
+    case = draw(cases())
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    count = draw(st.integers(1, 5))
+    top = draw(st.sampled_from([1, 100, case.network.amax, 1 << 40]))
+    x = rng.integers(-top, top + 1, (count, case.network.inputs.width))
+    if draw(st.booleans()):
+        x = np.where(x < 0, -top, top)
+    known = draw(st.integers(0, case.stages - 1))
+    sizes = [case.books.sizes[stage > 0] for stage in range(known)]
+    codes = np.array([rng.integers(0, size, count) for size in sizes], np.int64).reshape(known, count).T
+    return case, x, codes
+
+
+@settings(deadline=None, max_examples=150)
+@given(questions())
+def test_every_backend_computes_the_frequencies_of_the_oracle(question: tuple[Case, I64, I64]) -> None:
+    """Networks of every kind, up to the edge of the accumulators; extreme inputs; any cut into chunks."""
+    case, x, codes = question
+    wanted = oracle_rows(case, x, codes)
+    for operations in BACKENDS:
+        evaluator = Evaluator(case.network, case.books, operations)
+        assert all_rows(evaluator, case, x, codes) == wanted
+
+
+@settings(deadline=None, max_examples=40)
+@given(questions(), st.sampled_from([np.int16, np.int32, np.int64]))
+def test_selecting_anchors_between_stages_changes_nothing(question: tuple[Case, I64, I64], dtype: type) -> None:
+    """A subset of the anchors, taken from embeddings and states, has the rows it has alone."""
+    case, x, codes = question
+    x = np.clip(x, -999, 999)
+    rows = np.arange(len(x))[::2]
+    for operations in BACKENDS:
+        evaluator = Evaluator(case.network, case.books, operations)
+        state, h = evaluator.start(len(x)), evaluator.embed(x.astype(dtype))
+        for stage, column in enumerate(codes.T, start=1):
+            state = evaluator.advance(state, stage, column)
+        some = evaluator.context(h[rows], evaluator.take(state, rows))
+        alone = context_of(evaluator, x[rows], codes[rows])
+        assert np.array_equal(np.asarray(some), np.asarray(alone))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 2**32 - 1), st.integers(0, 40))
+def test_member_blocks_are_the_member_rows_in_coding_order(seed: int, count: int) -> None:
+    """Every anchor once unless its cluster is a single codeword; clusters ascend; order is kept."""
+    rng = np.random.default_rng(seed)
+    books = random_books(rng, 20, 9, 4)
+    network = random_network(rng, books, INPUTS)
+    x = rng.integers(-300, 300, (count, INPUTS.width))
+    for operations in BACKENDS:
+        evaluator = Evaluator(network, books, operations)
+        y = context_of(evaluator, x, np.zeros((count, 0), np.int64))
+        sizes = np.array(network.heads[0].clusters)
+        clusters = rng.integers(0, len(sizes), count)
+        blocks = list(evaluator.member_blocks(0, y, clusters))
+        order = [int(row) for block in blocks for row in block.rows]
+        assert order == [i for i in np.argsort(clusters, kind="stable").tolist() if sizes[clusters[i]] > 1]
+        for row, weights in ((r, w) for block in blocks for r, w in zip(block.rows, block.weights, strict=True)):
+            alone = evaluator.member_rows(0, y[row : row + 1], int(clusters[row]))
+            assert weights.tolist() == alone[0].tolist()
+
+
+@pytest.mark.parametrize("operations", BACKENDS, ids=["numpy", "numpy-3", "torch", "torch-2"])
+@pytest.mark.parametrize("size", [2, 255, 256, 257, 4096])
+def test_equal_logits_give_the_uniform_table_and_extreme_ones_leave_1(operations: Operations, size: int) -> None:
+    """The limits of the frequency rule, at both sides of where prefix sums change their arithmetic."""
+    rows = np.zeros((2, size), np.float32)
+    rows[1] = -(2**24 - 1)
+    rows[1, size // 2] = 2**24 - 1
+    for low in (0, -(2**24) + 1):
+        equal = np.full((2, size), low, np.float32)
+        found = operations.frequency_rows(operations.constant(equal), exp2(operations)) + 1
+        bounds = [i * 65536 * (TOTAL - size) // (65536 * size) + i for i in range(size + 1)]
+        assert found.tolist() == [np.diff(bounds).tolist()] * 2
+    peak = operations.frequency_rows(operations.constant(rows), exp2(operations))[1]
+    assert peak.tolist() == [TOTAL - size if i == size // 2 else 0 for i in range(size)]
+
+
+def exp2(operations: Operations) -> Any:
+    from scarfmt.neural.tables import exp2_table
+
+    return operations.constant(exp2_table())
+
+
+def test_the_rows_code_and_decode(  # noqa: D103
+) -> None:
+    pass
+
+
+def test_indices_that_do_not_follow_are_refused() -> None:
+    """Another stage, another number of indices, and a token after the last stage."""
+    rng = np.random.default_rng(1)
+    books = random_books(rng, 8, 8, 4)
+    evaluator = Evaluator(random_network(rng, books, INPUTS, stages=2), books)
+    one = evaluator.advance(evaluator.start(3), 1, np.zeros(3, np.int64))
+    for state, stage, count in ((evaluator.start(3), 2, 3), (evaluator.start(3), 1, 2), (one, 2, 3)):
+        with pytest.raises(InvalidInput) as caught:
+            evaluator.advance(state, stage, np.zeros(count, np.int64))
+        assert caught.value.refusal == "input-stage"
