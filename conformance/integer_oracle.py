@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork
@@ -82,27 +81,23 @@ def linear(layer: Linear, x: Vector, low: int, high: int) -> Vector:
     return [clamp(round_shift(v, layer.shift), low, high) for v in acc]
 
 
-@dataclass(frozen=True)
 class Oracle:
     """The network of one scene.
 
-    Attributes:
+    Args:
         network: valid, as :meth:`IndexNetwork.check` finds.
         coarse, residual: the codebooks, a list of int lists each.
     """
 
-    network: IndexNetwork
-    coarse: Matrix
-    residual: Matrix
+    def __init__(self, network: IndexNetwork, coarse: Matrix, residual: Matrix) -> None:
+        self.network = network
+        self.codewords = [[self._activation(word) for word in words] for words in (coarse, residual)]
 
-    def codewords(self, book: int) -> Matrix:
-        """Codewords of book 0 or 1 as activations: e_k."""
+    def _activation(self, word: Vector) -> Vector:
+        """e_k of one codeword."""
         net = self.network
-        words = self.residual if book else self.coarse
-        return [
-            [clamp(round_shift(v, net.codeword_shift), -net.amax, net.amax) for v in word[: net.codeword_dims]]
-            for word in words
-        ]
+        leading = word[: net.codeword_dims]
+        return [clamp(round_shift(v, net.codeword_shift), -net.amax, net.amax) for v in leading]
 
     def embedding(self, x: Vector) -> Vector:
         """h of the input columns."""
@@ -116,7 +111,7 @@ class Oracle:
         tops = [states[-1]]
         for stage, code in enumerate(codes, start=1):
             book = 0 if stage == 1 else 1
-            below = self.codewords(book)[code]
+            below = self.codewords[book][code]
             for number, layer in enumerate(self.network.gru):
                 matrix = layer.inputs[book if number == 0 else 0]
                 bias = layer.biases[stage - 1 if number == 0 else 0]
@@ -165,14 +160,14 @@ class Oracle:
         """Frequencies of the codewords of a flat head."""
         head = self.network.heads[book]
         o = self.projection(head, y, 0)
-        logits = plus(matrix_vector(self.codewords(book), o), head.biases.tolist())
+        logits = plus(matrix_vector(self.codewords[book], o), head.biases.tolist())
         return frequencies([round_shift(v, head.shift) for v in logits])
 
     def _cluster(self, book: int, cluster: int) -> tuple[Matrix, Vector, int]:
         """Codewords of a cluster, their floor mean, and the number of the first."""
         sizes = self.network.heads[book].clusters
         first = sum(sizes[:cluster])
-        words = self.codewords(book)[first : first + sizes[cluster]]
+        words = self.codewords[book][first : first + sizes[cluster]]
         return words, [sum(column) // len(words) for column in zip(*words, strict=True)], first
 
     def clusters(self, book: int, y: Vector) -> Vector:

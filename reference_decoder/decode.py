@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from reference_decoder import explicit
 from reference_decoder.anchors import decoded_model
+from reference_decoder.backends import operations
 from reference_decoder.dequantise import channel_values, latents, offset_values, positions, tile_boxes
 from scarfmt.codecs.channels import cell_widths
 from scarfmt.errors import InvalidInput
@@ -168,6 +169,7 @@ def decode(
     limits: Limits = DEFAULT_LIMITS,
     threads: int = 1,
     allow_truncated: bool = False,
+    backend: str = "numpy",
 ) -> Decoded:
     """Decode a file, or what is asked of it, into memory. Only the bytes needed are read.
 
@@ -181,14 +183,15 @@ def decode(
         limits: what to accept of the file.
         threads: tiles decoded side by side; the result does not depend on it.
         allow_truncated: use the whole layers of a file cut short instead of refusing it.
+        backend: what computes the index network: one of `backends.BACKENDS`; the result does not depend on it.
 
     Raises:
-        InvalidInput: ``input-layers``, ``input-tiles``, ``input-box``, ``input-attributes`` for arguments that do
-            not fit; ``input-source`` when the source cannot be opened.
+        InvalidInput: ``input-layers``, ``input-tiles``, ``input-box``, ``input-attributes``, ``input-backend`` for
+            arguments that do not fit; ``input-source`` when the source cannot be opened.
         Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
     """
     with opened(source) as stream:
-        request = _Request(stream, layers, tiles, box, attributes, limits, threads, allow_truncated)
+        request = _Request(stream, layers, tiles, box, attributes, limits, threads, allow_truncated, backend)
         return _joined(request.parts(), request.empty, request.most_anchors)
 
 
@@ -202,13 +205,15 @@ def iter_tiles(
     limits: Limits = DEFAULT_LIMITS,
     threads: int = 1,
     allow_truncated: bool = False,
+    backend: str = "numpy",
 ) -> Iterator[Decoded]:
     """The same as :func:`decode`, a tile at a time: memory does not grow with the scene.
 
     Together, in order, the parts are exactly what :func:`decode` gives. Tiles without anchors are left out.
     """
     with opened(source) as stream:
-        yield from _Request(stream, layers, tiles, box, attributes, limits, threads, allow_truncated).parts()
+        request = _Request(stream, layers, tiles, box, attributes, limits, threads, allow_truncated, backend)
+        yield from request.parts()
 
 
 @contextmanager
@@ -234,10 +239,13 @@ class _Request:
         limits: Limits,
         threads: int,
         allow_truncated: bool,
+        backend: str,
     ) -> None:
         self.attributes = _names(attributes, box is not None)
         self.box = None if box is None else _corners(box)
-        self.reader = SceneReader(source, limits=limits, allow_truncated=allow_truncated)
+        self.reader = SceneReader(
+            source, limits=limits, allow_truncated=allow_truncated, operations=operations(backend)
+        )
         self.threads = threads
         self.models = self.reader.models(layers)
         self.tiles = self._chosen(tiles)

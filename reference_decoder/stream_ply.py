@@ -36,6 +36,7 @@ def export_ply(
     limits: Limits = DEFAULT_LIMITS,
     threads: int = 1,
     allow_truncated: bool = False,
+    backend: str = "numpy",
     eyes: F64 | None = None,
     bake_degree: int = 2,
     comments: Sequence[str] = (),
@@ -44,7 +45,7 @@ def export_ply(
     """Write what a file holds as an INRIA PLY. An anchor model is baked, which loses its view dependence.
 
     Args:
-        source, layers, tiles, box, limits, threads, allow_truncated: as for :func:`reference_decoder.decode.decode`.
+        source, layers, tiles, box, limits, threads, allow_truncated, backend: as for :func:`reference_decoder.decode.decode`.
         destination: a path, written whole or not at all, or an open binary file.
         eyes: anchor profile: (E, 3) camera centres to fit at. Give those the scene was captured from: the default,
             a sphere round the scene, sees anchors as no training camera did.
@@ -70,6 +71,7 @@ def export_ply(
             limits=limits,
             threads=threads,
             allow_truncated=allow_truncated,
+            backend=backend,
         )
 
     ply_header(0, [], comments)  # a comment that cannot be written is better refused before than after decoding

@@ -81,10 +81,9 @@ class TorchOperations:
         return (256 * weights / weights.sum(dim=0)).floor_().float()
 
     def frequency_rows(self, logits: Tensor, exp2: Tensor) -> F64:
-        count = logits.shape[1]
-        weights = self.lookup_(exp2, logits.amax(dim=1, keepdim=True) - logits).double()
-        prefix = weights.cumsum(dim=1)
+        weights = self.lookup_(exp2, logits.amax(dim=0) - logits)
+        prefix = weights.T.double().cumsum(dim=1)
         totals = prefix[:, -1:].clone()
-        cumulative = (prefix.mul_(TOTAL - count) / totals).floor_()
+        cumulative = (prefix.mul_(TOTAL - prefix.shape[1]) / totals).floor_()
         rows: F64 = torch.diff(cumulative, dim=1, prepend=torch.zeros_like(totals)).cpu().numpy()
         return rows

@@ -28,6 +28,8 @@ class EncodeOptions:
         latent: "linear" (a weighted Karhunen-Loève basis, the default as measured) or "learned" (the paper's
             RVQ-VAE).
         estimator: gradient through the learned latent's quantiser: "rotation" or "straight-through".
+        decode_budget: most multiply-adds of integer networks an anchor may cost a decoder; 0 for static tables alone,
+            None for whatever makes the file smallest.
         seed: of everything random; same seed, same bytes.
         metadata: JSON-able annotations to store.
     """
@@ -39,6 +41,7 @@ class EncodeOptions:
     frame: str = "-y"
     latent: str = "linear"
     estimator: str = "rotation"
+    decode_budget: int | None = None
     seed: int = 0
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
@@ -54,6 +57,8 @@ class EncodeOptions:
             raise InvalidInput("input-options", f"effort {self.effort} is not 1, 2 or 3", field="effort")
         if not 1 <= self.layers <= MAX_LAYERS:
             raise InvalidInput("input-options", f"{self.layers} layers: 1..{MAX_LAYERS} are possible", field="layers")
+        if self.decode_budget is not None and self.decode_budget < 0:
+            raise InvalidInput("input-options", f"a budget of {self.decode_budget}: 0 is least", field="decode_budget")
         for name, choices in (("latent", LATENTS), ("estimator", ESTIMATORS)):
             if getattr(self, name) not in choices:
                 said = getattr(self, name)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from scarfmt.errors import InvalidInput, Malformed
 from scarfmt.rans import (
@@ -131,6 +132,80 @@ def test_the_seal_catches_flips_under_skewed_tables() -> None:
             missed += not outcome(RansDecoder(bytes(flipped)), groups)[1]
     assert total > 1000
     assert missed * 1000 <= total
+
+
+@st.composite
+def symbol_rows(draw: st.DrawFn) -> list[tuple[list[int], NDArray[np.float64]]]:
+    """Groups of symbols with a table each, as rows of frequencies minus 1."""
+    groups = []
+    for size in draw(st.lists(st.sampled_from([1, 2, 3, 40, 4096]), max_size=3)):
+        rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+        symbols = draw(st.lists(st.integers(0, size - 1), max_size=8))
+        skew = draw(st.sampled_from([1, 20, 300]))
+        rows = [FrequencyTable.from_weights((rng.random(size) ** skew * 65536).astype(np.int64) + 1) for _ in symbols]
+        frequencies = np.array([row.frequencies for row in rows], np.float64).reshape(len(symbols), size)
+        groups.append((symbols, frequencies - 1))
+    return groups
+
+
+@settings(deadline=None, max_examples=150)
+@given(symbol_rows(), symbol_groups())
+def test_rows_are_tables_of_one_symbol_each(rows: list[tuple[list[int], NDArray[np.float64]]], groups: Groups) -> None:
+    """Both decoders return the symbols; the bytes are those of a table a symbol; tables and rows mix."""
+    by_rows, by_tables = RansEncoder(), RansEncoder()
+    for symbols, weights in rows:
+        by_rows.encode_rows(np.array(symbols, np.int64), weights)
+        for symbol, row in zip(symbols, weights, strict=True):
+            by_tables.encode(np.array([symbol]), FrequencyTable(row.astype(np.int64) + 1))
+    for table, symbols in groups:
+        by_rows.encode(np.array(symbols, np.int32), table)
+        by_tables.encode(np.array(symbols, np.int32), table)
+    data = by_rows.finish()
+    assert data == by_tables.finish()
+    for decoder in (RansDecoder(data), PureRansDecoder(data)):
+        assert [decoder.decode_rows(weights).tolist() for _, weights in rows] == [symbols for symbols, _ in rows]
+        assert outcome(decoder, groups) == ([symbols for _, symbols in groups], "")
+
+
+@settings(deadline=None)
+@given(symbol_rows(), st.lists(st.integers(0, 2**32 - 1), max_size=12), st.integers(1, 2**32 - 1))
+def test_both_decoders_agree_on_rows_of_garbage(
+    rows: list[tuple[list[int], NDArray[np.float64]]], words: list[int], last: int
+) -> None:
+    """Any words give both the same symbols and the same end."""
+    data = np.array([*words, last], "<u4").tobytes()
+    fast, pure = RansDecoder(data), PureRansDecoder(data)
+    for _, weights in rows:
+        assert fast.decode_rows(weights).tolist() == pure.decode_rows(weights).tolist()
+    assert outcome(fast, []) == outcome(pure, [])
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [[TOTAL - 2, 1]],
+        [[TOTAL - 1, -1]],
+        [[TOTAL - 2.5, 0.5]],
+        [[TOTAL - 2, 0], [TOTAL - 2, 0]],
+        [TOTAL - 2, 0],
+        [[]],
+        [[np.nan, 0]],
+    ],
+    ids=str,
+)
+def test_rows_that_are_no_tables_are_refused(rows: object) -> None:
+    """A wrong sum, a negative or broken number, a wrong shape."""
+    with pytest.raises(InvalidInput) as caught:
+        RansEncoder().encode_rows(np.array([0]), np.array(rows, np.float64))
+    assert caught.value.refusal == "input-table"
+
+
+@pytest.mark.parametrize("symbol", [-1, 2])
+def test_symbols_outside_a_row_are_not_coded(symbol: int) -> None:
+    """As for tables."""
+    with pytest.raises(InvalidInput) as caught:
+        RansEncoder().encode_rows(np.array([symbol]), np.array([[TOTAL - 2.0, 0]]))
+    assert caught.value.refusal == "input-symbol"
 
 
 def test_an_alphabet_of_one_symbol_codes_nothing() -> None:

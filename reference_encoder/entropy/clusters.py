@@ -53,7 +53,8 @@ def cluster(words: I64, uses: I64) -> Clusters:
     zero = np.flatnonzero(~words.any(axis=1))[:1]
     rest = np.setdiff1d(np.arange(len(words)), zero)
     groups = _halved(words.astype(np.float64), rest, round(float(np.sqrt(len(rest)))))
-    arranged = [group[np.argsort(-uses[group], kind="stable")] for group in groups]
+    # Clusters of one size side by side are evaluated together.
+    arranged = [group[np.argsort(-uses[group], kind="stable")] for group in sorted(groups, key=len)]
     arranged = [zero, *arranged] if len(zero) else arranged
     return Clusters(np.concatenate(arranged), tuple(len(group) for group in arranged))
 

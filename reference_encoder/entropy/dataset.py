@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.codecs.channels import coarsen
 from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.directory import TileFrame
 from scarfmt.model import SceneModel
+from scarfmt.morton import deinterleave
 from scarfmt.neural.context import CellMeans, count_features, depth_shifts, fine, passes
 from scarfmt.tile import TileContent
 
@@ -24,6 +25,9 @@ I64 = NDArray[np.int64]
 I32 = NDArray[np.int32]
 I16 = NDArray[np.int16]
 Bools = NDArray[np.bool_]
+
+# The arrays of IndexRows, in order.
+Part = tuple[I16, I64, I64, I64, I16, I64]
 
 CLASS_VALUE = 64
 """Input of the column of an anchor's class; all other class columns are 0."""
@@ -59,7 +63,7 @@ class IndexRows:
         classes: (n,) int64.
         before, after: (n,) int64 stages received before and after the row's layer; before < after.
         codes: (n, M) int16 codeword numbers of all stages.
-        positions: (n, 2) int64 tile number and anchor number in its content, for inputs that depend on the place.
+        places: (n, 2) int64 tile number and anchor number in its content.
         total: rows of the whole scene; more than n for a sample.
         symbols: indices coded in the whole scene.
     """
@@ -69,7 +73,7 @@ class IndexRows:
     before: I64
     after: I64
     codes: I16
-    positions: I64
+    places: I64
     total: int
     symbols: int
 
@@ -78,14 +82,26 @@ class IndexRows:
 
     def take(self, chosen: I64) -> IndexRows:
         """The rows `chosen`, as a sample of the same scene."""
-        parts = (self.inputs, self.classes, self.before, self.after, self.codes, self.positions)
-        return IndexRows(*(part[chosen] for part in parts), self.total, self.symbols)
+        return IndexRows(
+            self.inputs[chosen],
+            self.classes[chosen],
+            self.before[chosen],
+            self.after[chosen],
+            self.codes[chosen],
+            self.places[chosen],
+            self.total,
+            self.symbols,
+        )
 
-    def with_grid(self, features: NDArray[np.integer[Any]]) -> IndexRows:
-        """The rows with (n, features) inputs of a hash grid at the end."""
-        inputs = np.concatenate([self.inputs, features.astype(np.int16)], axis=1)
-        rest = (self.classes, self.before, self.after, self.codes, self.positions)
-        return IndexRows(inputs, *rest, self.total, self.symbols)
+
+def lattice_positions(rows: IndexRows, contents: Sequence[TileContent], frames: Sequence[TileFrame]) -> I64:
+    """(n, 3) int64 lattice coordinates of the rows' cell centres, for a hash grid (SPEC §10.6)."""
+    out = np.empty((len(rows), 3), np.int64)
+    for number, (content, frame) in enumerate(zip(contents, frames, strict=True)):
+        here = np.flatnonzero(rows.places[:, 0] == number)
+        local = deinterleave(content.codes[rows.places[here, 1]]).astype(np.int64)
+        out[here] = np.array(frame.corner, np.int64) + (local << frame.shift) + ((1 << frame.shift) >> 1)
+    return out
 
 
 def index_rows(
@@ -111,12 +127,14 @@ def index_rows(
         for number, (content, depth) in enumerate(zip(contents, bits, strict=True))
         for part in _tile_rows(model, content, depth, books, options, share, draw, number)
     ]
-    if not parts:
-        width = input_width(model, options)
-        empty = np.zeros(0, np.int64)
-        none = np.zeros((0, model.max_stages), np.int16), np.zeros((0, 2), np.int64)
-        return IndexRows(np.zeros((0, width), np.int16), empty, empty, empty, *none, total, symbols)
-    return IndexRows(*(np.concatenate(column) for column in zip(*parts, strict=True)), total, symbols)
+    parts.append(_no_rows(input_width(model, options), model.max_stages))
+    inputs, classes, before, after, codes, places = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return IndexRows(inputs, classes, before, after, codes, places, total, symbols)
+
+
+def _no_rows(width: int, stages: int) -> Part:
+    none = np.zeros(0, np.int64)
+    return np.zeros((0, width), np.int16), none, none, none, np.zeros((0, stages), np.int16), np.zeros((0, 2), np.int64)
 
 
 def input_width(model: SceneModel, options: ContextOptions) -> int:
@@ -135,9 +153,6 @@ def _totals(model: SceneModel, contents: Sequence[TileContent]) -> tuple[int, in
 
 def _layers(model: SceneModel) -> range:
     return range(1, len(model.layers) + 1)
-
-
-Part = tuple[I16, I64, I64, I64, I16, I64]
 
 
 def _tile_rows(
@@ -212,19 +227,20 @@ def _means(
     out = np.empty((len(wanted), cells.depths, columns + options.latents + 1), np.int64)
     place = np.full(len(before), -1)
     place[wanted] = np.arange(len(wanted))
-    group = np.flatnonzero(before < after)
-    earlier = before > 0
-    values = np.concatenate([attributes, latents[0]], axis=1)
+    known, group = np.flatnonzero(before > 0), np.flatnonzero(before < after)
+    sums = cells.sums(columns + options.latents)
+    sums.add(known, np.concatenate([attributes, latents[0]], axis=1)[known])
+    values = np.concatenate([attributes, latents[1]], axis=1)
     for part in passes(len(group), options.passes_log2):
         members = group[part]
         here = members[place[members] >= 0]
-        means, counts = cells.means(values, earlier, here)
-        rows = place[here]
-        out[rows, :, :columns] = means[:, :, :columns].astype(np.int64) >> ATTRIBUTE_SHIFT
-        out[rows, :, columns:-1] = _round_shift(means[:, :, columns:].astype(np.int64), options.latent_shift)
+        means, counts = sums.around(here)
+        whole, rows = means.astype(np.int64), place[here]
+        out[rows, :, :columns] = whole[:, :, :columns] >> ATTRIBUTE_SHIFT
+        out[rows, :, columns:-1] = _round_shift(whole[:, :, columns:], options.latent_shift)
         out[rows, :, -1] = count_features(counts)
-        earlier[members] = True
-        values[members, columns:] = latents[1][members]
+        # An anchor refined in this layer now counts twice: as it was before the layer and as it is after it.
+        sums.add(members, values[members])
     return np.clip(out, -_WIDEST, _WIDEST).reshape(len(wanted), cells.depths * (columns + options.latents + 1))
 
 

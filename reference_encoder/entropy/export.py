@@ -35,7 +35,7 @@ def export(model: IndexModel, inputs: Inputs, books: Codebooks) -> IndexNetwork:
             model.codeword_dims,
             model.codeword_shift,
             (_linear(model.first), _linear(model.second)),
-            tuple(_gru(layer, model.stages, number == 0) for number, layer in enumerate(model.layers)),
+            tuple(_gru(layer) for layer in model.layers),
             _attention(attention) if attention is not None else None,
             _linear(model.mixer),
             tuple(_head(model.head(book)) for book in range(len(model.heads))),
@@ -57,12 +57,12 @@ def _linear(dense: Dense) -> Linear:
     return Linear(_matrix(weights), _vector(biases), dense.shift)
 
 
-def _gru(layer: GruModel, stages: int, first: bool) -> GruLayer:
+def _gru(layer: GruModel) -> GruLayer:
     recurrent, recurrent_biases = layer.recurrent.integers(True)
     return GruLayer(
         tuple(_matrix(dense.integers(True)[0]) for dense in layer.dense_inputs),
         _matrix(recurrent),
-        _vector(layer.bias_integers(True))[: stages - 1 if first else 1],
+        _vector(layer.bias_integers(True)),
         _vector(recurrent_biases),
         _vector(layer.start_integers(True)),
         layer.shift,

@@ -16,11 +16,31 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from scarfmt.neural.grid import FEATURE_MAX, GridBox, GridLevel, HashGrid, vertex_addresses, vertex_weights
+from scarfmt.errors import InvalidInput
+from scarfmt.neural.grid import (
+    FEATURE_MAX,
+    MAX_RESOLUTION,
+    MAX_TABLE_LOG2,
+    GridBox,
+    GridLevel,
+    HashGrid,
+    vertex_addresses,
+    vertex_weights,
+)
+
+I64 = NDArray[np.int64]
 
 # Small enough that a few steps can turn any bit.
 _START = 0.1
 _FRACTION_BITS = 8
+# The box holds this share of the anchors along each axis: a few far away must not take its resolution.
+_INNER_SHARE = 0.98
+KINDS = ("none", "axes", "3d", "hybrid")
+_AXIS_RESOLUTIONS = (16, 64, 8, 32)
+_WAVE_RESOLUTIONS = (4, 8, 16, 32, 64)
+_FEATURES = 4
+# Finest 3D cells hold about this many anchors: with fewer, a cell's bits cost more than they save.
+_ANCHORS_PER_CELL = 128
 
 
 @dataclass(frozen=True)
@@ -113,3 +133,68 @@ def _signs(table: torch.Tensor) -> torch.Tensor:
 def _value_of(value: torch.Tensor, gradient: torch.Tensor) -> torch.Tensor:
     """Exactly `value`, with the gradient of `gradient`: their difference would not cancel exactly in binary32."""
     return value.detach() + (gradient - gradient.detach())
+
+
+def fit_box(positions: NDArray[np.integer[Any]]) -> tuple[GridBox, tuple[float, float, float]]:
+    """The smallest box round the inner 98 % of (n, 3) lattice positions, n > 0, along every axis.
+
+    Returns:
+        The box, with these anchors in its middle, and the share of each of its sides that they span, at most 1.
+    """
+    tail = (1 - _INNER_SHARE) / 2
+    ends = np.quantile(positions.astype(np.float64), [tail, 1 - tail], axis=0)
+    low, high = np.floor(ends[0]).astype(np.int64), np.ceil(ends[1]).astype(np.int64)
+    span = high - low + 1
+    extent_bits = (int(span.max()) - 1).bit_length()
+    origin = np.maximum(low - ((1 << extent_bits) - span) // 2, 0).tolist()
+    extent = (span / (1 << extent_bits)).tolist()
+    return GridBox((origin[0], origin[1], origin[2]), extent_bits), (extent[0], extent[1], extent[2])
+
+
+def default_levels(anchor_count: int, extent: tuple[float, float, float], kind: str = "axes") -> tuple[GridLevel, ...]:
+    """Levels that can pay for themselves in a scene.
+
+    Args:
+        anchor_count: anchors of the scene.
+        extent: from :func:`fit_box`.
+        kind: "none"; "axes" (the default, as measured); "3d": two 3D levels; "hybrid" (the paper's): those, two
+            levels a plane and half of the axis levels.
+
+    Raises:
+        InvalidInput: ``input-options`` for another kind.
+    """
+    if kind not in KINDS:
+        raise InvalidInput("input-options", f"{kind!r} is not one of {', '.join(KINDS)}", field="grid")
+    axes = [_level(plane, resolution, resolution + 1) for resolution in _AXIS_RESOLUTIONS for plane in (4, 5, 6)]
+    cells = max(anchor_count // _ANCHORS_PER_CELL, 1)
+    area = 2 * (extent[0] * extent[1] + extent[0] * extent[2] + extent[1] * extent[2])
+    # Anchors lie on surfaces: about as many cells hold some as the faces of the box have.
+    finest = min(max(round(math.sqrt(cells / area)), 2), MAX_RESOLUTION // 2)
+    solid = [_level(0, resolution, 2 * cells) for resolution in (finest // 2, finest)]
+    planes = [_level(plane, resolution, 2 * cells) for resolution in (finest, 2 * finest) for plane in (1, 2, 3)]
+    return tuple({"none": [], "axes": axes, "3d": solid, "hybrid": [*axes[: len(axes) // 2], *solid, *planes]}[kind])
+
+
+def _level(plane: int, resolution: int, vertices: int) -> GridLevel:
+    """A level whose table has room for about so many vertices."""
+    table_log2 = min(max(vertices.bit_length(), 1), MAX_TABLE_LOG2)
+    return GridLevel(plane, resolution, table_log2, _FEATURES)
+
+
+def wave_grid(box: GridBox, resolutions: tuple[int, ...] = _WAVE_RESOLUTIONS) -> HashGrid:
+    """A grid that needs no learning: two waves a quarter period apart along each axis, at each resolution.
+
+    They tell the network where in the box an anchor is, at as many scales; a period is four cells.
+    """
+    levels = [
+        GridLevel(plane, resolution, resolution.bit_length() + 1, 2)
+        for resolution in resolutions
+        for plane in (4, 5, 6)
+    ]
+    bits = [_wave(np.arange(level.entries)) for level in levels]
+    return HashGrid(box.origin, box.extent_bits, tuple(levels), tuple(bits))
+
+
+def _wave(vertices: I64) -> NDArray[np.uint8]:
+    """(n, 2) bits: 0, 0, 1, 1 over and over, and the same one vertex later."""
+    return np.stack([vertices // 2 % 2, (vertices + 1) // 2 % 2], axis=1).astype(np.uint8)

@@ -96,7 +96,7 @@ class HeadModel(nn.Module):
             self.level(0).beta.data = torch.log2(counts / counts.max())
             return
         sums = torch.zeros(len(self.sizes)).index_add_(0, self.cluster_of, counts)
-        tops = torch.stack([part.max() for part in counts.split(self.sizes)])
+        tops = torch.stack([part.max() for part in torch.split(counts, list(self.sizes))])
         self.level(0).beta.data = torch.log2(sums / sums.max())
         self.level(1).beta.data = torch.log2(counts / tops[self.cluster_of])
 

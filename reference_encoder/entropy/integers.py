@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any, cast
 
-import numpy as np
 import torch
 
 from scarfmt.neural.tables import EXP2, SIGMOID, TANH
@@ -29,7 +28,7 @@ class _Round(torch.autograd.Function):
         return torch.floor(x + 0.5)
 
     @staticmethod
-    def backward(_ctx: Any, grad: torch.Tensor) -> torch.Tensor:  # type: ignore[override]
+    def backward(_ctx: Any, grad: torch.Tensor) -> torch.Tensor:
         return grad
 
 
@@ -44,7 +43,7 @@ class _Table(torch.autograd.Function):
         return out
 
     @staticmethod
-    def backward(ctx: Any, grad: torch.Tensor) -> Any:  # type: ignore[override]
+    def backward(ctx: Any, grad: torch.Tensor) -> Any:
         (out,) = ctx.saved_tensors
         # d/du of both, u in 32nds: (y - low)(high - y) / (high - low) is that of a logistic; tanh is twice as steep.
         steep = 1.0 if ctx.low == 0 else 2.0
@@ -53,7 +52,9 @@ class _Table(torch.autograd.Function):
 
 def rounded(x: torch.Tensor, exact: bool) -> torch.Tensor:
     """floor(x + 1/2), or `x` itself in the float model."""
-    return cast(torch.Tensor, _Round.apply(x)) if exact else x
+    if not exact:
+        return x
+    return cast(torch.Tensor, _Round.apply(x))  # type: ignore[no-untyped-call]
 
 
 def round_shift(x: torch.Tensor, shift: int, exact: bool) -> torch.Tensor:
@@ -71,14 +72,14 @@ def limited(x: torch.Tensor, low: float, high: float, exact: bool) -> torch.Tens
 def sigmoid12(x: torch.Tensor, exact: bool) -> torch.Tensor:
     """4096 / (1 + exp(-x / 32))."""
     if exact:
-        return cast(torch.Tensor, _Table.apply(x, _SIGMOID))
+        return cast(torch.Tensor, _Table.apply(x, _SIGMOID))  # type: ignore[no-untyped-call]
     return SIGMOID_ONE * torch.sigmoid(x / UNIT)
 
 
 def tanh12(x: torch.Tensor, exact: bool) -> torch.Tensor:
     """2047 * tanh(x / 32)."""
     if exact:
-        return cast(torch.Tensor, _Table.apply(x, _TANH))
+        return cast(torch.Tensor, _Table.apply(x, _TANH))  # type: ignore[no-untyped-call]
     return TANH_ONE * torch.tanh(x / UNIT)
 
 
@@ -101,4 +102,4 @@ def frequencies(logits: torch.Tensor) -> torch.Tensor:
 def exact_bits(logits: torch.Tensor, symbols: torch.Tensor) -> torch.Tensor:
     """(n,) float64 bits of `symbols` under the integer frequencies."""
     chosen = frequencies(logits).gather(1, symbols[:, None])[:, 0].double()
-    return np.log2(TOTAL) - torch.log2(chosen)
+    return torch.log2(TOTAL / chosen)

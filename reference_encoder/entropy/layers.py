@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -125,10 +124,7 @@ class Dense(nn.Module):
 
     def integers(self, exact: bool) -> tuple[torch.Tensor, torch.Tensor]:
         """Weights (rows, width) and biases (rows,) as they are used."""
-        if not exact:
-            weights = self.theta * self.gain
-        else:
-            weights = rounded(self._fitting(self.scaled()), True)
+        weights = rounded(self._fitting(self.scaled()), True) if exact else self.theta * self.gain
         if not self.biased:
             return weights, torch.zeros(len(weights))
         biases = self.bias * (self._unit * 2.0**self.shift) - weights @ self.means
@@ -155,6 +151,3 @@ def geometric_bits(values: torch.Tensor) -> torch.Tensor:
     mean = values.abs().mean().clamp_min(1e-4)
     ratio = mean / (torch.sqrt(1 + mean * mean) + 1)
     return values.numel() * (torch.log2((1 + ratio) / (1 - ratio)) - mean * torch.log2(ratio))
-
-
-Report = Callable[[float], None]

@@ -17,8 +17,16 @@ from numpy.typing import NDArray
 from torch import nn
 
 from reference_encoder.entropy.head import HeadModel
-from reference_encoder.entropy.integers import SIGMOID_ONE, UNIT, exp2_weights, limited, round_shift, rounded
-from reference_encoder.entropy.integers import sigmoid12, tanh12
+from reference_encoder.entropy.integers import (
+    SIGMOID_ONE,
+    UNIT,
+    exp2_weights,
+    limited,
+    round_shift,
+    rounded,
+    sigmoid12,
+    tanh12,
+)
 from reference_encoder.entropy.layers import Dense, Scale, geometric_bits, whole
 from scarfmt.codecs.codebooks import Codebooks
 
@@ -26,6 +34,9 @@ I64 = NDArray[np.int64]
 
 _GATE_LIMIT = 2047.0
 _GRU_BOUND = 1 << 23
+_GRID_SPREAD = 64.0
+# A column that is nearly constant must not get weights that are huge.
+_LEAST_SPREAD = 6.0
 BIAS_BITS = 10.0
 """What a bias is taken to cost in the file."""
 
@@ -44,6 +55,8 @@ class NetworkShape:
         activation_bits: 8..12.
         weight_bits: about how many bits a weight takes: fixes the step of weights.
         weight_limit: largest magnitude of a weight.
+        magnitude: whether a codeword's length is seen beside its dimensions: what tells the many that stand for
+            "next to nothing" from the rest, which no product with the codeword itself can.
     """
 
     hidden: int = 16
@@ -55,6 +68,7 @@ class NetworkShape:
     activation_bits: int = 9
     weight_bits: int = 6
     weight_limit: int = 127
+    magnitude: bool = True
 
     @property
     def top(self) -> int:
@@ -73,7 +87,12 @@ class InputStatistics:
     def of(cls, inputs: NDArray[np.integer[Any]], top: int) -> InputStatistics:
         """Of (n, width) inputs clamped to -top..top."""
         clamped = np.clip(inputs, -top, top).astype(np.float64)
-        return cls(clamped.mean(axis=0), np.maximum(clamped.std(axis=0), 6.0))
+        return cls(clamped.mean(axis=0), np.maximum(clamped.std(axis=0), _LEAST_SPREAD))
+
+    def extended(self, features: int) -> InputStatistics:
+        """With those of `features` more inputs from a hash grid."""
+        more = np.zeros(features), np.full(features, _GRID_SPREAD)
+        return InputStatistics(np.append(self.mean, more[0]), np.append(self.spread, more[1]))
 
 
 @dataclass(frozen=True)
@@ -89,7 +108,10 @@ class Batch:
 class GruModel(nn.Module):
     """One GRU layer; its integers are px = W_b e_k + S_m of layer 1, px = W g + b of others, ph = U g + c."""
 
-    def __init__(self, shape: NetworkShape, inputs: Sequence[Scale], stages: int, generator: torch.Generator) -> None:
+    def __init__(
+        self, shape: NetworkShape, inputs: Sequence[Scale], stages: int, rows: int, generator: torch.Generator
+    ) -> None:
+        """`inputs`: what each input matrix sees; `rows`: of biases, one a token or one for all."""
         super().__init__()
         self.shape, hidden = shape, shape.hidden
         state = Scale.state(shape.activation_bits, hidden)
@@ -102,7 +124,7 @@ class GruModel(nn.Module):
         for dense in [*self.dense_inputs, self.recurrent]:
             dense.rescale(shift)
         self.shift = shift
-        self.biases = nn.Parameter(torch.zeros(max(stages - 1, 1), 3 * hidden))
+        self.biases = nn.Parameter(torch.zeros(rows, 3 * hidden))
         self.start = nn.Parameter(torch.zeros(hidden))
         # With one token only, the state it meets is a constant: the recurrent part has nothing to say.
         self.single = stages <= 2
@@ -115,7 +137,7 @@ class GruModel(nn.Module):
         return [module for module in self.inputs if isinstance(module, Dense)]
 
     def bias_integers(self, exact: bool) -> torch.Tensor:
-        """(stages - 1, 3H) biases of px."""
+        """(rows, 3H) biases of px."""
         return rounded(self.biases * (UNIT * 2.0**self.shift), exact)
 
     def start_integers(self, exact: bool) -> torch.Tensor:
@@ -186,12 +208,14 @@ class IndexModel(nn.Module):
         self.shape, self.stages = shape, stages
         words = [book for book in (books.coarse, books.residual) if len(book)][: min(stages, 2)]
         self.codeword_shift, seen = _codewords(words, shape)
+        self.codeword_dims = seen[0].shape[1] - shape.magnitude
         value = Scale.hidden(shape, shape.hidden)
         self.first = Dense(Scale.inputs(statistics.mean, statistics.spread), shape.middle, value.unit, shape, generator)
         self.second = Dense(Scale.hidden(shape, shape.middle), shape.hidden, value.unit, shape, generator)
         state = Scale.state(shape.activation_bits, shape.hidden)
         tokens = [Scale.codewords(word) for word in seen]
-        layers = [GruModel(shape, tokens if k == 0 else [state], stages, generator) for k in range(shape.gru_layers)]
+        layers = [GruModel(shape, tokens, stages, max(stages - 1, 0), generator)]
+        layers += [GruModel(shape, [state], stages, 1, generator) for _ in range(1, shape.gru_layers)]
         self.gru = nn.ModuleList(layers)
         self.attention = AttentionModel(shape, generator) if shape.attention else None
         context = value if shape.attention else state
@@ -232,9 +256,9 @@ class IndexModel(nn.Module):
         for stage in range(1, upto + 1):
             below: torch.Tensor | None = None
             for number, layer in enumerate(self.layers):
-                book = min(stage - 1, 1) if below is None else 0
+                book, row = (min(stage - 1, 1), stage - 1) if below is None else (0, 0)
                 token = self.codewords(book)[codes[:, stage - 1]] if below is None else below
-                px = layer.dense_inputs[book].sums(token, exact) + layer.bias_integers(exact)[stage - 1]
+                px = layer.dense_inputs[book].sums(token, exact) + layer.bias_integers(exact)[row]
                 states[number] = below = layer.step(px, states[number], exact)
             out.append(states[-1])
         return out
@@ -276,9 +300,12 @@ def _codewords(books: Sequence[I64], shape: NetworkShape) -> tuple[int, list[I64
     largest = max(int(np.abs(book[:, :dims]).max(initial=0)) for book in books)
     shift = max(0, largest.bit_length() - (shape.activation_bits - 1))
     parts = [np.clip(whole(book[:, :dims] / 2.0**shift), -shape.top, shape.top) for book in books]
-    return shift, [np.concatenate([part, _magnitudes(part)], axis=1).astype(np.int64) for part in parts]
+    if shape.magnitude:
+        parts = [np.concatenate([part, np.minimum(magnitudes(part), shape.top)], axis=1) for part in parts]
+    return shift, [part.astype(np.int64) for part in parts]
 
 
-def _magnitudes(words: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 1) 8 * bit length of the squared length of integer (n, R) codewords."""
-    return 8.0 * np.frexp((words * words).sum(axis=1, keepdims=True))[1]
+def magnitudes(words: NDArray[np.floating[Any] | np.integer[Any]]) -> NDArray[np.float64]:
+    """(n, 1) magnitudes of integer (n, R) codewords: 8 times the bit length of the squared length."""
+    squares: NDArray[np.float64] = np.square(words.astype(np.float64)).sum(axis=1, keepdims=True)
+    return np.asarray(8.0 * np.frexp(squares)[1])

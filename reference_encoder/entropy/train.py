@@ -14,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from reference_encoder.entropy.dataset import IndexRows
+from reference_encoder.entropy.grid import BinaryGrid, Lookup
 from reference_encoder.entropy.model import Batch, IndexModel, InputStatistics, NetworkShape
 from scarfmt.codecs.codebooks import Codebooks
 
@@ -22,6 +23,8 @@ I64 = NDArray[np.int64]
 _CHUNK = 4096
 _MEASURED = 16384
 """Rows on which progress is measured."""
+_STEEPEST = 2.0
+"""Longest gradient of a step."""
 
 
 @dataclass(frozen=True)
@@ -64,31 +67,49 @@ class Trained:
     network_bits: float
 
 
-def as_batch(rows: IndexRows) -> Batch:
-    """Tensors of `rows`."""
-    return Batch(
-        torch.from_numpy(rows.inputs),
-        torch.from_numpy(rows.before),
-        torch.from_numpy(rows.after),
-        torch.from_numpy(rows.codes.astype(np.int64)),
-    )
+class Examples:
+    """Rows as tensors, and a hash grid whose features are further inputs.
+
+    Args:
+        grid: learned along with the network.
+        lookup: what it reads for each of the rows.
+    """
+
+    def __init__(self, rows: IndexRows, grid: BinaryGrid | None = None, lookup: Lookup | None = None) -> None:
+        self._all = Batch(
+            torch.from_numpy(rows.inputs),
+            torch.from_numpy(rows.before),
+            torch.from_numpy(rows.after),
+            torch.from_numpy(rows.codes.astype(np.int64)),
+        )
+        self.grid, self._lookup = grid, lookup
+        self.sent = max(int((rows.after - rows.before).sum()), 1)
+        self.scale = rows.symbols / self.sent
+
+    def __len__(self) -> int:
+        return len(self._all.before)
+
+    def batch(self, chosen: torch.Tensor) -> Batch:
+        """The rows `chosen`, (m,) int64."""
+        every, inputs = self._all, self._all.inputs[chosen].float()
+        if self.grid is not None and self._lookup is not None:
+            inputs = torch.cat([inputs, self.grid(self._lookup.take(chosen))], 1)
+        return Batch(inputs, every.before[chosen], every.after[chosen], every.codes[chosen])
 
 
-def part(batch: Batch, chosen: torch.Tensor) -> Batch:
-    """Some rows, inputs as float32."""
-    return Batch(batch.inputs[chosen].float(), batch.before[chosen], batch.after[chosen], batch.codes[chosen])
-
-
-def measure(model: IndexModel, rows: IndexRows, exact: bool = True, strict: bool = False) -> NDArray[np.float64]:
-    """(M,) bits of the indices of every stage of `rows`."""
-    batch = as_batch(rows)
-    totals = np.zeros(model.stages)
+def measure(
+    model: IndexModel, examples: Examples, exact: bool = True, strict: bool = False, most: int | None = None
+) -> NDArray[np.float64]:
+    """(M,) bits of the indices of every stage of the examples, or of about `most` spread over them, scaled up."""
+    step = max(1, len(examples) // most) if most else 1
+    chosen = torch.arange(0, len(examples), step)
+    totals, sent = np.zeros(model.stages), 0
     with torch.no_grad():
-        for first in range(0, len(rows), _CHUNK):
-            chosen = torch.arange(first, min(first + _CHUNK, len(rows)))
-            found = model.bits(part(batch, chosen), exact, strict)
-            totals += [float(bits.double().sum()) for bits in found]
-    return totals
+        for rows in torch.split(chosen, _CHUNK):
+            batch = examples.batch(rows)
+            totals += [float(bits.double().sum()) for bits in model.bits(batch, exact, strict)]
+            sent += int((batch.after - batch.before).sum())
+    return totals * (examples.sent / max(sent, 1))
 
 
 def code_uses(rows: IndexRows, sizes: Sequence[int]) -> list[I64]:
@@ -102,10 +123,15 @@ def code_uses(rows: IndexRows, sizes: Sequence[int]) -> list[I64]:
 
 
 def build(
-    rows: IndexRows, books: Codebooks, clusters: Sequence[Sequence[int]], shape: NetworkShape, seed: int
+    rows: IndexRows,
+    books: Codebooks,
+    clusters: Sequence[Sequence[int]],
+    shape: NetworkShape,
+    seed: int,
+    grid_features: int = 0,
 ) -> IndexModel:
     """An untrained network for `rows`: right on average, knows nothing else."""
-    statistics = InputStatistics.of(rows.inputs, shape.top)
+    statistics = InputStatistics.of(rows.inputs, shape.top).extended(grid_features)
     model = IndexModel(shape, books, clusters, rows.codes.shape[1], statistics, seed)
     for book, uses in enumerate(code_uses(rows, books.sizes)[: len(model.heads)]):
         model.head(book).start_from(uses)
@@ -120,41 +146,49 @@ def train(
     options: TrainOptions,
     report: Callable[[float], None] = lambda _fraction: None,
     start: IndexModel | None = None,
+    grid: BinaryGrid | None = None,
+    lookup: Lookup | None = None,
 ) -> Trained:
     """Train a network on `rows`, codes in the order of the `clusters` of `books`.
 
     Args:
         start: a network of the same shape to go on from (it is changed).
+        grid, lookup: a hash grid to learn along (it is changed), and what it reads for each row.
     """
-    model = build(rows, books, clusters, shape, options.seed) if start is None else start
-    draw = np.random.default_rng(options.seed)
-    batch, steps = as_batch(rows), max(1, round(len(rows) / options.batch))
-    sent = max(int((rows.after - rows.before).sum()), 1)
-    seen = rows.take(np.sort(draw.permutation(len(rows))[:_MEASURED]))
-    optimiser = torch.optim.Adam(_groups(model, options.rate))
+    features = 0 if grid is None else sum(level.features for level in grid.levels)
+    model = build(rows, books, clusters, shape, options.seed, features) if start is None else start
+    examples, draw = Examples(rows, grid, lookup), np.random.default_rng(options.seed)
+    steps = max(1, round(len(rows) / options.batch))
+    optimiser = torch.optim.Adam(_groups(model, grid, options.rate))
     schedule = _schedule(optimiser, steps * options.epochs)
     history: list[float] = []
     for epoch in range(options.epochs):
         order = torch.from_numpy(draw.permutation(len(rows)))
         for number, chosen in enumerate(torch.tensor_split(order, steps)):
-            loss = torch.cat(model.bits(part(batch, chosen), options.quantised)).sum() / (sent / steps)
-            loss = loss + options.weight_rate / max(rows.symbols, 1) * model.weight_bits()
+            loss = torch.cat(model.bits(examples.batch(chosen), options.quantised)).sum() / (examples.sent / steps)
+            loss = loss + options.weight_rate / max(rows.symbols, 1) * _network_bits(model, grid)
             optimiser.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(model.parameters(), 2.0)
+            torch.nn.utils.clip_grad_norm_(model.parameters(), _STEEPEST)
             optimiser.step()
             schedule.step()
             report((epoch + (number + 1) / steps) / options.epochs)
-        history.append(sum(_estimate(model, seen, options.quantised)))
+        history.append(sum(_estimate(model, examples, options.quantised)))
         if _settled(history, options, epoch):
             break
-    return Trained(model, history, *_estimate(model, seen, options.quantised))
+    report(1.0)
+    return Trained(model, history, *_estimate(model, examples, options.quantised))
 
 
-def _groups(model: IndexModel, rate: float) -> list[dict[str, object]]:
+def _network_bits(model: IndexModel, grid: BinaryGrid | None) -> torch.Tensor:
+    return model.weight_bits() if grid is None else model.weight_bits() + grid.coded_bits()
+
+
+def _groups(model: IndexModel, grid: BinaryGrid | None, rate: float) -> list[dict[str, object]]:
     """Parameter groups: biases of logits are in bits and need longer steps."""
     betas = [p for name, p in model.named_parameters() if name.endswith("beta")]
     rest = [p for name, p in model.named_parameters() if not name.endswith("beta") and p.requires_grad]
+    rest += [] if grid is None else list(grid.parameters())
     return [{"params": rest, "lr": rate}, {"params": betas, "lr": 2 * rate}]
 
 
@@ -170,17 +204,17 @@ def _schedule(optimiser: torch.optim.Optimizer, steps: int) -> torch.optim.lr_sc
     return torch.optim.lr_scheduler.LambdaLR(optimiser, factor)
 
 
-def _estimate(model: IndexModel, seen: IndexRows, exact: bool) -> tuple[float, float]:
-    """Bits of the whole scene's indices, measured on some rows, and of the network."""
-    sent = max(int((seen.after - seen.before).sum()), 1)
+def _estimate(model: IndexModel, examples: Examples, exact: bool) -> tuple[float, float]:
+    """Bits of the whole scene's indices, measured on some rows, and of the network with its grid."""
     with torch.no_grad():
-        network = float(model.weight_bits())
-    return float(measure(model, seen, exact).sum()) * seen.symbols / sent, network
+        network = float(_network_bits(model, examples.grid))
+    return float(measure(model, examples, exact, most=_MEASURED).sum()) * examples.scale, network
 
 
 def _settled(history: list[float], options: TrainOptions, epoch: int) -> bool:
-    """Whether the epochs left are not worth their time; asked in the second half only, when steps are short."""
+    """Whether the epochs left are not worth their time; asked in the last third only, when steps are short."""
     left = options.epochs - 1 - epoch
-    if epoch < options.epochs // 2 or not left:
+    if epoch < max(2, options.epochs * 2 // 3) or not left:
         return False
-    return (history[-2] - history[-1]) * left < 8 * options.patience
+    # One epoch alone may be unlucky.
+    return (history[-3] - history[-1]) / 2 * left < 8 * options.patience

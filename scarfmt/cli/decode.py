@@ -77,6 +77,13 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--cameras", type=click.Path(exists=True, dir_okay=False), help="JSON list of cameras to --bake for.")
 @click.option("--allow-truncated", is_flag=True, help="Take the whole layers of a file cut short.")
 @click.option("--threads", type=click.IntRange(1, 256), default=1, show_default=True, help="Tiles decoded at once.")
+@click.option(
+    "--backend",
+    type=click.Choice(["numpy", "torch", "cuda"]),
+    default="numpy",
+    show_default=True,
+    help="What computes the index network; the result is the same.",
+)
 @click.option("--stats", is_flag=True, help="Tell bytes read and time taken, on stderr.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")

@@ -68,6 +68,13 @@ def _refuse_constant(name: str) -> Any:
     type=click.Choice(["rotation", "straight-through"]),
     help="Gradient of --latent learned [default: rotation].",
 )
+@click.option(
+    "--decode-budget",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Most multiply-adds of integer networks per Gaussian or anchor that decoding may take; 0: static tables"
+    " alone, decoded fastest [default: whatever is smallest].",
+)
 @click.option("--seed", type=click.IntRange(min=0), help="Of all random choices: equal seeds give equal files.")
 @click.option(
     "--metadata", multiple=True, metavar="KEY=VALUE", callback=parse_metadata, help="Annotate the file; repeatable."
@@ -88,6 +95,7 @@ def encode(
       scarfmt encode point_cloud.ply scene.scar
       scarfmt encode scene.spz scene.scar --cameras cameras.json --layers 4
       scarfmt encode - - --frame -y:125:70 --format ply < scene.ply > scene.scar
+      scarfmt encode scene.ply fast.scar --decode-budget 0
       scarfmt encode scene.ply scene.scar --metadata title="Old oak" --metadata year=2024
     """
     quiet = said.pop("quiet")

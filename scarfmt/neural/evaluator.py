@@ -18,7 +18,7 @@ from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.errors import InvalidInput
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Array, Operations
-from scarfmt.neural.parts import Attending, Logits, Recurrence, Rounded
+from scarfmt.neural.parts import Attending, Logits, Predicting, Recurrence, Rounded
 from scarfmt.neural.tables import exp2_table
 
 F64 = NDArray[np.float64]
@@ -45,12 +45,12 @@ class State:
 
 
 @dataclass(frozen=True)
-class MemberBlock:
-    """Members to code in one call: consecutive clusters of one size.
+class Block:
+    """Symbols to code in one call.
 
     Attributes:
-        rows: (m,) int64 positions among the anchors asked for; clusters ascend, order is kept within a cluster.
-        weights: (m, size) float64 f - 1.
+        rows: (m,) int64 positions among the anchors asked for, in coding order.
+        weights: (m, k) float64 f - 1, one row a symbol.
     """
 
     rows: I64
@@ -69,8 +69,8 @@ class Evaluator:
     def __init__(self, network: IndexNetwork, books: Codebooks, operations: Operations = NUMPY) -> None:
         self._do, self._amax, h = operations, network.amax, network.hidden
         self._embed = (
-            Rounded.of(network.embed[0], operations, 0, network.amax),
-            Rounded.of(network.embed[1], operations, -network.amax, network.amax),
+            Rounded(network.embed[0], operations, 0, network.amax),
+            Rounded(network.embed[1], operations, -network.amax, network.amax),
         )
         weights, biases = network.mixer.folded
         self._mix_embedding, self._mix_biases = operations.constant(weights[:h]), operations.constant(biases)
@@ -84,7 +84,12 @@ class Evaluator:
         self._attend: Attending | None = None
         if network.attention is not None:
             self._attend = Attending(network.attention, start, network.amax, operations)
-        self._heads = [Logits(*each, network.amax, operations) for each in zip(network.heads, words, strict=True)]
+        # A codebook is empty while no layer that needs it was read: nothing is coded with its head.
+        self._heads = {
+            number: Predicting(head, book, network.amax, operations)
+            for number, (head, book) in enumerate(zip(network.heads, words, strict=True))
+            if len(book)
+        }
         self._exp2 = operations.constant(exp2_table())
         # Attention over one state is the value of that state.
         context = operations.constant(start[None]) if self._attend is None else self._attend.first_value
@@ -189,24 +194,41 @@ class Evaluator:
 
     def flat_rows(self, book: int, y: Array) -> F64:
         """(n, k) float64 f - 1 of the codewords of a flat head, of (n, Y) `y`."""
-        return self._rows(self._heads[book].projections[0], self._heads[book].top, y)
+        return self._gathered(self.first_blocks(book, y), len(y), self._heads[book].top.count)
 
     def cluster_rows(self, book: int, y: Array) -> F64:
         """(n, clusters) float64 f - 1 of the clusters of a two-level head, of (n, Y) `y`."""
-        return self._rows(self._heads[book].projections[0], self._heads[book].top, y)
+        return self._gathered(self.first_blocks(book, y), len(y), self._heads[book].top.count)
 
     def member_rows(self, book: int, y: Array, cluster: int) -> F64:
         """(n, size) float64 f - 1 of the members of one cluster, of (n, Y) `y` of the anchors that chose it."""
-        return self._rows(self._heads[book].projections[1], self._heads[book].members[cluster], y)
+        head = self._heads[book]
+        blocks = self._blocks(head.projections[1], head.members[cluster], y)
+        return self._gathered(blocks, len(y), head.members[cluster].count)
 
-    def _rows(self, projection: Rounded, logits: Rounded, y: Array) -> F64:
-        out = np.empty((len(y), logits.outputs))
-        for part in self._chunks(len(y)):
-            out[part] = self._do.frequency_rows(logits(projection(y[part])), self._exp2)
+    @staticmethod
+    def _gathered(blocks: Iterator[Block], count: int, columns: int) -> F64:
+        out = np.empty((count, columns))
+        for block in blocks:
+            out[block.rows] = block.weights
         return out
 
-    def member_blocks(self, book: int, y: Array, clusters: Ints) -> Iterator[MemberBlock]:
-        """The members of n anchors in coding order; clusters of one codeword code nothing and are left out.
+    def first_blocks(self, book: int, y: Array) -> Iterator[Block]:
+        """The first symbols of n anchors, in order: codewords of a flat head, clusters of a two-level one.
+
+        The rows of :meth:`flat_rows` and :meth:`cluster_rows`, a few anchors at a time: coded at once, they never
+        leave the cache.
+        """
+        head = self._heads[book]
+        return self._blocks(head.projections[0], head.top, y)
+
+    def _blocks(self, projection: Rounded, logits: Logits, y: Array) -> Iterator[Block]:
+        for part in self._chunks(len(y)):
+            weights = self._do.frequency_rows(logits(projection(y[part])), self._exp2)
+            yield Block(np.arange(part.start, part.stop), weights)
+
+    def member_blocks(self, book: int, y: Array, clusters: Ints) -> Iterator[Block]:
+        """The members of n anchors: clusters ascend, order is kept in a cluster, clusters of one codeword are left out.
 
         Args:
             y: (n, Y).
@@ -216,20 +238,17 @@ class Evaluator:
         order = np.argsort(clusters, kind="stable")
         ends = np.searchsorted(clusters[order], np.arange(len(head.sizes) + 1))
         for first, last in head.equal_runs():
-            rows = order[ends[first] : ends[last]]
-            if len(rows):
-                y_rows = self._do.take(y, self._do.index(rows))
-                yield MemberBlock(rows, self._member_weights(head, y_rows, first, ends[first : last + 1] - ends[first]))
+            edges = ends[first : last + 1] - ends[first]
+            for part in self._chunks(int(edges[-1])):
+                rows = order[ends[first] + part.start : ends[first] + part.stop]
+                o = head.projections[1](self._do.take(y, self._do.index(rows)))
+                logits = self._member_logits(head, o, first, np.clip(edges - part.start, 0, len(rows)))
+                yield Block(rows, self._do.frequency_rows(logits, self._exp2))
 
-    def _member_weights(self, head: Logits, y: Array, first: int, ends: I64) -> F64:
-        """(m, size) f - 1 of anchors sorted by cluster: cluster first + i has those from ends[i] to ends[i + 1]."""
-        size = head.sizes[first]
-        weights = np.empty((len(y), size))
-        for part in self._chunks(len(y)):
-            o, logits = head.projections[1](y[part]), self._do.empty(part.stop - part.start, size)
-            edges = np.clip(ends, part.start, part.stop) - part.start
-            for cluster in np.flatnonzero(np.diff(edges)):
-                own = slice(int(edges[cluster]), int(edges[cluster + 1]))
-                logits[own] = head.members[first + int(cluster)](o[own])
-            weights[part] = self._do.frequency_rows(logits, self._exp2)
-        return weights
+    def _member_logits(self, head: Predicting, o: Array, first: int, edges: I64) -> Array:
+        """(size, m) logits of anchors sorted by cluster: first + i has those from edges[i] to edges[i + 1]."""
+        logits = self._do.empty(head.sizes[first], len(o))
+        for cluster in np.flatnonzero(np.diff(edges)).tolist():
+            own = slice(int(edges[cluster]), int(edges[cluster + 1]))
+            logits[:, own] = head.members[first + cluster](o[own])
+        return logits

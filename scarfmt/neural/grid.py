@@ -1,7 +1,7 @@
 """Binarised multi-resolution hash grid: features of an anchor from its lattice position alone (SPEC §10.4).
 
-The spatial embedding of the paper (§3.4, §3.8), as a hybrid of 3D levels and levels on the three coordinate
-planes. Every table entry is one bit a feature, read as -1 or +1; a feature is the multilinear interpolation
+The spatial embedding of the paper (§3.4, §3.8), as a hybrid of 3D levels, levels on the three coordinate
+planes and, beyond the paper, levels along one axis, which cost next to nothing. Every table entry is one bit a feature, read as -1 or +1; a feature is the multilinear interpolation
 of the 2^dims vertices of the anchor's cell, in exact integers.
 """
 
@@ -30,8 +30,8 @@ MAX_GRID_BITS = 1 << 24
 MAX_EXTENT_BITS = 32
 FEATURE_MAX = 127
 
-PLANE_AXES = ((0, 1, 2), (0, 1), (0, 2), (1, 2))
-"""Axes a level interpolates along, by its plane: 3D, xy, xz, yz."""
+PLANE_AXES = ((0, 1, 2), (0, 1), (0, 2), (1, 2), (0,), (1,), (2,))
+"""Axes a level interpolates along, by its plane: 3D, xy, xz, yz, x, y, z."""
 
 _PRIMES = (1, 2654435761, 805459861)
 _FRACTION_BITS = 8
@@ -48,7 +48,7 @@ class GridLevel:
     """One level of a grid.
 
     Attributes:
-        plane: 0 for 3D, 1, 2, 3 for the planes xy, xz, yz.
+        plane: 0 for 3D; 1, 2, 3 for the planes xy, xz, yz; 4, 5, 6 for the axes x, y, z.
         resolution: cells along each axis of the box, 1..65535.
         table_log2: the table has at most 2^table_log2 entries, 1..19.
         features: bits an entry, 1..8.

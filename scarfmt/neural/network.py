@@ -37,6 +37,7 @@ MAX_CODEWORD_DIMS = 64
 MAX_GRU_LAYERS = 4
 MAX_CLUSTERS = 256
 MAX_HEADS = 2
+MAX_TOKENS = 7
 QUERY_AMAX = 127
 MIX_BITS = 8
 
@@ -78,7 +79,7 @@ class GruLayer:
         inputs: layer 1: one (3H, R) int32 matrix a codebook, for that codebook's codewords; later layers: one
             (3H, H) matrix for the new state of the layer below.
         recurrent: (3H, H) int32.
-        biases: int64, layer 1: (stages - 1, 3H), one row for the token of each stage; later layers: (1, 3H).
+        biases: int64, layer 1: (stages - 1, 3H), one row for the token of each stage but the last; later layers: (1, 3H).
         recurrent_biases: (3H,) int64.
         start: (H,) int64 state before the first token.
         shift: of both products.
@@ -201,6 +202,9 @@ class IndexNetwork:
             wide = (self.codeword_dims, len(self.heads)) if number == 0 else (h, 1)
             _check_gru(layer, h, *wide, self.amax)
             _require(number == 0 or len(layer.biases) == 1, "a later recurrent layer has one row of biases")
+        tokens = len(self.gru[0].biases)
+        _require(tokens <= MAX_TOKENS, f"biases for more than {MAX_TOKENS} tokens")
+        _require(not tokens or len(self.heads) == MAX_HEADS, "later stages without a head")
         if self.attention is not None:
             _check_attention(self.attention, h, self.amax)
         _check_linear(self.mixer, (y, 2 * h), self.amax)
@@ -218,8 +222,8 @@ class IndexNetwork:
         self.check_structure()
         _require(self.codeword_dims <= books.dimension, "more codeword dimensions than the latent has")
         _require(self.inputs.latents <= books.dimension, "more latent means than the latent has dimensions")
-        _require(len(self.gru[0].biases) == max(stages - 1, 0), f"stage biases that do not fit {stages} stages")
-        _require(stages <= 1 or len(self.heads) == MAX_HEADS, "no head for the residual codebook")
+        # More are right: a scene cut after an early layer has fewer stages than its network.
+        _require(len(self.gru[0].biases) >= stages - 1, f"too few stage biases for {stages} stages")
         for number, book in enumerate((books.coarse, books.residual)):
             _require(not len(book) or number < len(self.heads), "no head for the residual codebook")
             if len(book):

@@ -19,8 +19,8 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Ints = NDArray[np.integer[Any]]
 
-EXACT_ONE_BY_ONE = 256
-"""Most weights of at most 2^16 whose every partial sum is exact in binary32."""
+_SUMMED_TOGETHER = 64
+_TRIANGLE = np.triu(np.ones((_SUMMED_TOGETHER, _SUMMED_TOGETHER), np.float32))
 
 
 class Operations(Protocol):
@@ -67,13 +67,13 @@ class Operations(Protocol):
         """(t, n) floor(256 w / sum w) with w = exp2w(max - score), of (t, n) integer scores. May use up `scores`."""
 
     def frequency_rows(self, logits: Array, exp2: Array) -> F64:
-        """(n, k) float64 NumPy array f - 1 of (n, k) integer logits (SPEC §10.2). May use up `logits`."""
+        """(n, k) float64 NumPy array f - 1 of (k, n) integer logits (SPEC §10.2). May use up `logits`."""
 
 
 class NumpyOperations:
     """Operations on NumPy arrays in float32; in place, on rows few enough to stay in the cache."""
 
-    chunk = 1024
+    chunk = 2048
 
     def constant(self, values: NDArray[Any]) -> F32:
         return np.ascontiguousarray(values, dtype=np.float32)
@@ -117,27 +117,32 @@ class NumpyOperations:
         return np.floor(weights, out=weights).astype(np.float32)
 
     def frequency_rows(self, logits: F32, exp2: F32) -> F64:
-        count = logits.shape[1]
         # Distances above 2^24 are not exact, and need not be: from 512 on the weight is 0.
-        np.subtract(logits.max(axis=1, keepdims=True), logits, out=logits)
-        prefix = _prefix_sums(self.lookup_(exp2, logits))
+        prefix = _prefix_sums(self.lookup_(exp2, np.subtract(logits.max(axis=0), logits, out=logits)))
         totals = prefix[:, -1:].copy()
-        prefix *= TOTAL - count
+        prefix *= TOTAL - prefix.shape[1]
         prefix /= totals
         np.floor(prefix, out=prefix)
         rows = np.empty_like(prefix)
+        # One long subtraction, three times faster than one for each row; what it puts in the first column is wrong.
+        np.subtract(prefix.ravel()[1:], prefix.ravel()[:-1], out=rows.ravel()[1:])
         rows[:, 0] = prefix[:, 0]
-        np.subtract(prefix[:, 1:], prefix[:, :-1], out=rows[:, 1:])
         return rows
 
 
 def _prefix_sums(weights: F32) -> F64:
-    """(n, k) float64 inclusive sums along rows; by a matrix product where binary32 holds them, which is faster."""
-    count = weights.shape[1]
-    if count > EXACT_ONE_BY_ONE:
-        return weights.cumsum(axis=1, dtype=np.float64)
-    sums: F32 = weights @ np.triu(np.ones((count, count), np.float32))
-    return sums.astype(np.float64)
+    """(n, k) float64 inclusive sums of (k, n) weights up to 2^16, over k.
+
+    By products with a triangle of ones, ten times faster than a running sum; 2^16 * 64 is exact in binary32.
+    """
+    count = len(weights)
+    sums = np.empty((weights.shape[1], count))
+    for first in range(0, count, _SUMMED_TOGETHER):
+        part = weights[first : first + _SUMMED_TOGETHER]
+        sums[:, first : first + len(part)] = part.T @ _TRIANGLE[: len(part), : len(part)]
+        if first:
+            sums[:, first : first + len(part)] += sums[:, first - 1 : first]
+    return sums
 
 
 NUMPY = NumpyOperations()

@@ -23,27 +23,32 @@ _SHARE_ONE = 256
 
 
 class Rounded:
-    """clamp(round_shift(W x + b, s), low, high), without the clamp where no bounds are given."""
+    """clamp(round_shift(W x + b, s), low, high)."""
 
-    def __init__(
-        self, weights: Ints, biases: Ints, shift: int, do: Operations, bounds: tuple[int, int] | None = None
-    ) -> None:
-        scaled, offset = folded(weights, biases, shift)
-        self._weights, self._biases, self._bounds = do.constant(scaled), do.constant(offset), bounds
-        self._do = do
-        self.outputs = len(weights)
-
-    @classmethod
-    def of(cls, layer: Linear, do: Operations, low: int, high: int) -> Rounded:
-        """A layer with the bounds of its output."""
-        return cls(layer.weights, layer.biases, layer.shift, do, (low, high))
+    def __init__(self, layer: Linear, do: Operations, low: int, high: int) -> None:
+        self._weights, self._biases = (do.constant(array) for array in layer.folded)
+        self._do, self._low, self._high = do, low, high
 
     def __call__(self, x: Array) -> Array:
         """(n, out) of (n, in)."""
         out = self._do.product(x, self._weights)
         out += self._biases
-        out = self._do.floor_(out)
-        return out if self._bounds is None else self._do.clip_(out, *self._bounds)
+        return self._do.clip_(self._do.floor_(out), self._low, self._high)
+
+
+class Logits:
+    """round_shift(<e, o> + b, s) of k codewords e, transposed: sums over k are then sums of whole rows."""
+
+    def __init__(self, codewords: I64, biases: I64, shift: int, do: Operations) -> None:
+        scaled, offset = folded(codewords, biases, shift)
+        self._codewords, self._biases, self._do = do.constant(scaled.T), do.constant(offset[:, None]), do
+        self.count = len(codewords)
+
+    def __call__(self, o: Array) -> Array:
+        """(k, n) of (n, R)."""
+        out = self._do.product(self._codewords, o.T)
+        out += self._biases
+        return self._do.floor_(out)
 
 
 class Recurrence:
@@ -120,9 +125,9 @@ class Attending:
 
     def __init__(self, attention: Attention, start: I64, amax: int, do: Operations) -> None:
         self._do = do
-        self.query = Rounded.of(attention.query, do, -QUERY_AMAX, QUERY_AMAX)
-        self.key = Rounded.of(attention.key, do, -QUERY_AMAX, QUERY_AMAX)
-        self.value = Rounded.of(attention.value, do, -amax, amax)
+        self.query = Rounded(attention.query, do, -QUERY_AMAX, QUERY_AMAX)
+        self.key = Rounded(attention.key, do, -QUERY_AMAX, QUERY_AMAX)
+        self.value = Rounded(attention.value, do, -amax, amax)
         first = do.constant(start[None])
         self._first_key = self.key(first).reshape(-1, 1)
         self.first_value = self.value(first)
@@ -148,21 +153,21 @@ class Attending:
         return do.floor_(total)
 
 
-class Logits:
+class Predicting:
     """The head of one codebook."""
 
     def __init__(self, head: Head, codewords: I64, amax: int, do: Operations) -> None:
         self.sizes = head.clusters
-        self.projections = [Rounded.of(layer, do, -amax, amax) for layer in head.projections]
-        self.members: list[Rounded] = []
+        self.projections = [Rounded(layer, do, -amax, amax) for layer in head.projections]
+        self.members: list[Logits] = []
         if not head.two_level:
-            self.top = Rounded(codewords, head.biases, head.shift, do)
+            self.top = Logits(codewords, head.biases, head.shift, do)
             return
-        self.top = Rounded(head.centroids(codewords), head.cluster_biases, head.shift, do)
+        self.top = Logits(head.centroids(codewords), head.cluster_biases, head.shift, do)
         deviations = head.deviations(codewords)
         starts = itertools.accumulate(self.sizes, initial=0)
         for part in (slice(first, last) for first, last in itertools.pairwise(starts)):
-            self.members.append(Rounded(deviations[part], head.biases[part], head.member_shift, do))
+            self.members.append(Logits(deviations[part], head.biases[part], head.member_shift, do))
 
     def equal_runs(self) -> list[tuple[int, int]]:
         """Ranges first..last - 1 of consecutive clusters of one size, ascending, those of one codeword left out."""

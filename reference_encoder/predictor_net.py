@@ -1,0 +1,191 @@
+"""Training one predictor: a small float network, then its integers (encoder side of SPEC §10.3).
+
+The network gives two numbers. For a first step they are the mean and log-scale of a logistic law of the value, for a
+ternary step the log-odds of +1 against -1 and of 0: what tells most about the next symbol. Their ranges, cut into
+buckets, are the contexts; the tables fitted to each context make up for what the law gets wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from scarfmt.neural.arithmetic import Linear
+from scarfmt.neural.predictors import AMAX, Predictor
+from scarfmt.schema import Stream
+
+F64 = NDArray[np.float64]
+F32 = NDArray[np.float32]
+I16 = NDArray[np.int16]
+I64 = NDArray[np.int64]
+
+_BATCH = 1024
+_RATE = 0.03
+_LEAST_DEVIATION = 4.0
+"""Inputs that hardly vary are not blown up: their weights would not fit in 8 bits beside the others."""
+_TOP_WEIGHT = 127
+_RANGES = (1.0, 2.0)
+"""Percentiles of either output beyond which the first and last bucket reach on."""
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How hard to train: hidden units, and iterations."""
+
+    units: int
+    iterations: int
+
+
+@dataclass(frozen=True)
+class FloatNet:
+    """A trained network in units of the integer inputs, o = direct x + hidden part.
+
+    Attributes:
+        weights, biases: (units, inputs) and (units,) of the ReLU layer.
+        direct, second, offsets: (2, inputs), (2, units) and (2,) of the output.
+    """
+
+    weights: F64
+    biases: F64
+    direct: F64
+    second: F64
+    offsets: F64
+
+    def hidden(self, x: F64) -> F64:
+        """(n, units) of (n, inputs)."""
+        return np.asarray(np.maximum(x @ self.weights.T + self.biases, 0))
+
+    def outputs(self, x: F64) -> F64:
+        """(n, 2) of (n, inputs)."""
+        return np.asarray(x @ self.direct.T + self.hidden(x) @ self.second.T + self.offsets)
+
+
+def train(x: I16, symbols: I64, ternary: bool, effort: Effort, seed: int) -> FloatNet:
+    """A network that tells the law of (n,) `symbols` from (n, inputs) `x`. Deterministic."""
+    generator = torch.Generator().manual_seed(seed)
+    inputs, targets = torch.from_numpy(x.astype(np.float32)), torch.from_numpy(symbols.astype(np.float32))
+    centre, spread = inputs.mean(0), inputs.std(0, correction=0).clamp_min(_LEAST_DEVIATION)
+    inputs = (inputs - centre) / spread
+    width, units = x.shape[1], effort.units
+    first = torch.randn(width, units, generator=generator) / width**0.5
+    start = torch.zeros(2)
+    if not ternary:
+        # A logistic law's scale is 0.55 of its standard deviation.
+        start = torch.stack([targets.mean(), (0.55 * targets.std(correction=0)).clamp_min(0.2).log()])
+    second = 0.05 * torch.randn(units, 2, generator=generator)
+    parameters = [first, torch.zeros(units), torch.zeros(width, 2), second, start]
+    _descend(parameters, inputs, targets, ternary, effort.iterations, generator)
+    first, bias, direct, second, offset = (p.detach().numpy().astype(np.float64) for p in parameters)
+    scale, shift = 1 / spread.numpy().astype(np.float64), -(centre / spread).numpy().astype(np.float64)
+    return FloatNet(first.T * scale, bias + shift @ first, direct.T * scale, second.T.copy(), offset + shift @ direct)
+
+
+def _descend(
+    parameters: list[torch.Tensor],
+    inputs: torch.Tensor,
+    targets: torch.Tensor,
+    ternary: bool,
+    iterations: int,
+    generator: torch.Generator,
+) -> None:
+    """Fit the `parameters` in place: weights and biases of the ReLU layer, direct, second, offsets."""
+    for parameter in parameters:
+        parameter.requires_grad_()
+    first, bias, direct, second, offset = parameters
+    optimiser = torch.optim.Adam(parameters, _RATE, betas=(0.9, 0.98))
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=iterations, pct_start=0.15)
+    count = len(inputs)
+    order, at = torch.randperm(count, generator=generator), 0
+    for _ in range(iterations):
+        if at >= count:
+            order, at = torch.randperm(count, generator=generator), 0
+        chosen = order[at : at + _BATCH]
+        at += _BATCH
+        x = inputs[chosen]
+        outputs = x @ direct + torch.relu(x @ first + bias) @ second + offset
+        loss = _surprise(outputs, targets[chosen], ternary).mean()
+        optimiser.zero_grad(set_to_none=True)
+        torch.autograd.backward(loss)
+        optimiser.step()
+        schedule.step()
+
+
+def _surprise(outputs: torch.Tensor, targets: torch.Tensor, ternary: bool) -> torch.Tensor:
+    """(n,) negative log-likelihoods of (n,) `targets`."""
+    one, two = outputs[:, 0], outputs[:, 1]
+    if ternary:
+        logits = torch.stack([-one, two, one], dim=1)
+        return torch.nn.functional.cross_entropy(logits, (targets + 1).long(), reduction="none")
+    sharpness = torch.exp(-two.clamp(-4, 8))
+    apart = targets - one
+    mass = torch.sigmoid((apart + 0.5) * sharpness) - torch.sigmoid((apart - 0.5) * sharpness)
+    return -torch.log(mass.clamp_min(1e-6))
+
+
+def cuts(outputs: F64, buckets: tuple[int, int]) -> tuple[F64, F64]:
+    """Slope and intercept, (2,) each, so that floor(slope * output + intercept) is the bucket."""
+    slopes, intercepts = np.zeros(2), np.zeros(2)
+    for row, (count, percent) in enumerate(zip(buckets, _RANGES, strict=True)):
+        if count > 1:
+            low, high = np.percentile(outputs[:, row], [percent, 100 - percent])
+            slopes[row] = count / max(high - low, 1e-6)
+            intercepts[row] = -low * slopes[row]
+    return slopes, intercepts
+
+
+def float_contexts(outputs: F64, buckets: tuple[int, int]) -> I64:
+    """(n,) context numbers that an exact network would give."""
+    slopes, intercepts = cuts(outputs, buckets)
+    one, two = np.clip(np.floor(outputs * slopes + intercepts), 0, np.array(buckets) - 1).T
+    return np.asarray(one * buckets[1] + two, np.int64)
+
+
+def quantised(net: FloatNet, x: I16, outputs: F64, key: tuple[Stream, int, int], buckets: tuple[int, int]) -> Predictor:
+    """The predictor of `net`: 8-bit weights, power-of-two shifts, buckets folded in.
+
+    Args:
+        x: (n, inputs) sample, for the range of hidden units.
+        outputs: (n, 2) the net's on it.
+    """
+    slopes, intercepts = cuts(outputs, buckets)
+    hidden, gains, kept = _hidden(net, x)
+    second = net.second[:, kept] / gains
+    weights = np.concatenate([net.direct, second], axis=1) * slopes[:, None]
+    # round_shift rounds where buckets are cut downwards.
+    output = _linear(weights, net.offsets * slopes + intercepts - 0.5 * (slopes > 0))
+    stream, component, step = key
+    return Predictor(stream, component, step, hidden, output, buckets)
+
+
+def _hidden(net: FloatNet, x: I16) -> tuple[Linear | None, F64, NDArray[np.bool_]]:
+    """The ReLU layer, what its units were multiplied by, and which are kept."""
+    top = np.percentile(net.hidden(x.astype(np.float64)), 99.9, axis=0) if len(net.weights) else np.zeros(0)
+    kept = (top > 0) & (np.abs(net.second).max(axis=0, initial=0) > 0)
+    if not kept.any():
+        return None, np.zeros(0), kept
+    largest = np.abs(net.weights[kept]).max(axis=1)
+    # Each row uses all 8 bits; the shift brings the most active unit into range.
+    gains = _TOP_WEIGHT / largest
+    shift = max(0, int(np.ceil(np.log2((gains * top[kept]).max() / AMAX))))
+    weights = np.rint(net.weights[kept] * gains[:, None]).astype(np.int32)
+    biases = np.rint(net.biases[kept] * gains).astype(np.int64)
+    return Linear(weights, biases, shift), gains / 2.0**shift, kept
+
+
+def _linear(weights: F64, biases: F64) -> Linear:
+    """8-bit weights under the largest shift that keeps them so."""
+    largest = max(float(np.abs(weights).max()), 1e-9)
+    shift = int(np.clip(np.floor(np.log2(_TOP_WEIGHT / largest)), 0, 20))
+    scaled = np.clip(np.rint(weights * 2.0**shift), -_TOP_WEIGHT, _TOP_WEIGHT)
+    return Linear(scaled.astype(np.int32), np.rint(biases * 2.0**shift).astype(np.int64), shift)
+
+
+def candidates(most: int) -> Sequence[tuple[int, int]]:
+    """Bucket counts worth trying, contexts at most `most`."""
+    return [
+        b for b in ((8, 1), (16, 1), (8, 2), (8, 4), (16, 2), (16, 4), (8, 8), (32, 2), (16, 8)) if b[0] * b[1] <= most
+    ]
