@@ -18,6 +18,7 @@ from scarfmt.rans import TOTAL
 
 F64 = NDArray[np.float64]
 Ints = NDArray[np.integer[Any]]
+Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 Tensor = torch.Tensor
 
 _CHUNK_CPU = 4096
@@ -49,7 +50,7 @@ class TorchOperations:
     def constant(self, values: NDArray[Any]) -> Tensor:
         return torch.as_tensor(np.ascontiguousarray(values, dtype=np.float32), device=self._device)
 
-    def lift(self, x: Ints, amax: int) -> Tensor:
+    def lift(self, x: Numbers, amax: int) -> Tensor:
         return torch.as_tensor(x.astype(np.float32), device=self._device).clamp_(-amax, amax)
 
     def index(self, rows: Ints) -> Tensor:

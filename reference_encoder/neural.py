@@ -6,26 +6,27 @@ kept only if the file it gives is smaller than the one before, so a file is neve
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from reference_encoder.entropy.clusters import Clusters, arrange
-from reference_encoder.entropy.dataset import ContextOptions, IndexRows, index_rows
+from reference_encoder.entropy.dataset import ContextOptions, index_rows
 from reference_encoder.entropy.export import export
 from reference_encoder.entropy.model import NetworkShape
 from reference_encoder.entropy.train import TrainOptions, code_uses, train
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.predict import choose_predictors
-from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.directory import local_bits
-from scarfmt.model import DecodedContext, LayerRow
+from scarfmt.model import DecodedContext, LayerRow, SceneModel
 from scarfmt.neural.network import Inputs
 from scarfmt.tile import TileContent
 from scarfmt.writer import QuantisedScene, Report, silent, write_scene
 
+I16 = NDArray[np.int16]
 Candidate = Callable[[QuantisedScene, EncodeOptions, Report], QuantisedScene | None]
 
 CONTEXT = DecodedContext(passes_log2=1, occupancies=(24, 3))
@@ -84,7 +85,8 @@ def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Re
     bits = [local_bits(scene.fields, tile) for tile in scene.tiles]
     most = EFFORTS[options.effort].sample
     rows = index_rows(model, scene.contents, bits, scene.codebooks, seen, most, options.seed)
-    books, clusters = arrange(scene.codebooks, tuple(code_uses(rows, scene.codebooks.sizes)))
+    coarse, residual = code_uses(rows, scene.codebooks.sizes)
+    books, clusters = arrange(scene.codebooks, (coarse, residual))
     rows = replace(rows, codes=_renumbered(rows.codes, clusters))
     shape = NetworkShape()
     trained = train(
@@ -100,3 +102,19 @@ def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Re
     network = export(trained.model, inputs, books)
     contents = tuple(_recoded(model, content, clusters) for content in scene.contents)
     return replace(scene, model=model, contents=contents, codebooks=books, network=network)
+
+
+def _neural(row: LayerRow) -> LayerRow:
+    return replace(row, neural=max(row.stages) > 0)
+
+
+def _renumbered(codes: I16, clusters: Sequence[Clusters]) -> I16:
+    """(n, M) indices by the clusters' new numbers: the coarse book's, then the residual book's."""
+    ranks = [found.ranks.astype(np.int16) for found in clusters]
+    return np.stack([ranks[min(stage, 1)][codes[:, stage]] for stage in range(codes.shape[1])], axis=1)
+
+
+def _recoded(model: SceneModel, content: TileContent, clusters: Sequence[Clusters]) -> TileContent:
+    received = model.stages(len(model.layers), content.classes)
+    indices = _renumbered(content.indices, clusters) * (np.arange(model.max_stages) < received[:, None])
+    return replace(content, indices=indices.astype(np.int16))

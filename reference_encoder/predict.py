@@ -15,9 +15,10 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.predictor_net import Effort, candidates, float_contexts, quantised, train
+from reference_encoder.predictor_net import TOP_WEIGHTS, Effort, candidates, float_contexts, quantised, train
 from scarfmt.codecs.predictors import pack_predictors
 from scarfmt.directory import TileFrame
+from scarfmt.errors import Malformed
 from scarfmt.model import MAX_CLASSES, NO_SOURCE, ContextRule, LayerRow, SceneModel
 from scarfmt.neural.predicted import Predictors
 from scarfmt.neural.predictors import MAX_CONTEXTS, Predictor, first_use
@@ -140,16 +141,35 @@ def choose_predictors(
 def _best(key: Key, sample: Sample, static: float, effort: Effort, seed: int) -> Predictor | None:
     """The predictor of one step of one component, None if none pays."""
     ternary, stream = key[2] > 1, Stream(key[0])
-    net = train(sample.inputs, sample.symbols, ternary, effort, seed)
+    net = train(sample.inputs, sample.symbols, ternary, sample.total, effort, seed)
     outputs = net.outputs(sample.inputs.astype(np.float64))
 
     def cost(buckets: tuple[int, int]) -> float:
         return expected_bits(float_contexts(outputs, buckets), sample)
 
     buckets = min(candidates(MAX_CONTEXTS), key=cost)
-    predictor = quantised(net, sample.inputs, outputs, (stream, key[1], key[2]), buckets)
-    bits = expected_bits(predictor.contexts(sample.inputs.astype(np.float32)), sample)
-    return predictor if bits + 8 * len(pack_predictors([predictor])) < static else None
+    place, x = (stream, key[1], key[2]), sample.inputs.astype(np.float32)
+    found: Predictor | None = None
+    for top in TOP_WEIGHTS:
+        predictor = quantised(net, sample.inputs, outputs, place, buckets, top)
+        bits = expected_bits(predictor.contexts(x), sample) + 8 * _packed_bytes(predictor)
+        if bits < static and _valid(predictor):
+            found, static = predictor, bits
+    return found
+
+
+def _valid(predictor: Predictor) -> bool:
+    """Whether a reader takes it: large biases may leave what binary32 holds exactly."""
+    try:
+        predictor.check()
+    except Malformed:
+        return False
+    return True
+
+
+def _packed_bytes(predictor: Predictor) -> int:
+    """What one more predictor adds to a block."""
+    return len(pack_predictors([predictor])) - len(pack_predictors([]))
 
 
 def expected_bits(contexts: I64, sample: Sample) -> float:

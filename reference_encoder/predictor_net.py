@@ -7,14 +7,15 @@ buckets, are the contexts; the tables fitted to each context make up for what th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from scarfmt.neural.arithmetic import Linear
+from scarfmt.neural.arithmetic import MAX_SHIFT, Linear
 from scarfmt.neural.predictors import AMAX, Predictor
 from scarfmt.schema import Stream
 
@@ -27,7 +28,12 @@ _BATCH = 1024
 _RATE = 0.03
 _LEAST_DEVIATION = 4.0
 """Inputs that hardly vary are not blown up: their weights would not fit in 8 bits beside the others."""
-_TOP_WEIGHT = 127
+_PENALTY, _NEGLIGIBLE = 24.0, 0.03
+"""Weights are driven to 0 as far as the bytes of one are worth more than what it saves over all symbols."""
+TOP_WEIGHTS = (127, 63, 31)
+"""Largest magnitudes worth trying: fewer values take fewer bytes."""
+_LEAST_RANGE = 1e-3
+"""An output that hardly varies says nothing: its buckets would only ask for large weights."""
 _RANGES = (1.0, 2.0)
 """Percentiles of either output beyond which the first and last bucket reach on."""
 
@@ -64,12 +70,16 @@ class FloatNet:
         return np.asarray(x @ self.direct.T + self.hidden(x) @ self.second.T + self.offsets)
 
 
-def train(x: I16, symbols: I64, ternary: bool, effort: Effort, seed: int) -> FloatNet:
-    """A network that tells the law of (n,) `symbols` from (n, inputs) `x`. Deterministic."""
+def train(x: I16, symbols: I64, ternary: bool, total: int, effort: Effort, seed: int) -> FloatNet:
+    """A sparse network that tells the law of (n,) `symbols` from (n, inputs) `x`. Deterministic.
+
+    Args:
+        total: symbols that it will serve.
+    """
     generator = torch.Generator().manual_seed(seed)
-    inputs, targets = torch.from_numpy(x.astype(np.float32)), torch.from_numpy(symbols.astype(np.float32))
-    centre, spread = inputs.mean(0), inputs.std(0, correction=0).clamp_min(_LEAST_DEVIATION)
-    inputs = (inputs - centre) / spread
+    centre, spread = x.mean(axis=0), np.maximum(x.std(axis=0), _LEAST_DEVIATION)
+    inputs = torch.from_numpy(((x - centre) / spread).astype(np.float32))
+    targets = torch.from_numpy(symbols.astype(np.float32))
     width, units = x.shape[1], effort.units
     first = torch.randn(width, units, generator=generator) / width**0.5
     start = torch.zeros(2)
@@ -78,10 +88,32 @@ def train(x: I16, symbols: I64, ternary: bool, effort: Effort, seed: int) -> Flo
         start = torch.stack([targets.mean(), (0.55 * targets.std(correction=0)).clamp_min(0.2).log()])
     second = 0.05 * torch.randn(units, 2, generator=generator)
     parameters = [first, torch.zeros(units), torch.zeros(width, 2), second, start]
-    _descend(parameters, inputs, targets, ternary, effort.iterations, generator)
+    with _one_thread():
+        _descend(parameters, inputs, targets, ternary, _PENALTY / total, effort.iterations, generator)
     first, bias, direct, second, offset = (p.detach().numpy().astype(np.float64) for p in parameters)
-    scale, shift = 1 / spread.numpy().astype(np.float64), -(centre / spread).numpy().astype(np.float64)
-    return FloatNet(first.T * scale, bias + shift @ first, direct.T * scale, second.T.copy(), offset + shift @ direct)
+    for weights in (first, direct, second):
+        weights[np.abs(weights) < _NEGLIGIBLE] = 0
+    shift = -centre / spread
+    net = FloatNet(first.T / spread, bias + shift @ first, direct.T / spread, second.T.copy(), offset + shift @ direct)
+    return _without_dead_units(net)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Sums in an order that does not depend on the machine's cores; for networks so small also the fastest way."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _without_dead_units(net: FloatNet) -> FloatNet:
+    """`net` without the units that look at nothing: they are constants."""
+    live = net.weights.any(axis=1)
+    constant = net.second[:, ~live] @ np.maximum(net.biases[~live], 0)
+    return FloatNet(net.weights[live], net.biases[live], net.direct, net.second[:, live], net.offsets + constant)
 
 
 def _descend(
@@ -89,6 +121,7 @@ def _descend(
     inputs: torch.Tensor,
     targets: torch.Tensor,
     ternary: bool,
+    penalty: float,
     iterations: int,
     generator: torch.Generator,
 ) -> None:
@@ -107,7 +140,8 @@ def _descend(
         at += _BATCH
         x = inputs[chosen]
         outputs = x @ direct + torch.relu(x @ first + bias) @ second + offset
-        loss = _surprise(outputs, targets[chosen], ternary).mean()
+        size = first.abs().sum() + direct.abs().sum() + second.abs().sum()
+        loss = _surprise(outputs, targets[chosen], ternary).mean() + penalty * size
         optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)
         optimiser.step()
@@ -132,7 +166,7 @@ def cuts(outputs: F64, buckets: tuple[int, int]) -> tuple[F64, F64]:
     for row, (count, percent) in enumerate(zip(buckets, _RANGES, strict=True)):
         if count > 1:
             low, high = np.percentile(outputs[:, row], [percent, 100 - percent])
-            slopes[row] = count / max(high - low, 1e-6)
+            slopes[row] = count / max(high - low, _LEAST_RANGE)
             intercepts[row] = -low * slopes[row]
     return slopes, intercepts
 
@@ -144,44 +178,41 @@ def float_contexts(outputs: F64, buckets: tuple[int, int]) -> I64:
     return np.asarray(one * buckets[1] + two, np.int64)
 
 
-def quantised(net: FloatNet, x: I16, outputs: F64, key: tuple[Stream, int, int], buckets: tuple[int, int]) -> Predictor:
-    """The predictor of `net`: 8-bit weights, power-of-two shifts, buckets folded in.
+def quantised(
+    net: FloatNet, x: I16, outputs: F64, key: tuple[Stream, int, int], buckets: tuple[int, int], top: int = 127
+) -> Predictor:
+    """The predictor of `net`: weights up to `top`, power-of-two shifts, buckets folded in.
 
     Args:
         x: (n, inputs) sample, for the range of hidden units.
         outputs: (n, 2) the net's on it.
     """
     slopes, intercepts = cuts(outputs, buckets)
-    hidden, gains, kept = _hidden(net, x)
-    second = net.second[:, kept] / gains
-    weights = np.concatenate([net.direct, second], axis=1) * slopes[:, None]
+    hidden, gains, kept = _hidden(net, x, top)
+    weights = np.concatenate([net.direct, net.second[:, kept] / gains], axis=1) * slopes[:, None]
     # round_shift rounds where buckets are cut downwards.
-    output = _linear(weights, net.offsets * slopes + intercepts - 0.5 * (slopes > 0))
+    offsets = net.offsets * slopes + intercepts - 0.5 * (slopes > 0)
+    shift = int(np.clip(np.floor(np.log2(top / max(float(np.abs(weights).max()), 1e-9))), 0, MAX_SHIFT - 4))
+    scaled = np.clip(np.rint(weights * 2.0**shift), -top, top).astype(np.int32)
+    output = Linear(scaled, np.rint(offsets * 2.0**shift).astype(np.int64), shift)
     stream, component, step = key
     return Predictor(stream, component, step, hidden, output, buckets)
 
 
-def _hidden(net: FloatNet, x: I16) -> tuple[Linear | None, F64, NDArray[np.bool_]]:
+def _hidden(net: FloatNet, x: I16, top: int) -> tuple[Linear | None, F64, NDArray[np.bool_]]:
     """The ReLU layer, what its units were multiplied by, and which are kept."""
-    top = np.percentile(net.hidden(x.astype(np.float64)), 99.9, axis=0) if len(net.weights) else np.zeros(0)
-    kept = (top > 0) & (np.abs(net.second).max(axis=0, initial=0) > 0)
+    if not len(net.weights):
+        return None, np.zeros(0), np.zeros(0, np.bool_)
+    active = np.percentile(net.hidden(x.astype(np.float64)), 99.9, axis=0)
+    kept = (active > 0) & net.second.any(axis=0)
     if not kept.any():
         return None, np.zeros(0), kept
-    largest = np.abs(net.weights[kept]).max(axis=1)
-    # Each row uses all 8 bits; the shift brings the most active unit into range.
-    gains = _TOP_WEIGHT / largest
-    shift = max(0, int(np.ceil(np.log2((gains * top[kept]).max() / AMAX))))
+    # Each row uses all the bits; the shift brings the most active unit into range.
+    gains = top / np.abs(net.weights[kept]).max(axis=1)
+    shift = max(0, int(np.ceil(np.log2((gains * active[kept]).max() / AMAX))))
     weights = np.rint(net.weights[kept] * gains[:, None]).astype(np.int32)
     biases = np.rint(net.biases[kept] * gains).astype(np.int64)
     return Linear(weights, biases, shift), gains / 2.0**shift, kept
-
-
-def _linear(weights: F64, biases: F64) -> Linear:
-    """8-bit weights under the largest shift that keeps them so."""
-    largest = max(float(np.abs(weights).max()), 1e-9)
-    shift = int(np.clip(np.floor(np.log2(_TOP_WEIGHT / largest)), 0, 20))
-    scaled = np.clip(np.rint(weights * 2.0**shift), -_TOP_WEIGHT, _TOP_WEIGHT)
-    return Linear(scaled.astype(np.int32), np.rint(biases * 2.0**shift).astype(np.int64), shift)
 
 
 def candidates(most: int) -> Sequence[tuple[int, int]]:

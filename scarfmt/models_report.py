@@ -35,7 +35,7 @@ def describe_models(source: ByteSource) -> dict[str, Any]:
         },
         "predictors": _predictors(predictors),
         "index_network": None if models.network is None else _network(models, models.network),
-        "hash_grid": None if models.grid is None else {"levels": len(models.grid.levels), "features": models.grid.width},
+        "hash_grid": None if (g := models.grid) is None else {"levels": len(g.levels), "features": g.width},
         "multiply_adds": products,
         "blocks": _block_bytes(reader.container),
     }

@@ -279,7 +279,9 @@ def get_layer(
                 continue
             steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)
             values, first = content.values[index], content.first[: index + 1]
-            predicted = context and _predicted(context, index, neural.predictors, values, steps[0])
+            predicted = None
+            if context is not None:
+                predicted = _predicted(context, index, neural.predictors, values, steps[0])
             get_channel(reader, channel, classes, *steps, values, first, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, content.values[index], steps[1])

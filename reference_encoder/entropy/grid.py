@@ -20,7 +20,6 @@ from scarfmt.errors import InvalidInput
 from scarfmt.neural.grid import (
     FEATURE_MAX,
     MAX_RESOLUTION,
-    MAX_TABLE_LOG2,
     GridBox,
     GridLevel,
     HashGrid,
@@ -39,6 +38,7 @@ KINDS = ("none", "axes", "3d", "hybrid")
 _AXIS_RESOLUTIONS = (16, 64, 8, 32)
 _WAVE_RESOLUTIONS = (4, 8, 16, 32, 64)
 _FEATURES = 4
+_LARGEST_TABLE_LOG2 = 18
 # Finest 3D cells hold about this many anchors: with fewer, a cell's bits cost more than they save.
 _ANCHORS_PER_CELL = 128
 
@@ -177,7 +177,7 @@ def default_levels(anchor_count: int, extent: tuple[float, float, float], kind: 
 
 def _level(plane: int, resolution: int, vertices: int) -> GridLevel:
     """A level whose table has room for about so many vertices."""
-    table_log2 = min(max(vertices.bit_length(), 1), MAX_TABLE_LOG2)
+    table_log2 = min(max(vertices.bit_length(), 1), _LARGEST_TABLE_LOG2)
     return GridLevel(plane, resolution, table_log2, _FEATURES)
 
 

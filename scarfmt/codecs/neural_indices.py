@@ -58,7 +58,7 @@ def index_coder(
 
 
 # (stage, anchors, mixer outputs) -> their indices of that stage: emits or reads one run of symbols.
-Exchange = Callable[[int, I64, Any], Ints]
+Exchange = Callable[[int, I64, Any], I64]
 
 
 def put_neural_indices(
@@ -72,8 +72,8 @@ def put_neural_indices(
         before, after: (n,) stages before and after this layer.
     """
 
-    def put(stage: int, anchors: I64, mixed: Any) -> Ints:
-        chosen = indices[anchors, stage - 1].astype(np.int64)
+    def put(stage: int, anchors: I64, mixed: Any) -> I64:
+        chosen: I64 = indices[anchors, stage - 1].astype(np.int64)
         _put_symbols(emitter, coder, int(stage > 1), mixed, chosen)
         return chosen
 
@@ -85,7 +85,7 @@ def get_neural_indices(
 ) -> None:
     """Read stages before+1..after into `indices`, (n, stages) int16, in place; the rest as for the emitter."""
 
-    def get(stage: int, anchors: I64, mixed: Any) -> Ints:
+    def get(stage: int, anchors: I64, mixed: Any) -> I64:
         chosen = _get_symbols(reader, coder, int(stage > 1), mixed, len(anchors))
         indices[anchors, stage - 1] = chosen
         return chosen
@@ -165,9 +165,9 @@ def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: Any, sym
             run = slice(first, first + _ROWS)
             emitter.emit_rows(evaluator.flat_rows(book, mixed[run]), symbols[run])
         return
-    ends = np.cumsum(head.clusters)
-    clusters = np.searchsorted(ends, symbols, side="right")
-    members = symbols - (ends - head.clusters)[clusters]
+    starts = head.starts
+    clusters = np.searchsorted(starts, symbols, side="right") - 1
+    members = symbols - starts[clusters]
     emitter.emit_rows(evaluator.cluster_rows(book, mixed), clusters)
     for block in evaluator.member_blocks(book, mixed, clusters):
         emitter.emit_rows(block.weights, members[block.rows])
@@ -179,7 +179,7 @@ def _get_symbols(reader: SymbolReader, coder: IndexCoder, book: int, mixed: Any,
         runs = (slice(first, first + _ROWS) for first in range(0, count, _ROWS))
         return np.concatenate([reader.read_rows(evaluator.flat_rows(book, mixed[run])) for run in runs])
     clusters = reader.read_rows(evaluator.cluster_rows(book, mixed))
-    out: I64 = (np.cumsum(head.clusters) - head.clusters)[clusters]
+    out: I64 = head.starts[clusters]
     for block in evaluator.member_blocks(book, mixed, clusters):
         out[block.rows] += reader.read_rows(block.weights)
     return out

@@ -24,6 +24,7 @@ from scarfmt.neural.tables import exp2_table
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 Ints = NDArray[np.integer[Any]]
+Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class Evaluator:
         step = self._do.chunk
         return (slice(first, min(first + step, count)) for first in range(0, count, step))
 
-    def embed(self, x: Ints) -> Array:
+    def embed(self, x: Numbers) -> Array:
         """What the network keeps of the decoded context of n anchors: (n, Y), or (n, Y + H) with attention.
 
         The columns are h's share of the mixer and the query; rows may be selected by indexing.

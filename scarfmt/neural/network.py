@@ -79,7 +79,7 @@ class GruLayer:
         inputs: layer 1: one (3H, R) int32 matrix a codebook, for that codebook's codewords; later layers: one
             (3H, H) matrix for the new state of the layer below.
         recurrent: (3H, H) int32.
-        biases: int64, layer 1: (stages - 1, 3H), one row for the token of each stage but the last; later layers: (1, 3H).
+        biases: int64, layer 1: (stages - 1, 3H), one row a token, of every stage but the last; later layers: (1, 3H).
         recurrent_biases: (3H,) int64.
         start: (H,) int64 state before the first token.
         shift: of both products.
@@ -128,12 +128,16 @@ class Head:
         """Whether a symbol is coded as cluster and member."""
         return bool(self.clusters)
 
+    @property
+    def starts(self) -> I64:
+        """(clusters,) number of the first codeword of each cluster."""
+        sizes = np.array(self.clusters, np.int64)
+        return np.asarray(np.cumsum(sizes) - sizes)
+
     def centroids(self, codewords: I64) -> I64:
         """(clusters, R) int64 floor means of each cluster's (n, R) `codewords`."""
-        sizes = np.array(self.clusters, np.int64)
-        starts = np.cumsum(sizes) - sizes
-        sums: I64 = np.add.reduceat(codewords, starts, axis=0)
-        return sums // sizes[:, None]
+        sums: I64 = np.add.reduceat(codewords, self.starts, axis=0)
+        return sums // np.array(self.clusters, np.int64)[:, None]
 
     def deviations(self, codewords: I64) -> I64:
         """(n, R) int64 `codewords` minus the centroid of their cluster."""

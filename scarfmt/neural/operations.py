@@ -18,6 +18,7 @@ Array = Any
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Ints = NDArray[np.integer[Any]]
+Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 
 _SUMMED_TOGETHER = 64
 _TRIANGLE = np.triu(np.ones((_SUMMED_TOGETHER, _SUMMED_TOGETHER), np.float32))
@@ -36,7 +37,7 @@ class Operations(Protocol):
     def constant(self, values: NDArray[Any]) -> Array:
         """`values`, exact in binary32, as an array of the library."""
 
-    def lift(self, x: Ints, amax: int) -> Array:
+    def lift(self, x: Numbers, amax: int) -> Array:
         """Integers (n, k), clamped to -amax..amax."""
 
     def index(self, rows: Ints) -> Array:
@@ -78,7 +79,7 @@ class NumpyOperations:
     def constant(self, values: NDArray[Any]) -> F32:
         return np.ascontiguousarray(values, dtype=np.float32)
 
-    def lift(self, x: Ints, amax: int) -> F32:
+    def lift(self, x: Numbers, amax: int) -> F32:
         out = x.astype(np.float32)
         return np.clip(out, -amax, amax, out=out)
 

@@ -69,6 +69,11 @@ class Predictor:
         """Input width."""
         return self.output.inputs - self.units
 
+    @property
+    def multiply_adds(self) -> int:
+        """Multiplications of one symbol."""
+        return self.output.weights.size + (0 if self.hidden is None else self.hidden.weights.size)
+
     def check(self) -> None:
         """Check what can be without a scene (SPEC §10.3).
 

@@ -110,7 +110,14 @@ def test_too_many_levels_pass_a_limit() -> None:
         unpack_grid(payload(count=MAX_LEVELS + 1))
 
 
-DAMAGED = random_grid([GridLevel(0, 5, 8, 2), GridLevel(2, 60, 6, 3), GridLevel(6, 9, 4, 1)], 8)
+def even_grid() -> HashGrid:
+    """Three levels with as many ones as zeros: tables of one value only would not depend on their probability byte."""
+    levels, rng = (GridLevel(0, 5, 8, 2), GridLevel(2, 60, 6, 3), GridLevel(6, 9, 4, 4)), np.random.default_rng(8)
+    bits = tuple(rng.integers(0, 2, (level.entries, level.features), dtype=np.uint8) for level in levels)
+    return HashGrid((9, 2**31, 0), 17, levels, bits)
+
+
+DAMAGED = even_grid()
 
 
 def test_every_prefix_is_refused() -> None:

@@ -81,12 +81,15 @@ def test_the_rate_pushes_bits_towards_the_commoner_one() -> None:
 
 
 def test_a_grid_learns_where_things_are() -> None:
-    """A pattern that depends on place alone: most of its variance is found within a few hundred steps."""
-    at = positions(3000)
+    """A pattern that depends on place alone: most of its variance is found in 150 steps."""
+    at = positions(1500)
     wanted = torch.from_numpy(np.where((at[:, 0] // 128 + at[:, 1] // 128) % 2, 1.0, -1.0).astype(np.float32))
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        module, head = BinaryGrid(GridBox((0, 0, 0), 10), (GridLevel(1, 16, 9, 4),), unit=1 / 64), torch.nn.Linear(4, 1)
+        module, head = (
+            BinaryGrid(GridBox((32, 32, 0), 10), (GridLevel(1, 16, 9, 4),), unit=1 / 64),
+            torch.nn.Linear(4, 1),
+        )
     lookup = module.lookup(at)
     optimiser = torch.optim.Adam([*module.parameters(), *head.parameters()], lr=0.02)
     for _ in range(150):
@@ -94,7 +97,7 @@ def test_a_grid_learns_where_things_are() -> None:
         optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         optimiser.step()
-    assert loss.item() < 0.4
+    assert loss.item() < 0.5
 
 
 def test_the_same_seed_gives_the_same_grid() -> None:

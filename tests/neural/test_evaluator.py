@@ -11,10 +11,10 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from neural.networks import Case, cases, random_books, random_network
 from numpy.typing import NDArray
 
 from conformance.integer_oracle import Oracle
+from neural.networks import Case, cases, random_books, random_network
 from reference_decoder.torch_operations import TorchOperations
 from scarfmt.errors import InvalidInput, Unsupported
 from scarfmt.neural.evaluator import Evaluator
@@ -82,7 +82,7 @@ def questions(draw: st.DrawFn) -> tuple[Case, I64, I64]:
     return case, x, codes
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=200)
 @given(questions())
 def test_every_backend_computes_the_frequencies_of_the_oracle(question: tuple[Case, I64, I64]) -> None:
     """Networks of every kind, up to the edge of the accumulators; extreme inputs; any cut into chunks."""

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from neural.networks import Case, cases, random_books, random_network
 
+from neural.networks import Case, cases, random_books, random_network
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.errors import Malformed
 from scarfmt.model import MAX_STAGES

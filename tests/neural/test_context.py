@@ -1,0 +1,146 @@
+"""Decoded context against its definition in SPEC §10.2, one anchor at a time in Python's integers."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from scarfmt.limits import MAX_LOCAL_BITS
+from scarfmt.model import MAX_PASSES_LOG2, MAX_STEPS
+from scarfmt.neural.context import (
+    FINE_LIMIT,
+    CellMeans,
+    count_features,
+    depth_shifts,
+    fine,
+    joining_depths,
+    passes,
+)
+
+I64 = NDArray[np.int64]
+seeds = st.integers(0, 2**32 - 1)
+
+
+def some_codes(seed: int, count: int, bits: int) -> NDArray[np.uint64]:
+    """Ascending codes, some of them equal, dense and sparse regions."""
+    rng = np.random.default_rng(seed)
+    top = 8 ** rng.integers(0, bits + 1, count).astype(object)
+    return np.sort(np.array([int(rng.integers(0, 2**62)) % int(t) for t in top], np.uint64))
+
+
+def nearest(total: int, count: int) -> int:
+    """The nearest integer to a mean, ties up."""
+    return (2 * total + count) // (2 * count)
+
+
+@given(st.integers(-(2**31) + 1, 2**31 - 1), st.integers(0, MAX_STEPS))
+def test_fine_is_the_nearest_1024th_of_the_first_cell(value: int, steps: int) -> None:
+    """Exact for any value and step count, ties up, clamped."""
+    want = 0
+    if steps:
+        want = (Fraction(1024 * value, 3 ** (steps - 1)) + Fraction(1, 2)).__floor__()
+    want = min(max(want, -FINE_LIMIT), FINE_LIMIT)
+    assert fine(np.array([[value]]), np.array([steps])).tolist() == [[want]]
+
+
+def test_fine_takes_one_step_count_for_all() -> None:
+    """A (1,) step count stands for every row."""
+    values = np.arange(-6, 6).reshape(4, 3)
+    assert np.array_equal(fine(values, np.array([3])), fine(values, np.full(4, 3)))
+
+
+@settings(deadline=None)
+@given(seeds, st.integers(1, 60), st.integers(0, MAX_LOCAL_BITS), st.integers(1, 70))
+def test_the_depth_is_the_least_with_cells_full_enough(seed: int, count: int, bits: int, target: int) -> None:
+    """Counted as in the text: cells(e) * target <= anchors."""
+    codes = some_codes(seed, count, bits)
+    fits = (e for e in range(bits) if len({int(c) >> (3 * e) for c in codes}) * target <= count)
+    assert depth_shifts(codes, bits, (target,)) == [next(fits, bits)]
+
+
+def test_depths_of_nothing_and_of_the_largest_codes() -> None:
+    """No anchors: depth 0. Codes of all 63 bits: the last depth joins them."""
+    assert depth_shifts(np.zeros(0, np.uint64), 9, (24, 3)) == [0, 0]
+    ends = np.array([0, 2**63 - 1], np.uint64)
+    assert joining_depths(ends).tolist() == [MAX_LOCAL_BITS]
+    assert depth_shifts(ends, MAX_LOCAL_BITS, (3, 2, 1)) == [21, 21, 0]
+
+
+@given(st.integers(0, 40), st.integers(0, MAX_PASSES_LOG2))
+def test_passes_split_ranks_as_the_text_says(count: int, passes_log2: int) -> None:
+    """Every rank once: multiples of P first, then those halfway between, pass by pass."""
+    whole = 1 << passes_log2
+    want = [[r for r in range(count) if r % whole == 0]]
+    for number in range(1, passes_log2 + 1):
+        half = whole >> number
+        want.append([r for r in range(count) if r % (2 * half) == half])
+    found = passes(count, passes_log2)
+    assert [part.tolist() for part in found] == want
+    assert sorted(np.concatenate(found).tolist()) == list(range(count))
+
+
+@settings(deadline=None)
+@given(seeds, st.integers(1, 50), st.integers(1, 12), st.lists(st.integers(1, 20), max_size=4, unique=True))
+def test_means_are_those_of_the_anchors_of_the_cell(seed: int, count: int, bits: int, targets: list[int]) -> None:
+    """Every depth, ties up, an empty cell taking the mean of the coarser one."""
+    rng = np.random.default_rng(seed)
+    codes = some_codes(seed, count, bits)
+    shifts = depth_shifts(codes, bits, sorted(targets, reverse=True))
+    columns = rng.choice([rng.integers(-3, 4, (count, 2)), rng.integers(-FINE_LIMIT, FINE_LIMIT + 1, (count, 2))])
+    earlier = rng.random(count) < 0.4
+    wanted = np.flatnonzero(rng.random(count) < 0.6)
+    means, counts = CellMeans(codes, shifts).means(columns, earlier, wanted)
+    assert means.shape == (len(wanted), len(shifts), 2)
+    for place, row in enumerate(wanted):
+        before = [0, 0]
+        for depth, shift in enumerate(shifts):
+            cell = [
+                i for i in range(count) if earlier[i] and int(codes[i]) >> 3 * shift == int(codes[row]) >> 3 * shift
+            ]
+            if cell:
+                before = [nearest(sum(int(columns[i, c]) for i in cell), len(cell)) for c in range(2)]
+            assert counts[place, depth] == len(cell)
+            assert means[place, depth].tolist() == before
+
+
+def test_sums_grow_as_passes_add_to_them() -> None:
+    """Adding in parts is adding at once."""
+    rng = np.random.default_rng(3)
+    codes = some_codes(3, 200, 6)
+    cells = CellMeans(codes, depth_shifts(codes, 6, (24, 3)))
+    columns, everyone = rng.integers(-999, 999, (200, 3)), np.arange(200)
+    sums = cells.sums(3)
+    for part in np.array_split(rng.permutation(200), 3):
+        sums.add(part, columns[part])
+    whole = cells.means(columns, np.ones(200, np.bool_), everyone)
+    assert all(np.array_equal(a, b) for a, b in zip(sums.around(everyone), whole, strict=True))
+
+
+def test_a_cell_of_very_many_large_values_stays_exact() -> None:
+    """The largest sums a file can ask for: 2^20 anchors at the clamp."""
+    count = 1 << 20
+    codes = np.zeros(count, np.uint64)
+    columns = np.full((count, 1), FINE_LIMIT)
+    columns[0] -= 1
+    means, counts = CellMeans(codes, [0]).means(columns, np.ones(count, np.bool_), np.array([5]))
+    assert (means.item(), counts.item()) == (nearest(count * FINE_LIMIT - 1, count), count)
+
+
+def test_nothing_known_and_no_depths() -> None:
+    """Empty tiles and files without context give empty arrays."""
+    none = np.zeros(0, np.int64)
+    means, counts = CellMeans(np.zeros(0, np.uint64), [0, 0]).means(np.zeros((0, 3), np.int64), none > 0, none)
+    assert (means.shape, counts.shape) == ((0, 2, 3), (0, 2))
+    cells = CellMeans(np.arange(4, dtype=np.uint64), [])
+    means, counts = cells.means(np.ones((4, 3), np.int64), np.ones(4, np.bool_), np.arange(4))
+    assert (means.shape, counts.shape) == ((4, 0, 3), (4, 0))
+
+
+def test_count_features_are_bit_lengths() -> None:
+    """32 a binary digit, eight at most."""
+    counts = np.array([0, 1, 2, 3, 4, 127, 128, 255, 256, 1 << 20])
+    assert count_features(counts).tolist() == [32 * min(int(c).bit_length(), 8) for c in counts]
