@@ -17,7 +17,8 @@ from typing import Any
 from conformance.expectations import expected_layers, pinned
 from conformance.faults import invalid_files
 from conformance.files import vector_file
-from conformance.scenes import valid_scenes, worked_scene
+from conformance.neural_scenes import neural_plans
+from conformance.scenes import build, static_plans, worked_scene
 from scarfmt.container import Block
 from scarfmt.schema import BlockFlag
 from scarfmt.source import BytesSource
@@ -30,6 +31,19 @@ _ANNOTATIONS = (
     Block(65, 1, b"unknown annotation", flags=int(BlockFlag.SAFE_TO_COPY)),
     Block(130, 1, b"private, bound to a tile", tile=0, flags=0),
     Block(200, 2, b"private", flags=0),
+)
+# Among them files cut where the index network is there, but not the residual codebook that one of its heads is for.
+_TRUNCATED = (
+    ("explicit-refined", 1),
+    ("explicit-refined", 2),
+    ("annotations", 1),
+    ("predictors", 1),
+    ("predictors", 2),
+    ("index-flat", 1),
+    ("index-edge", 1),
+    ("index-modes", 1),
+    ("index-modes", 3),
+    ("anchors-neural", 1),
 )
 
 
@@ -70,11 +84,12 @@ def vectors() -> Iterator[tuple[str, bytes, dict[str, Any]]]:
     data = vector_file(worked)
     yield "worked", data, accepted("the worked file of SPEC.md, appendix B", data, worked)
     files: dict[str, tuple[bytes, QuantisedScene]] = {}
-    for name, (purpose, scene) in valid_scenes().items():
+    for name, (purpose, plan) in {**static_plans(), **neural_plans()}.items():
+        scene = build(plan)
         data = vector_file(scene, _ANNOTATIONS if name == "annotations" else ())
         files[name] = data, scene
         yield f"valid/{name}", data, accepted(purpose, data, scene)
-    for name, layers in (("explicit-refined", 1), ("explicit-refined", 2), ("annotations", 1)):
+    for name, layers in _TRUNCATED:
         whole, scene = files[name]
         data = truncate(BytesSource(whole), layers)
         purpose = f"{name} truncated to layer {layers}: equals what an editor makes of it (SPEC §14)"

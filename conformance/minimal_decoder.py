@@ -1,6 +1,6 @@
 """A second decoder, written from SPEC.md alone: standard library, plain loops, its pseudo-code function by function.
 
-It shows that the text suffices, and is a start for a port. It decodes the exact class (SPEC §5-§8, §9.1, §9.2) of
+It shows that the text suffices, and is a start for a port. It decodes the exact class (SPEC §5-§8, §9.1, §9.2, §10) of
 valid files whose Zstandard frames are stored, as in the vectors; of the refusals it makes only those the pseudo-code
 spells out. ``python -m conformance.minimal_decoder FILE [LAYER]`` prints the arrays' SHA-256, as expect.json pins them.
 """
@@ -15,175 +15,42 @@ import zlib
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-POSITIONS, CLASSES, MASKS, POSITION_RESIDUAL, INDICES, LATENT, OFFSETS = 1, 2, 3, 4, 9, 10, 11
+from conformance.minimal_fields import (
+    CLASSES,
+    INDICES,
+    LATENT,
+    MASKS,
+    OFFSETS,
+    POSITION_RESIDUAL,
+    POSITIONS,
+    Payload,
+    Rans,
+    Refused,
+    Table,
+    key,
+    parse_tables,
+    require,
+    stored,
+)
+from conformance.minimal_neural import (
+    ATTRIBUTES,
+    Context,
+    Grid,
+    IndexReader,
+    Key,
+    Network,
+    Predictor,
+    StepInputs,
+    fine,
+    parse_grid,
+    parse_network,
+    parse_predictors,
+)
+
 NAMES = {4: "POSITION_RESIDUAL", 5: "SCALE", 6: "ROTATION", 7: "OPACITY", 8: "COLOUR", 10: "LATENT", 11: "OFFSETS"}
-TOTAL = 1 << 24
 
 Array = dict[str, Any]
 
-
-class Refused(Exception):
-    """A refusal id of SPEC §12."""
-
-
-def require(holds: bool, refusal: str) -> None:
-    if not holds:
-        raise Refused(refusal)
-
-
-# ---------------------------------------------------------------------------------------------- 5.7, 5.8 fields
-
-
-class Payload:
-    """A cursor over bytes (SPEC §5.7)."""
-
-    def __init__(self, data: bytes) -> None:
-        self.data = data
-        self.at = 0
-
-    def take(self, length: int) -> bytes:
-        require(self.at + length <= len(self.data), "payload-short")
-        self.at += length
-        return self.data[self.at - length : self.at]
-
-    def fields(self, layout: str) -> tuple[Any, ...]:
-        return struct.unpack("<" + layout, self.take(struct.calcsize("<" + layout)))
-
-    def u8(self) -> int:
-        return self.take(1)[0]
-
-    def varint(self, b: int) -> int:
-        value = shift = 0
-        while True:
-            byte = self.u8()
-            value |= (byte & 0x7F) << shift
-            shift += 7
-            if byte < 0x80:
-                break
-            require(shift <= b, "bad-varint")
-        require(value < 1 << b and not (byte == 0 and shift > 7), "bad-varint")
-        return value
-
-    def svarint(self, b: int) -> int:
-        m = self.varint(b)
-        return m >> 1 if m % 2 == 0 else -(m >> 1) - 1
-
-    def count(self, most: int) -> int:
-        value = self.varint(63)
-        require(value <= most, "count-limit")
-        return value
-
-    def finish(self) -> None:
-        require(self.at == len(self.data), "payload-long")
-
-
-def stored(frame: bytes) -> bytes:
-    """The content of a Zstandard frame of raw blocks; a real decoder has a Zstandard library here (SPEC §5.8)."""
-    reader = Payload(frame)
-    require(reader.take(4) == bytes.fromhex("28b52ffd"), "bad-zstd")
-    size = {0x20: 1, 0x60: 2, 0xA0: 4}[reader.u8()]
-    length = int.from_bytes(reader.take(size), "little") + (256 if size == 2 else 0)
-    content, last = b"", False
-    while not last:
-        head = int.from_bytes(reader.take(3), "little")
-        last = bool(head & 1)
-        assert head >> 1 & 3 == 0, "not a stored frame"
-        content += reader.take(head >> 3)
-    require(reader.at == len(frame) and len(content) == length, "bad-zstd")
-    return content
-
-
-# ---------------------------------------------------------------------------------------------- 8 entropy coding
-
-
-class Table(NamedTuple):
-    """Symbols' values and cumulative frequencies (SPEC §8.1, §8.3)."""
-
-    values: Sequence[int]
-    cumulative: list[int]
-
-
-def cumulative(weights: list[int]) -> list[int]:
-    n, total, c, out = len(weights), sum(weights), 0, []
-    for i in range(n + 1):
-        out.append(c * (TOTAL - n) // total + i)
-        c += weights[i] if i < n else 0
-    return out
-
-
-def key(stream: int, component: int, step: int, context: int) -> int:
-    return stream << 24 | component << 16 | step << 8 | context
-
-
-def parse_tables(block: bytes) -> dict[int, Table]:
-    reader = Payload(stored(block))
-    tables: dict[int, Table] = {}
-    previous = -1
-    for _ in range(reader.count(65536)):
-        number = reader.varint(32)
-        require(number > previous, "bad-table")
-        previous = number
-        size = reader.count(4096)
-        require(size >= 1, "bad-table")
-        values = [reader.svarint(33)]
-        for _ in range(size - 1):
-            values.append(values[-1] + reader.varint(32) + 1)
-        require(abs(values[0]) < 1 << 31 and values[-1] < 1 << 31, "bad-table")
-        weights = [reader.varint(24) for _ in range(size)]
-        require(min(weights) >= 1, "bad-table")
-        tables[number] = Table(values, cumulative(weights))
-    reader.finish()
-    return tables
-
-
-class Rans:
-    """One sub-stream (SPEC §8.2)."""
-
-    def __init__(self, data: bytes, tables: dict[int, Table]) -> None:
-        self.words = list(struct.unpack(f"<{len(data) // 4}I", data))
-        require(not self.words or self.words[-1] != 0, "rans-last-word")
-        self.tables = tables
-        self.state = 0
-        self.refill()
-        self.refill()
-
-    def refill(self) -> None:
-        if self.state < 1 << 32 and self.words:
-            self.state = self.state << 32 | self.words.pop()
-
-    def symbol(self, table: Table) -> int:
-        c = table.cumulative
-        if len(c) == 2:
-            return table.values[0]
-        slot = self.state & (TOTAL - 1)
-        low, high = 0, len(c) - 1
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (middle, high) if c[middle] <= slot else (low, middle)
-        self.state = (c[low + 1] - c[low]) * (self.state >> 24) + slot - c[low]
-        self.refill()
-        return table.values[low]
-
-    def read(self, number: int, n: int) -> list[int]:
-        if n == 0:
-            return []
-        require(number in self.tables, "missing-table")
-        return [self.symbol(self.tables[number]) for _ in range(n)]
-
-    def uniform(self, m: int, n: int) -> list[int]:
-        table = Table(range(m), cumulative([1] * m)) if n else None
-        return [self.symbol(table) for _ in range(n)] if table else []
-
-    def read_by_context(self, number: int, contexts: list[int]) -> list[int]:
-        out = [0] * len(contexts)
-        for c in sorted(set(contexts)):
-            chosen = [e for e, context in enumerate(contexts) if context == c]
-            for e, value in zip(chosen, self.read(number | c, len(chosen)), strict=True):
-                out[e] = value
-        return out
-
-    def seal(self) -> None:
-        require(self.state == 0 and not self.words, "rans-seal")
 
 
 # ---------------------------------------------------------------------------------------------- 7.2 positions
@@ -269,13 +136,27 @@ class Channel(NamedTuple):
     rules: list[Rule]
 
 
-Row = list[tuple[int, list[int]]]
+class Row(NamedTuple):
+    """A row of the layer table: per class its stages and steps (SPEC §6.5)."""
+
+    mode: int
+    classes: list[tuple[int, list[int]]]
 
 
-def parse_layer(block: bytes, k: int, channels: list[Channel]) -> Row:
+class Opening(NamedTuple):
+    """What the LAYER block of layer 1 says once (SPEC §7.11)."""
+
+    channels: list[Channel]
+    passes_log2: int
+    targets: list[int]
+
+
+def parse_layer(block: bytes, k: int, opening: Opening) -> tuple[Row, Opening]:
     reader = Payload(block)
-    require(reader.u8() == 0, "unsupported-entropy-mode")
+    mode = reader.u8()
+    require(mode in (0, 1), "unsupported-entropy-mode")
     if k == 1:
+        channels = []
         for _ in range(reader.count(8)):
             stream, components = reader.fields("BB")
             channel = Channel(stream, [], [])
@@ -284,9 +165,11 @@ def parse_layer(block: bytes, k: int, channels: list[Channel]) -> Row:
                 by_class, source, component, shift = reader.fields("4B")
                 channel.rules.append(Rule(by_class, source, component, shift, reader.svarint(33)))
             channels.append(channel)
-    row = [(reader.u8(), list(reader.take(len(channels)))) for _ in range(reader.count(15))]
+        passes_log2 = reader.u8()
+        opening = Opening(channels, passes_log2, [reader.varint(16) for _ in range(reader.count(4))])
+    classes = [(reader.u8(), list(reader.take(len(opening.channels)))) for _ in range(reader.count(15))]
     reader.finish()
-    return row
+    return Row(mode, classes), opening
 
 
 def parse_codebooks(block: bytes) -> dict[int, list[list[int]]]:
@@ -361,7 +244,7 @@ class Decoder:
         entries = [tables.fields("BBBBIQQII") for _ in range(entry_count)]
         self.blocks: dict[tuple[int, int, int], tuple[bytes, int]] = {}
         for kind, flags, layer, _, tile, offset, size, count, crc in entries:
-            require(kind in (1, 2, 3, 4, 5, 16, 64) or not flags & 1, "unknown-critical-block")
+            require(kind in (*range(1, 9), 16, 64) or not flags & 1, "unknown-critical-block")
             block = data[offset : offset + size]
             require(zlib.crc32(block) == crc, "crc-mismatch")
             self.blocks[layer, kind, tile] = block, count
@@ -372,40 +255,55 @@ class Decoder:
         return self.blocks.get((layer, kind, 0xFFFFFFFF), (None, 0))[0]
 
     def _models(self) -> None:
-        self.channels: list[Channel] = []
+        self.opening = Opening([], 0, [])
         self.rows: list[Row] = []
         self.tables: list[dict[int, Table]] = []
         self.books: dict[int, list[list[int]]] = {}
         self.dimension = 0
+        self.predictors: list[dict[Key, Predictor]] = []
+        self.network: Network | None = None
+        self.grid: Grid | None = None
         for k in range(1, self.k + 1):
             block = self._model(k, 1)
             require(block is not None, "missing-block")
-            self.rows.append(parse_layer(block or b"", k, self.channels))
+            row, self.opening = parse_layer(block or b"", k, self.opening)
+            self.rows.append(row)
             added = self._model(k, 2)
             self.tables.append({**(self.tables[-1] if self.tables else {}), **(parse_tables(added) if added else {})})
             books, decoder = self._model(k, 3), self._model(k, 4)
             self.books |= parse_codebooks(books) if books else {}
             self.dimension = network_inputs(decoder) if decoder else self.dimension
+            self._neural_models(k)
+        self.channels = self.opening.channels
+
+    def _neural_models(self, k: int) -> None:
+        grid, network, predictors = (self._model(k, kind) for kind in (6, 7, 8))
+        self.grid = parse_grid(grid) if grid else self.grid
+        self.network = parse_network(network) if network else self.network
+        before = self.predictors[-1] if self.predictors else {}
+        self.predictors.append({**before, **(parse_predictors(predictors) if predictors else {})})
 
     def classes(self, k: int) -> int:
-        return len(self.rows[k - 1]) if k else 0
+        return len(self.rows[k - 1].classes) if k else 0
 
     def stages(self, k: int, c: int) -> int:
-        return self.rows[k - 1][c][0] if c < self.classes(k) else 0
+        return self.rows[k - 1].classes[c][0] if c < self.classes(k) else 0
 
     def steps(self, k: int, i: int, c: int) -> int:
-        return self.rows[k - 1][c][1][i] if c < self.classes(k) else 0
+        return self.rows[k - 1].classes[c][1][i] if c < self.classes(k) else 0
 
     def tile(self, number: int) -> Tile:
         out = Tile(self.slots if self.profile else 0, self.channels)
-        depth, shift = self.tiles[number][:2]
         for k in range(1, self.k + 1):
             block, new = self.blocks.get((k, 16, number), (None, 0))
             parts = substreams(block) if block else {}
-            self._layer(out, k, parts, new, self.lattice_bits - depth - shift)
+            self._layer(out, k, parts, new, number)
         return out
 
-    def _layer(self, tile: Tile, k: int, parts: dict[int, bytes], new: int, b: int) -> None:
+    def _layer(self, tile: Tile, k: int, parts: dict[int, bytes], new: int, number: int) -> None:
+        depth, shift = self.tiles[number][:2]
+        b = self.lattice_bits - depth - shift
+
         def opened(stream: int) -> Rans:
             return Rans(parts.get(stream, b""), self.tables[k - 1])
 
@@ -423,40 +321,100 @@ class Decoder:
             rans = opened(MASKS)
             read_masks(rans, tile, k)
             rans.seal()
+        context = Context(tile.code, b, self.opening.targets, self.opening.passes_log2)
         for i, channel in enumerate(self.channels):
             rans = opened(channel.stream)
             if channel.stream == OFFSETS:
                 read_offsets(rans, tile, k, i)
             else:
-                self._channel(rans, tile, k, i)
+                self._channel(rans, tile, k, i, context)
             rans.seal()
         rans = opened(INDICES)
-        self._indices(rans, tile, k)
+        if self.rows[k - 1].mode == 1:
+            self._neural_indices(rans, tile, k, context, number)
+        else:
+            self._indices(rans, tile, k)
         rans.seal()
 
-    def _channel(self, rans: Rans, tile: Tile, k: int, i: int) -> None:
-        channel, v = self.channels[i], tile.v[i]
+    def _channel(self, rans: Rans, tile: Tile, k: int, i: int, context: Context) -> None:
+        channel = self.channels[i]
         before = [self.steps(k - 1, i, c) for c in tile.klass]
         after = [self.steps(k, i, c) for c in tile.klass]
         for n in range(1, 21):
-            chosen = [a for a in range(len(v)) if before[a] < n <= after[a]]
-            for j, rule in enumerate(channel.rules):
-                number = key(channel.stream, j, n, 0)
-                contexts = [16 * tile.klass[a] * rule.by_class for a in chosen]
-                if n == 1:
-                    if rule.source_channel != 255:
-                        source = tile.first[rule.source_channel]
-                        for e, a in enumerate(chosen):
-                            s = source[a][rule.source_component]
-                            contexts[e] += min(max((s - rule.low) >> rule.shift, 0), 15)
-                    for a, value in zip(chosen, rans.read_by_context(number, contexts), strict=True):
-                        v[a][j] = tile.first[i][a][j] = value
-                else:
-                    contexts = [c + min(max(v[a][j], -2), 2) + 2 for c, a in zip(contexts, chosen, strict=True)]
-                    for a, t in zip(chosen, rans.read_by_context(number, contexts), strict=True):
-                        require(-1 <= t <= 1, "bad-trit")
-                        v[a][j] = 3 * v[a][j] + t
-                        require(abs(v[a][j]) < 1 << 31, "value-range")
+            chosen = [a for a in range(len(before)) if before[a] < n <= after[a]]
+            components = range(len(channel.rules))
+            if chosen and any((channel.stream, j, n) in self.predictors[k - 1] for j in components):
+                self._predicted_step(rans, tile, k, (i, n, chosen), context)
+                continue
+            for j in components:
+                self._refine(rans, tile, (i, j, n), chosen, table_contexts(tile, i, j, n, chosen))
+
+    def _refine(
+        self, rans: Rans, tile: Tile, place: tuple[int, int, int], chosen: list[int], contexts: list[int]
+    ) -> None:
+        """Step n of component j of channel i for some anchors."""
+        (i, j, n), v = place, tile.v[place[0]]
+        values = rans.read_by_context(key(self.channels[i].stream, j, n, 0), contexts)
+        for a, x in zip(chosen, values, strict=True):
+            if n == 1:
+                v[a][j] = tile.first[i][a][j] = x
+            else:
+                require(-1 <= x <= 1, "bad-trit")
+                v[a][j] = 3 * v[a][j] + x
+            require(abs(v[a][j]) < 1 << 31, "value-range")
+
+    def _fine(self, tile: Tile, k: int, i: int, a: int) -> list[int]:
+        """Fine values of a channel of an anchor after layer k."""
+        n = self.steps(k, i, tile.klass[a])
+        return [fine(v, n) for v in tile.v[i][a]]
+
+    def _attributes(self, tile: Tile, k: int, a: int, past: int) -> list[int]:
+        """Fine values of the attribute channels below channel `past` after layer k."""
+        chosen = [i for i in range(past) if self.channels[i].stream in ATTRIBUTES]
+        return [v for i in chosen for v in self._fine(tile, k, i, a)]
+
+    def _predicted_step(
+        self, rans: Rans, tile: Tile, k: int, place: tuple[int, int, list[int]], context: Context
+    ) -> None:
+        i, n, chosen = place
+        v, stream, components = tile.v[i], self.channels[i].stream, len(self.channels[i].rules)
+        sums = context.cells(components)
+        for a, klass in enumerate(tile.klass):
+            if self.steps(k - 1, i, klass) >= n:
+                sums.add(a, self._fine(tile, k - 1, i, a))
+        for part in context.passes(chosen):
+            around = {a: sums.around(a) for a in part}
+            own = {a: [fine(x, n - 1) for x in v[a]] for a in part}
+            before = {a: self._attributes(tile, k, a, i) for a in part}
+            for j in range(components):
+                predictor = self.predictors[k - 1].get((stream, j, n))
+                contexts = table_contexts(tile, i, j, n, part)
+                if predictor:
+                    inputs = [StepInputs(tile.klass[a], before[a], own[a], tile.first[i][a], n) for a in part]
+                    contexts = [predictor.context(x.of(j, around[a])) for a, x in zip(part, inputs, strict=True)]
+                self._refine(rans, tile, (i, j, n), part, contexts)
+            for a in part:
+                sums.add(a, [fine(x, n) for x in v[a]])
+
+    def _neural_indices(self, rans: Rans, tile: Tile, k: int, context: Context, number: int) -> None:
+        assert self.network is not None
+        before = [self.stages(k - 1, c) for c in tile.klass]
+        after = [self.stages(k, c) for c in tile.klass]
+        settled = [self._attributes(tile, k, a, len(self.channels)) for a in range(len(before))]
+        grid = self.grid
+
+        def features(a: int) -> list[int]:
+            return grid.features(self._middle(number, tile.code[a])) if grid else []
+
+        IndexReader(self.network, self.books, context, tile.klass, settled, features).read(
+            rans, tile.index, before, after
+        )
+
+    def _middle(self, number: int, code: int) -> list[int]:
+        """The lattice point in the middle of an anchor's cell."""
+        depth, shift, _, prefix = self.tiles[number]
+        corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
+        return [c + (x << shift) + (1 << shift >> 1) for c, x in zip(corner, deinterleaved(code), strict=True)]
 
     def _indices(self, rans: Rans, tile: Tile, k: int) -> None:
         before = [self.stages(k - 1, c) for c in tile.klass]
@@ -507,7 +465,7 @@ class Decoder:
     def arrays(self) -> dict[str, Array]:
         """Type, shape and SHA-256 of every array of expect.json."""
         tiles = [self.tile(number) for number in range(len(self.tiles))]
-        stages = max((stages for stages, _ in self.rows[-1]), default=0)
+        stages = max((stages for stages, _ in self.rows[-1].classes), default=0)
         n = sum(len(tile.code) for tile in tiles)
         out = {
             "tile": pin("<u4", (n,), (number for number, tile in enumerate(tiles) for _ in tile.code)),
@@ -547,6 +505,18 @@ def substreams(block: bytes) -> dict[int, bytes]:
         out[kind] = reader.take(length)
         require(zlib.crc32(out[kind]) == part_crc, "crc-mismatch")
     return out
+
+
+def table_contexts(tile: Tile, i: int, j: int, n: int, chosen: list[int]) -> list[int]:
+    """first_contexts and trit_contexts of SPEC §8.4."""
+    rule = tile.channels[i].rules[j]
+    contexts = [16 * tile.klass[a] * rule.by_class for a in chosen]
+    if n > 1:
+        return [c + min(max(tile.v[i][a][j], -2), 2) + 2 for c, a in zip(contexts, chosen, strict=True)]
+    if rule.source_channel == 255:
+        return contexts
+    source = [tile.first[rule.source_channel][a][rule.source_component] for a in chosen]
+    return [c + min(max((s - rule.low) >> rule.shift, 0), 15) for c, s in zip(contexts, source, strict=True)]
 
 
 def read_masks(rans: Rans, tile: Tile, k: int) -> None:

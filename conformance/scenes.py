@@ -8,11 +8,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from conformance.neural_models import (
+    GridPlan,
+    NetworkPlan,
+    PredictorPlan,
+    random_grid,
+    random_network,
+    random_predictors,
+)
 from conformance.prng import Prng
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.codecs.mlp import Linear, Network
 from scarfmt.container import HeaderFields, Tile
-from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
+from scarfmt.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 from scarfmt.schema import ColourSpace, CoordinateFrame, Profile, Stream
 from scarfmt.tile import TileContent, first_values
 from scarfmt.writer import QuantisedScene
@@ -31,10 +39,12 @@ class Plan:
     Attributes:
         rows: layer table.
         counts: anchors of each tile.
+        codewords: of the coarse and the residual codebook.
         codes: local codes are drawn from so many values, 0 for all there are.
         skew: codes are the largest of so many draws: few anchors in the lower halves.
         spread: of first-step values.
         constant: every value, class choice and index takes the first possible value.
+        context, predictors, network, grid: the neural entropy model.
     """
 
     seed: str
@@ -47,7 +57,7 @@ class Plan:
     slots: int = 1
     degree: int = 0
     dimension: int = 0
-    codewords: int = 12
+    codewords: tuple[int, int] = (12, 12)
     codes: int = 0
     skew: int = 1
     spread: int = 4
@@ -55,6 +65,10 @@ class Plan:
     origin: tuple[float, float, float] = (-1.5, 0.25, 3.0)
     voxel: float = 0.0078125
     metadata: dict[str, object] = field(default_factory=dict)
+    context: DecodedContext = DecodedContext()
+    predictors: tuple[PredictorPlan, ...] = ()
+    network: NetworkPlan | None = None
+    grid: GridPlan | None = None
 
 
 def channel(stream: Stream, step: float, *rules: ContextRule) -> Channel:
@@ -67,7 +81,7 @@ def steady(layers: int, stages: int, steps: tuple[int, ...]) -> tuple[LayerRow, 
     return (LayerRow((stages,), (steps,)),) * layers
 
 
-def network(prng: Prng, *widths: int) -> Network:
+def mlp(prng: Prng, *widths: int) -> Network:
     """Random layers of these widths, weights of one byte, scales and biases exact in few bits."""
     layers = []
     for columns, rows in itertools.pairwise(widths):
@@ -80,7 +94,7 @@ def network(prng: Prng, *widths: int) -> Network:
 def build(plan: Plan) -> QuantisedScene:
     """The scene of a plan."""
     prng = Prng(plan.seed)
-    model = SceneModel(plan.profile, plan.slots, plan.channels, plan.rows)
+    model = SceneModel(plan.profile, plan.slots, plan.channels, plan.rows, plan.context)
     fields = HeaderFields(
         plan.profile, plan.degree, plan.slots, plan.bits, plan.origin, plan.voxel, sum(plan.counts),
         CoordinateFrame.RDF, ColourSpace.SRGB,
@@ -89,9 +103,14 @@ def build(plan: Plan) -> QuantisedScene:
         _content(prng, plan, model, plan.bits - tile.depth - tile.shift, count)
         for tile, count in zip(plan.tiles, plan.counts, strict=True)
     )
+    books, decoder, mlps = _books(prng, plan, model), _decoder(prng, plan), _scene_mlps(prng, plan)
+    grid = random_grid(prng, plan.grid) if plan.grid is not None else None
+    network = None
+    if plan.network is not None and books is not None:
+        network = random_network(prng, plan.network, model, books, grid)
     return QuantisedScene(
-        fields, model, plan.tiles, contents, _books(prng, plan, model), _decoder(prng, plan),
-        _scene_mlps(prng, plan), plan.metadata,
+        fields, model, plan.tiles, contents, books, decoder, mlps, plan.metadata,
+        random_predictors(prng, plan.predictors, model), network, grid,
     )
 
 
@@ -124,7 +143,8 @@ def _fill(prng: Prng, plan: Plan, model: SceneModel, content: TileContent) -> No
             values = _values(prng, plan, shape, steps, channel_.stream)
         content.values[index] = values.astype(np.int32)
     received = model.stages(last, content.classes)
-    drawn = prng.integers(0, 1 if plan.constant else plan.codewords, (len(content), model.max_stages))
+    drawn = prng.integers(0, 1 if plan.constant else plan.codewords[0], (len(content), model.max_stages))
+    drawn[:, 1:] %= plan.codewords[1]
     kept = np.arange(model.max_stages) < received[:, None]
     content.indices = np.where(kept, drawn, 0).astype(np.int16)
 
@@ -145,8 +165,8 @@ def _books(prng: Prng, plan: Plan, model: SceneModel) -> Codebooks | None:
         return None
     # Trailing dimensions have short ranges, the last none: widths of 7, 6, ... and 0 bits.
     spread = np.array([max(64 >> d, 0) for d in range(plan.dimension)])
-    coarse = prng.integers(-64, 65, (plan.codewords, plan.dimension)) * spread // 64
-    residual = prng.integers(-64, 65, (plan.codewords, plan.dimension)) * spread // 256
+    coarse = prng.integers(-64, 65, (plan.codewords[0], plan.dimension)) * spread // 64
+    residual = prng.integers(-64, 65, (plan.codewords[1], plan.dimension)) * spread // 256
     return Codebooks(coarse, residual if model.max_stages > 1 else residual[:0])
 
 
@@ -154,15 +174,15 @@ def _decoder(prng: Prng, plan: Plan) -> Network | None:
     if not plan.dimension:
         return None
     if plan.profile == Profile.ANCHOR:
-        return network(prng, plan.dimension, 5, FEATURES)
+        return mlp(prng, plan.dimension, 5, FEATURES)
     coloured = any(channel_.stream == Stream.COLOUR for channel_ in plan.channels)
-    return network(prng, plan.dimension, 3 * ((plan.degree + 1) ** 2 - coloured))
+    return mlp(prng, plan.dimension, 3 * ((plan.degree + 1) ** 2 - coloured))
 
 
 def _scene_mlps(prng: Prng, plan: Plan) -> tuple[Network, ...]:
     if plan.profile == Profile.EXPLICIT:
         return ()
-    return tuple(network(prng, FEATURES + 4, 6, width * plan.slots) for width in (1, 7, 3))
+    return tuple(mlp(prng, FEATURES + 4, 6, width * plan.slots) for width in (1, 7, 3))
 
 
 def worked_scene() -> QuantisedScene:
@@ -186,7 +206,7 @@ def worked_scene() -> QuantisedScene:
 
 
 _SCALE3 = channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN)
-_EVERY = (
+EVERY_CHANNEL = (
     channel(Stream.POSITION_RESIDUAL, 1 / 3, BY_CLASS, BY_CLASS, PLAIN),
     channel(Stream.SCALE, 0.3, BY_CLASS, ContextRule(True, 1, 0, -9, 1), ContextRule(False, 1, 1, -3, 0)),
     channel(Stream.ROTATION, 0.2, PLAIN, ContextRule(True, 1, 2, -7, 0), ContextRule(False, 2, 1, 0, 2)),
@@ -194,13 +214,13 @@ _EVERY = (
     channel(Stream.COLOUR, 0.1, BY_CLASS, PLAIN, ContextRule(False, 3, 0, -40, 5)),
     channel(Stream.LATENT, 9.0, PLAIN, BY_CLASS, ContextRule(True, 5, 0, -2, 0), PLAIN, PLAIN),
 )
-_REFINED = (
+REFINED_ROWS = (
     LayerRow((1,), ((0, 1, 1, 1, 1, 0),)),
     LayerRow((2, 0), ((1, 2, 1, 2, 2, 1), (0, 1, 0, 1, 0, 0))),
     LayerRow((3, 2, 1, 0), ((3, 4, 3, 2, 2, 2), (1, 3, 1, 1, 1, 0), (0, 1, 1, 1, 1, 0), (2, 2, 2, 2, 2, 2))),
 )
-_SPREAD_TILES = (Tile(1, 3, 0), Tile(1, 0, 3), Tile(2, 5, 41), Tile(3, 9, 500))
-_ANCHOR = (
+SPREAD_TILES = (Tile(1, 3, 0), Tile(1, 0, 3), Tile(2, 5, 41), Tile(3, 9, 500))
+ANCHOR_CHANNELS = (
     channel(Stream.SCALE, 0.25, *(PLAIN,) * 3, ContextRule(True, 0, 0, -6, 0), BY_CLASS, BY_CLASS),
     channel(Stream.OFFSETS, 0.125, BY_CLASS, PLAIN, PLAIN),
 )
@@ -212,23 +232,23 @@ _ANCHOR_RICH = (
 )
 
 
-def valid_scenes() -> dict[str, tuple[str, QuantisedScene]]:
-    """Name -> (what it tests, scene)."""
+def static_plans() -> dict[str, tuple[str, Plan]]:
+    """Scenes without neural entropy model: name -> (what it tests, plan)."""
     whole = (Tile(0, 0, 0),)
-    plans = {
+    return {
         "one-anchor": ("one anchor: its 63 bits travel as uniform bits, 12 at a time", Plan(
             "one", (_SCALE3,), steady(1, 0, (1,)), whole, (1,), bits=21)),
         "no-anchors": ("no anchors and no tiles: header and one LAYER block", Plan(
             "none", (_SCALE3,), steady(1, 0, (1,)), (), ())),
         "explicit-refined": ("all channels, three layers, four classes, tiles of other depth and shift, stages", Plan(
-            "refined", _EVERY, _REFINED, _SPREAD_TILES, (30, 20, 0, 40), degree=2, dimension=5)),
+            "refined", EVERY_CHANNEL, REFINED_ROWS, SPREAD_TILES, (30, 20, 0, 40), degree=2, dimension=5)),
         "sh-from-network": ("no COLOUR: the network gives all coefficients; one stage only", Plan(
             "network", (_SCALE3,), steady(1, 1, (1,)), whole, (70,), degree=1, dimension=2)),
         "duplicates": ("400 anchors at 7 lattice points: leaves of many anchors, nodes of more than 16", Plan(
             "duplicates", (_SCALE3,), steady(1, 0, (1,)), whole, (400,), codes=7, bits=7)),
         "one-symbol": ("every table has one symbol: no sub-stream but positions has bytes, layer 2 has no TILE", Plan(
             "constant", (_SCALE3,), (LayerRow((1,), ((1,),)), LayerRow((2,), ((3,),))), whole, (50,),
-            dimension=2, codewords=1, constant=True, bits=6)),
+            dimension=2, codewords=(1, 1), constant=True, bits=6)),
         "full-block": ("65536 anchors in one block: the largest split codes its rest in two parts", Plan(
             "full", (_SCALE3,), steady(1, 0, (1,)), whole, (65536,), bits=2, skew=5, constant=True)),
         "fifteen-classes": ("classes up to 14, context numbers up to 239", Plan(
@@ -249,7 +269,7 @@ def valid_scenes() -> dict[str, tuple[str, QuantisedScene]]:
                 LayerRow((0,), ((3, 1),)),), (Tile(21, 11, 5), Tile(21, 0, 6), Tile(1, 31, 1), Tile(2, 9, 63)),
             (20, 30, 20, 40), bits=32, origin=(1e6, -1e-3, 0.1), voxel=1e-7)),
         "anchors": ("anchor profile: masks, offsets, two layers, three networks", Plan(
-            "anchors", _ANCHOR, (LayerRow((1,), ((1, 1),)), LayerRow((2, 1), ((2, 1), (1, 1)))), _SPREAD_TILES[:2],
+            "anchors", ANCHOR_CHANNELS, (LayerRow((1,), ((1, 1),)), LayerRow((2, 1), ((2, 1), (1, 1)))), SPREAD_TILES[:2],
             (60, 50), profile=Profile.ANCHOR, slots=10, dimension=4)),
         "anchors-32-slots": ("anchor profile: 32 slots, three layers, the latent by LATENT alone at first", Plan(
             "slots", _ANCHOR_RICH, (
@@ -260,4 +280,3 @@ def valid_scenes() -> dict[str, tuple[str, QuantisedScene]]:
             "annotations", (_SCALE3,), steady(2, 0, (1,)), whole, (12,), metadata={"title": "annotations", "n": [1, 2]},
         )),
     }
-    return {name: (purpose, build(plan)) for name, (purpose, plan) in plans.items()}

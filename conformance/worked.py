@@ -122,6 +122,9 @@ def _layer(walk: _Walk, block: Entry, channels: list[int]) -> None:
                 for field in ("by_class", "source_channel", "source_component", "shift"):
                     walk.u8(f"{place} {field}")
                 walk.svarint(f"{place} low")
+        walk.u8(f"{name} passes_log2")
+        for depth in range(walk.varint(f"{name} target_count")):
+            walk.varint(f"{name} occupancy target {depth}")
     for number in range(walk.varint(f"{name} class_count")):
         walk.u8(f"{name} class {number} stages")
         for channel in channels:

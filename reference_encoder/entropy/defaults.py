@@ -22,6 +22,8 @@ _NARROWEST, _WIDEST = 6, 64
 _INDICES_OF_EIGHT = 75_000
 _CODEWORD_DIMS = 24
 _FINE_WEIGHTS_FROM = 20
+_SMALLEST_BATCH, _LARGEST_BATCH = 64, 2048
+_RATE = 0.025
 
 
 @dataclass(frozen=True)
@@ -64,4 +66,6 @@ def training_for(rows: int, effort: int, seed: int) -> TrainOptions:
     """Training on so many `rows` at an effort level, 1..3."""
     budget = BUDGETS[effort]
     epochs = int(np.clip(round(budget.visits / max(rows, 1)), 4, budget.most_epochs))
-    return TrainOptions(epochs=epochs, seed=seed)
+    # At least some dozens of steps an epoch; beyond that, larger batches give steadier steps for little more time.
+    batch = int(np.clip(1 << (max(rows, 1) // 60).bit_length(), _SMALLEST_BATCH, _LARGEST_BATCH))
+    return TrainOptions(epochs=epochs, batch=batch, rate=_RATE, seed=seed)

@@ -23,6 +23,8 @@ I64 = NDArray[np.int64]
 _CHUNK = 4096
 _MEASURED = 16384
 """Rows on which progress is measured."""
+_WINDOW = 3
+"""Epochs compared with as many before to see whether training still pays."""
 _STEEPEST = 2.0
 """Longest gradient of a step."""
 
@@ -212,9 +214,10 @@ def _estimate(model: IndexModel, examples: Examples, exact: bool) -> tuple[float
 
 
 def _settled(history: list[float], options: TrainOptions, epoch: int) -> bool:
-    """Whether the epochs left are not worth their time; asked in the last third only, when steps are short."""
+    """Whether the epochs left are not worth their time; asked in the last quarter only: short steps save most."""
     left = options.epochs - 1 - epoch
-    if epoch < max(2, options.epochs * 2 // 3) or not left:
+    if epoch < max(2 * _WINDOW, options.epochs * 3 // 4) or not left:
         return False
-    # One epoch alone may be unlucky.
-    return (history[-3] - history[-1]) / 2 * left < 8 * options.patience
+    # Single epochs are uneven, so the best of some are compared.
+    gain = min(history[-2 * _WINDOW : -_WINDOW]) - min(history[-_WINDOW:])
+    return gain / _WINDOW * left < 8 * options.patience

@@ -104,6 +104,8 @@ def put_channel(
             else:
                 coarse = coarsen(here, 1)
                 emit_by_context(emitter, key, trit_contexts(rule, kinds, coarse), here - 3 * coarse)
+        if predicted is not None:
+            predicted.settle(step, chosen, coarsen(values[chosen], (at[chosen] - step)[:, None]))
 
 
 def get_channel(
@@ -151,6 +153,8 @@ def get_channel(
             values[chosen] = first[-1][chosen]
         else:
             values[chosen] = _refined(reader, channel, step, kinds, values[chosen]).T
+        if predicted is not None:
+            predicted.settle(step, chosen, values[chosen])
 
 
 def _code_predicted(

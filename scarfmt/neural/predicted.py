@@ -60,6 +60,10 @@ class PredictedChannel:
             self._steps[part] = step
             around.add(rows, self._values[part], self._steps[part])
 
+    def settle(self, step: int, chosen: I64, values: Ints) -> None:
+        """Take the (m, components) `values` of anchors that received a step without predictors."""
+        self._values[chosen], self._steps[chosen] = values, step
+
     def contexts(self, component: int) -> I64 | None:
         """(w,) context numbers of the pass's symbols of a component; None where static contexts apply."""
         predictor = self._predictors.get((self._stream, component, self._step))

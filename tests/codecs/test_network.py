@@ -42,6 +42,16 @@ def test_networks_come_back(case: Case) -> None:
     assert same(unpack_network(pack_network(case.network)), case.network)
 
 
+@pytest.mark.parametrize("extreme", [127, -127, 128, -128, 32767, -32767])
+def test_the_extremes_of_both_widths_come_back(extreme: int) -> None:
+    """A weight that does not fit a byte makes its matrix wide."""
+    network = small()
+    weights = np.zeros_like(network.mixer.weights)
+    weights[0, 1] = extreme
+    changed = replace(network, mixer=replace(network.mixer, weights=weights, biases=network.mixer.biases * 0, shift=0))
+    assert same(unpack_network(pack_network(changed)), changed)
+
+
 def content(network: IndexNetwork) -> bytes:
     return decompress(pack_network(network), MAX_NETWORK_BYTES, "network")
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 import torch
@@ -14,6 +16,15 @@ from scarfmt.neural.grid import FEATURE_MAX, GridBox, GridLevel
 
 BOX = GridBox((100, 0, 40), 9)
 LEVELS = (GridLevel(0, 6, 9, 3), GridLevel(0, 33, 8, 4), GridLevel(2, 20, 9, 2), GridLevel(5, 16, 5, 1))
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> Iterator[None]:
+    """Threads only get in each other's way at this size."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
 
 
 def positions(count: int) -> NDArray[np.int64]:

@@ -14,7 +14,6 @@ from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, MAX_WEIGHT, Linear, amp
 from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, Head, IndexNetwork, Inputs
 
 I64 = NDArray[np.int64]
-PRE_ACTIVATION = 96
 LOGIT = 160
 
 
@@ -40,6 +39,7 @@ def random_network(
     codeword_dims: int | None = None,
     cluster_size: int | None = None,
     edge: bool = False,
+    pre_activation: float = 96,
 ) -> IndexNetwork:
     """A valid network whose activations are neither all zero nor all clamped.
 
@@ -49,8 +49,9 @@ def random_network(
         codeword_dims: R, by default up to 6 of the latent's dimensions.
         cluster_size: equal clusters of this size; by default random sizes, also 1.
         edge: biases bring every accumulator to exactly the largest reach allowed.
+        pre_activation: typical size of the recurrent layers' products; tanh and sigmoid end at 255.
     """
-    make = _Maker(rng, activation_bits, edge)
+    make = _Maker(rng, activation_bits, edge, pre_activation)
     dims = min(books.dimension, 6) if codeword_dims is None else codeword_dims
     y = hidden if mixed is None else mixed
     words = [book for book in (books.coarse, books.residual) if len(book)]
@@ -80,6 +81,7 @@ class _Maker:
     rng: np.random.Generator
     bits: int
     edge: bool
+    pre_activation: float
 
     @property
     def amax(self) -> int:
@@ -117,8 +119,8 @@ class _Maker:
 
     def gru(self, hidden: int, columns: int, matrices: int, tokens: int) -> GruLayer:
         limit = ACCUMULATOR_LIMIT // 2
-        recurrent, shift = self.rows(3 * hidden, hidden, limit, PRE_ACTIVATION)
-        inputs = tuple(self.rows(3 * hidden, columns, limit, PRE_ACTIVATION)[0] for _ in range(matrices))
+        recurrent, shift = self.rows(3 * hidden, hidden, limit, self.pre_activation)
+        inputs = tuple(self.rows(3 * hidden, columns, limit, self.pre_activation)[0] for _ in range(matrices))
         worst = np.max([np.abs(m).sum(axis=1) for m in inputs], axis=0)[:, None]
         biases = [self.biases(worst, limit, shift) for _ in range(tokens)]
         start = self.rng.integers(-self.amax, self.amax + 1, hidden)
@@ -170,5 +172,6 @@ def cases(draw: st.DrawFn) -> Case:
         rng, books, inputs, stages=stages, hidden=draw(st.integers(1, 9)), mixed=draw(st.integers(1, 7)),
         activation_bits=draw(st.integers(8, 12)), two_level=draw(st.booleans()), attention=draw(st.booleans()),
         gru_layers=draw(st.integers(1, 2)), edge=draw(st.booleans()),
+        pre_activation=draw(st.sampled_from([96, 3000, 1e6])),
     )  # fmt: skip
     return Case(books, stages, network)

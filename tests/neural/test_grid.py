@@ -77,6 +77,7 @@ LEVELS = st.builds(
 )
 @example([GridLevel(0, MAX_RESOLUTION, MAX_TABLE_LOG2, 8)], 32, (0, 0, 0), 1)
 @example([GridLevel(0, 1, 3, 1), GridLevel(3, 5, 4, 3)], 0, (2**32 - 1, 0, 0), 2)
+@example([GridLevel(0, 3, 6, 2), GridLevel(2, 3, 4, 1), GridLevel(6, 3, 2, 1)], 9, (0, 0, 0), 4)
 @example([GridLevel(1, 300, 12, 2), GridLevel(5, 300, 12, 2)], 3, (7, 7, 7), 3)
 def test_features_are_the_definition(
     levels: list[GridLevel], extent_bits: int, origin: tuple[int, int, int], seed: int

@@ -1,0 +1,174 @@
+"""Bytes and entropy coding of the second decoder: SPEC.md §5.7, §5.8 and §8 in plain loops, standard library only."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+POSITIONS, CLASSES, MASKS, POSITION_RESIDUAL, INDICES, LATENT, OFFSETS = 1, 2, 3, 4, 9, 10, 11
+TOTAL = 1 << 24
+
+
+class Refused(Exception):
+    """A refusal id of SPEC §12."""
+
+
+def require(holds: bool, refusal: str) -> None:
+    if not holds:
+        raise Refused(refusal)
+
+
+# ---------------------------------------------------------------------------------------------- 5.7, 5.8 fields
+
+
+class Payload:
+    """A cursor over bytes (SPEC §5.7)."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.at = 0
+
+    def take(self, length: int) -> bytes:
+        require(self.at + length <= len(self.data), "payload-short")
+        self.at += length
+        return self.data[self.at - length : self.at]
+
+    def fields(self, layout: str) -> tuple[Any, ...]:
+        return struct.unpack("<" + layout, self.take(struct.calcsize("<" + layout)))
+
+    def u8(self) -> int:
+        return self.take(1)[0]
+
+    def varint(self, b: int) -> int:
+        value = shift = 0
+        while True:
+            byte = self.u8()
+            value |= (byte & 0x7F) << shift
+            shift += 7
+            if byte < 0x80:
+                break
+            require(shift <= b, "bad-varint")
+        require(value < 1 << b and not (byte == 0 and shift > 7), "bad-varint")
+        return value
+
+    def svarint(self, b: int) -> int:
+        m = self.varint(b)
+        return m >> 1 if m % 2 == 0 else -(m >> 1) - 1
+
+    def count(self, most: int) -> int:
+        value = self.varint(63)
+        require(value <= most, "count-limit")
+        return value
+
+    def finish(self) -> None:
+        require(self.at == len(self.data), "payload-long")
+
+
+def stored(frame: bytes) -> bytes:
+    """The content of a Zstandard frame of raw blocks; a real decoder has a Zstandard library here (SPEC §5.8)."""
+    reader = Payload(frame)
+    require(reader.take(4) == bytes.fromhex("28b52ffd"), "bad-zstd")
+    size = {0x20: 1, 0x60: 2, 0xA0: 4}[reader.u8()]
+    length = int.from_bytes(reader.take(size), "little") + (256 if size == 2 else 0)
+    content, last = b"", False
+    while not last:
+        head = int.from_bytes(reader.take(3), "little")
+        last = bool(head & 1)
+        assert head >> 1 & 3 == 0, "not a stored frame"
+        content += reader.take(head >> 3)
+    require(reader.at == len(frame) and len(content) == length, "bad-zstd")
+    return content
+
+
+# ---------------------------------------------------------------------------------------------- 8 entropy coding
+
+
+class Table(NamedTuple):
+    """Symbols' values and cumulative frequencies (SPEC §8.1, §8.3)."""
+
+    values: Sequence[int]
+    cumulative: list[int]
+
+
+def cumulative(weights: list[int]) -> list[int]:
+    n, total, c, out = len(weights), sum(weights), 0, []
+    for i in range(n + 1):
+        out.append(c * (TOTAL - n) // total + i)
+        c += weights[i] if i < n else 0
+    return out
+
+
+def key(stream: int, component: int, step: int, context: int) -> int:
+    return stream << 24 | component << 16 | step << 8 | context
+
+
+def parse_tables(block: bytes) -> dict[int, Table]:
+    reader = Payload(stored(block))
+    tables: dict[int, Table] = {}
+    previous = -1
+    for _ in range(reader.count(65536)):
+        number = reader.varint(32)
+        require(number > previous, "bad-table")
+        previous = number
+        size = reader.count(4096)
+        require(size >= 1, "bad-table")
+        values = [reader.svarint(33)]
+        for _ in range(size - 1):
+            values.append(values[-1] + reader.varint(32) + 1)
+        require(abs(values[0]) < 1 << 31 and values[-1] < 1 << 31, "bad-table")
+        weights = [reader.varint(24) for _ in range(size)]
+        require(min(weights) >= 1, "bad-table")
+        tables[number] = Table(values, cumulative(weights))
+    reader.finish()
+    return tables
+
+
+class Rans:
+    """One sub-stream (SPEC §8.2)."""
+
+    def __init__(self, data: bytes, tables: dict[int, Table]) -> None:
+        self.words = list(struct.unpack(f"<{len(data) // 4}I", data))
+        require(not self.words or self.words[-1] != 0, "rans-last-word")
+        self.tables = tables
+        self.state = 0
+        self.refill()
+        self.refill()
+
+    def refill(self) -> None:
+        if self.state < 1 << 32 and self.words:
+            self.state = self.state << 32 | self.words.pop()
+
+    def symbol(self, table: Table) -> int:
+        c = table.cumulative
+        if len(c) == 2:
+            return table.values[0]
+        slot = self.state & (TOTAL - 1)
+        low, high = 0, len(c) - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if c[middle] <= slot else (low, middle)
+        self.state = (c[low + 1] - c[low]) * (self.state >> 24) + slot - c[low]
+        self.refill()
+        return table.values[low]
+
+    def read(self, number: int, n: int) -> list[int]:
+        if n == 0:
+            return []
+        require(number in self.tables, "missing-table")
+        return [self.symbol(self.tables[number]) for _ in range(n)]
+
+    def uniform(self, m: int, n: int) -> list[int]:
+        table = Table(range(m), cumulative([1] * m)) if n else None
+        return [self.symbol(table) for _ in range(n)] if table else []
+
+    def read_by_context(self, number: int, contexts: list[int]) -> list[int]:
+        out = [0] * len(contexts)
+        for c in sorted(set(contexts)):
+            chosen = [e for e, context in enumerate(contexts) if context == c]
+            for e, value in zip(chosen, self.read(number | c, len(chosen)), strict=True):
+                out[e] = value
+        return out
+
+    def seal(self) -> None:
+        require(self.state == 0 and not self.words, "rans-seal")

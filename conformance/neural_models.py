@@ -1,0 +1,226 @@
+"""Random models of the neural entropy model for the vectors, from :class:`conformance.prng.Prng`.
+
+They are valid and lively: shifts are chosen, in integers, so that activations are neither all zero nor all clamped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conformance.prng import Prng
+from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.model import SceneModel
+from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, Linear, amplitude, half_step
+from scarfmt.neural.grid import GridLevel, HashGrid
+from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork, Inputs
+from scarfmt.neural.predictors import AMAX, Predictor, first_use, input_width
+from scarfmt.schema import Stream
+
+I64 = NDArray[np.int64]
+_GATE, _LOGIT, _SCORE = 96, 160, 48
+
+
+@dataclass(frozen=True)
+class PredictorPlan:
+    """One predictor.
+
+    Attributes:
+        stream, component, step: its key.
+        units: hidden units.
+        buckets: (B1, B2).
+        classes: class columns with weights.
+        wide: weights of two bytes.
+        edge: biases bring every accumulator to the largest reach allowed.
+    """
+
+    stream: Stream
+    component: int
+    step: int
+    units: int = 0
+    buckets: tuple[int, int] = (3, 2)
+    classes: int = 2
+    wide: bool = False
+    edge: bool = False
+
+
+@dataclass(frozen=True)
+class NetworkPlan:
+    """An index network.
+
+    Attributes:
+        bits, widths, dims, layers: activation bits; U, H, Y; R; recurrent layers.
+        classes, own, latents: inputs; depths and grid features follow from the scene.
+        clusters: of each head; empty: flat.
+        attention: whether it has any.
+        tokens: stages it has biases for, by default all but the last of the scene.
+        wide: weights of two bytes.
+        edge: biases bring every accumulator to the largest reach allowed.
+        equal: heads without weights and biases: all logits are 0.
+    """
+
+    bits: int = 10
+    widths: tuple[int, int, int] = (5, 4, 6)
+    dims: int = 3
+    layers: int = 1
+    classes: int = 2
+    own: bool = True
+    latents: int = 0
+    clusters: tuple[tuple[int, ...], ...] = ((), ())
+    attention: bool = False
+    tokens: int | None = None
+    wide: bool = False
+    edge: bool = False
+    equal: bool = False
+
+
+@dataclass(frozen=True)
+class GridPlan:
+    """A hash grid; bits are drawn so that each level has another share of ones."""
+
+    origin: tuple[int, int, int]
+    extent_bits: int
+    levels: tuple[GridLevel, ...]
+
+
+class _Maker:
+    def __init__(self, prng: Prng, amax: int, *, wide: bool, edge: bool) -> None:
+        self.prng, self.amax, self.edge = prng, amax, edge
+        self.top = 2000 if wide else 127
+
+    def matrix(self, rows: int, columns: int, limit: int) -> I64:
+        """Weights that take up to half of the reach allowed."""
+        top = max(min(self.top, (limit // 2) // (self.amax * columns)), 1)
+        return self.prng.integers(-top, top + 1, (rows, columns))
+
+    def shift(self, matrices: list[I64], target: int) -> int:
+        """The shift that brings a quarter of the largest reach near `target`."""
+        reach = max(int(np.abs(matrix).sum(axis=1).max()) for matrix in matrices) * self.amax // 4
+        return min(max(reach.bit_length() - target.bit_length(), 0), 20)
+
+    def biases(self, matrices: list[I64], shift: int, limit: int, target: int) -> I64:
+        """Of a few target units, or such that the worst matrix reaches exactly the limit less 1."""
+        reach = np.max([np.abs(matrix).sum(axis=1) for matrix in matrices], axis=0) * self.amax
+        room: I64 = limit - 1 - half_step(shift) - reach
+        drawn = self.prng.integers(-target, target + 1, len(room)) << shift >> 1
+        if self.edge:
+            return np.where(drawn < 0, -room, room)
+        return np.clip(drawn, -room, room)
+
+    def linear(self, rows: int, columns: int, target: int) -> Linear:
+        weights = self.matrix(rows, columns, ACCUMULATOR_LIMIT)
+        shift = self.shift([weights], target)
+        return Linear(weights.astype(np.int32), self.biases([weights], shift, ACCUMULATOR_LIMIT, target), shift)
+
+    def gru(self, hidden: int, columns: int, matrices: int, tokens: int) -> GruLayer:
+        limit = ACCUMULATOR_LIMIT // 2
+        inputs = [self.matrix(3 * hidden, columns, limit) for _ in range(matrices)]
+        recurrent = self.matrix(3 * hidden, hidden, limit)
+        shift = self.shift([*inputs, recurrent], 2 * _GATE)
+        biases = [self.biases(inputs, shift, limit, _GATE) for _ in range(tokens)]
+        return GruLayer(
+            tuple(matrix.astype(np.int32) for matrix in inputs),
+            recurrent.astype(np.int32),
+            np.array(biases, np.int64).reshape(tokens, 3 * hidden),
+            self.biases([recurrent], shift, limit, _GATE),
+            self.prng.integers(-self.amax, self.amax + 1, hidden),
+            shift,
+        )
+
+    def attention(self, hidden: int) -> Attention:
+        layers = [self.linear(hidden, hidden, target) for target in (64, 64, self.amax // 2)]
+        return Attention(layers[0], layers[1], layers[2], (64 * 64 * hidden // 2).bit_length() - _SCORE.bit_length())
+
+    def head(self, codewords: I64, width: int, clusters: tuple[int, ...], *, equal: bool) -> Head:
+        projections = tuple(
+            self.linear(codewords.shape[1], width, self.amax // 2) for _ in range(2 if clusters else 1)
+        )
+        flat = Head(projections, clusters, np.zeros(len(clusters), np.int64), np.zeros(len(codewords), np.int64), 0, 0)
+        if equal:
+            silent = tuple(Linear(0 * layer.weights, 0 * layer.biases, layer.shift) for layer in projections)
+            return replace(flat, projections=silent)
+        if not clusters:
+            shift, biases = self.logits(codewords)
+            return replace(flat, shift=shift, biases=biases)
+        shift, cluster_biases = self.logits(flat.centroids(codewords))
+        member_shift, biases = self.logits(flat.deviations(codewords))
+        return replace(flat, shift=shift, member_shift=member_shift, cluster_biases=cluster_biases, biases=biases)
+
+    def logits(self, vectors: I64) -> tuple[int, I64]:
+        """Shift and biases of logits that are products with these vectors."""
+        shift = self.shift([vectors], _LOGIT)
+        return shift, self.biases([vectors], shift, ACCUMULATOR_LIMIT, _LOGIT // 2)
+
+
+def random_network(
+    prng: Prng, plan: NetworkPlan, model: SceneModel, books: Codebooks, grid: HashGrid | None
+) -> IndexNetwork:
+    """The index network of a plan, for a scene."""
+    make = _Maker(prng, amplitude(plan.bits), wide=plan.wide, edge=plan.edge)
+    first, hidden, mixed = plan.widths
+    attributes = sum(model.channels[index].components for index in model.attributes)
+    features = grid.width if grid is not None else 0
+    inputs = Inputs(
+        plan.classes, plan.own, attributes, len(model.context.occupancies), plan.latents, min(plan.latents, 2), features
+    )
+    words = [book for book in (books.coarse, books.residual) if len(book)]
+    tokens = model.max_stages - 1 if plan.tokens is None else plan.tokens
+    network = IndexNetwork(
+        activation_bits=plan.bits,
+        inputs=inputs,
+        codeword_dims=plan.dims,
+        codeword_shift=1,
+        embed=(make.linear(first, inputs.width, make.amax // 2), make.linear(hidden, first, make.amax // 2)),
+        gru=tuple(
+            make.gru(hidden, hidden if j else plan.dims, 1 if j else len(words), 1 if j else tokens)
+            for j in range(plan.layers)
+        ),
+        attention=make.attention(hidden) if plan.attention else None,
+        mixer=make.linear(mixed, 2 * hidden, make.amax // 2),
+        heads=(),
+    )
+    heads = tuple(
+        make.head(network.codewords(book), mixed, clusters, equal=plan.equal)
+        for book, clusters in zip(words, plan.clusters, strict=False)
+    )
+    return replace(network, heads=heads)
+
+
+def random_predictors(
+    prng: Prng, plans: tuple[PredictorPlan, ...], model: SceneModel
+) -> dict[int, tuple[Predictor, ...]]:
+    """The predictors of some plans, in any order, by the layer they belong to."""
+    out: dict[int, tuple[Predictor, ...]] = {}
+    for plan in sorted(plans, key=lambda p: (p.stream, p.component, p.step)):
+        index = model.channel_index(plan.stream)
+        assert index is not None
+        layer = first_use(model, index, plan.step)
+        assert layer is not None
+        out[layer] = (*out.get(layer, ()), _predictor(prng, plan, input_width(model, index)))
+    return out
+
+
+def _predictor(prng: Prng, plan: PredictorPlan, inputs: int) -> Predictor:
+    make = _Maker(prng, AMAX, wide=plan.wide, edge=plan.edge)
+    hidden = make.linear(plan.units, inputs, 64) if plan.units else None
+    output = make.linear(2, inputs + plan.units, 2 * max(plan.buckets))
+    layers = [layer for layer in (hidden, output) if layer is not None]
+    for layer in layers:
+        layer.weights[:, plan.classes : 15] = 0
+    if plan.edge:
+        # Class weights left out make room: fill it again.
+        reach = [make.biases([layer.weights.astype(np.int64)], layer.shift, ACCUMULATOR_LIMIT, 8) for layer in layers]
+        layers = [replace(layer, biases=biases) for layer, biases in zip(layers, reach, strict=True)]
+        hidden, output = layers[0] if plan.units else None, layers[-1]
+    return Predictor(plan.stream, plan.component, plan.step, hidden, output, plan.buckets)
+
+
+def random_grid(prng: Prng, plan: GridPlan) -> HashGrid:
+    """The grid of a plan."""
+    bits = []
+    for number, level in enumerate(plan.levels):
+        drawn = prng.integers(0, 8, (level.entries, level.features))
+        bits.append((drawn < 1 + 2 * (number % 4)).astype(np.uint8))
+    return HashGrid(plan.origin, plan.extent_bits, plan.levels, tuple(bits))
