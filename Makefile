@@ -7,6 +7,7 @@ WORKERS ?= 2
 
 # Idle OpenMP threads that spin take the processor from those that work (10 to 100 times slower on busy machines).
 export OMP_WAIT_POLICY := passive
+export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help

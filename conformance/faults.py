@@ -13,7 +13,10 @@ from conformance.files import (
     rebuilt,
     resealed_front,
     substream_bytes,
+    tile_parts,
+    without,
 )
+from conformance.neural_faults import neural_faults
 from scarfmt.codecs.codebooks import pack_codebooks, unpack_codebooks
 from scarfmt.container import Block, Container
 from scarfmt.schema import (
@@ -26,7 +29,7 @@ from scarfmt.schema import (
     Stream,
 )
 from scarfmt.source import BytesSource
-from scarfmt.substreams import pack_substreams, unpack_table
+from scarfmt.substreams import pack_substreams
 
 Fault = tuple[str, str, str, str, bytes]
 
@@ -38,6 +41,7 @@ def invalid_files(files: dict[str, bytes]) -> Iterator[Fault]:
     yield from _block_faults(base)
     yield from _model_faults(base, files["anchors"])
     yield from _symbol_faults(base, files["sh-from-network"])
+    yield from neural_faults(files)
 
 
 def _front_faults(base: bytes) -> Iterator[Fault]:
@@ -96,11 +100,6 @@ def _block_faults(base: bytes) -> Iterator[Fault]:
            _raw_tables(base, _larger_size))
 
 
-def _parts(payload: bytes) -> dict[Stream, bytes]:
-    table = unpack_table(payload, len(payload))
-    return {kind: payload[part.start : part.start + part.length] for kind, part in table.items()}
-
-
 def _wrong_crc(payload: bytes) -> bytes:
     table = 1 + 9 * payload[0]
     out = bytearray(payload)
@@ -110,7 +109,7 @@ def _wrong_crc(payload: bytes) -> bytes:
 
 
 def _with_masks(payload: bytes) -> bytes:
-    return pack_substreams({**_parts(payload), Stream.MASKS: bytes([1, 0, 0, 0])})
+    return pack_substreams({**tile_parts(payload), Stream.MASKS: bytes([1, 0, 0, 0])})
 
 
 def _raw_tables(base: bytes, change: Callable[[bytes], bytes]) -> bytes:
@@ -127,24 +126,18 @@ def _larger_size(frame: bytes) -> bytes:
     return frame[:5] + (int.from_bytes(frame[5:7], "little") + 1).to_bytes(2, "little") + frame[7:]
 
 
-def _without(base: bytes, kind: BlockKind, layer: int) -> bytes:
-    return rebuilt(base, [block for block in blocks_of(base) if (block.kind, block.layer) != (kind, layer)])
-
-
 def _model_faults(base: bytes, anchors: bytes) -> Iterator[Fault]:
-    yield ("entropy-mode-1", "the reserved entropy mode", "R-7.11-1", "unsupported-entropy-mode",
-           changed(base, BlockKind.LAYER, 1, lambda payload: b"\1" + payload[1:]))
     yield ("channels-descend", "POSITION_RESIDUAL became COLOUR, before SCALE", "R-6.4-1", "bad-channel",
            changed(base, BlockKind.LAYER, 1, lambda p: p[:2] + bytes([Stream.COLOUR]) + p[3:]))
     yield ("steps-taken-back", "a class has fewer steps than in the layer before", "R-6.5-2", "bad-layer-table",
            changed(base, BlockKind.LAYER, 2, lambda p: p[:4] + b"\0" + p[5:]))
-    yield "no-layer-block", "layer 3 has no LAYER block", "R-6.5-1", "missing-block", _without(base, BlockKind.LAYER, 3)
+    yield "no-layer-block", "layer 3 has no LAYER block", "R-6.5-1", "missing-block", without(base, BlockKind.LAYER, 3)
     yield ("no-codebook", "a stage without its codebook", "R-7.8-2", "missing-block",
-           _without(base, BlockKind.CODEBOOKS, 1))
+           without(base, BlockKind.CODEBOOKS, 1))
     yield "idle-codebook", "a codebook that no layer first needs", "R-7.8-2", "unexpected-block", _idle_codebook(base)
     yield ("no-scene-networks", "the anchor profile without SCENE_MLP", "R-7.9-4", "bad-mlp",
-           _without(anchors, BlockKind.SCENE_MLP, 1))
-    yield "no-table", "a group without a table", "R-8.3-3", "missing-table", _without(base, BlockKind.TABLES, 1)
+           without(anchors, BlockKind.SCENE_MLP, 1))
+    yield "no-table", "a group without a table", "R-8.3-3", "missing-table", without(base, BlockKind.TABLES, 1)
 
 
 def _idle_codebook(base: bytes) -> bytes:
@@ -164,12 +157,12 @@ def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:
 
 
 def _one_word_more(payload: bytes) -> bytes:
-    parts = _parts(payload)
+    parts = tile_parts(payload)
     return pack_substreams({**parts, Stream.SCALE: bytes([1, 0, 0, 0]) + parts[Stream.SCALE]})
 
 
 def _zero_word(payload: bytes) -> bytes:
-    parts = _parts(payload)
+    parts = tile_parts(payload)
     return pack_substreams({**parts, Stream.SCALE: parts[Stream.SCALE] + bytes(4)})
 
 

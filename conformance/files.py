@@ -121,6 +121,17 @@ def patched(data: bytes, structure: object, start: int, field: str, value: int) 
     return resealed_front(out)
 
 
+def without(data: bytes, kind: BlockKind, layer: int) -> bytes:
+    """The file without its blocks of `kind` in `layer`."""
+    return rebuilt(data, [block for block in blocks_of(data) if (block.kind, block.layer) != (kind, layer)])
+
+
+def tile_parts(payload: bytes) -> dict[Stream, bytes]:
+    """The sub-streams of a TILE block."""
+    table = unpack_table(payload, len(payload))
+    return {kind: payload[part.start : part.start + part.length] for kind, part in table.items()}
+
+
 def substream_bytes(data: bytes, kind: Stream, layer: int) -> tuple[int, int]:
     """Start and past of a sub-stream of the first TILE block of `layer`, absolute."""
     container = Container.open(BytesSource(data), limits=FORMAT_LIMITS)

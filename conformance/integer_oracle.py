@@ -1,4 +1,4 @@
-"""The index network in Python integers, one anchor at a time (SPEC §10.1, §10.2 and §10.5, literally).
+"""The index network in Python integers, one anchor at a time (SPEC §10.1 and §10.5, literally).
 
 Nothing here is fast and nothing is shared with the evaluator: tables come from their formulas, sums are loops
 over Python integers. Tests compare every other implementation with this one.
@@ -51,7 +51,7 @@ def exp2w(d: int) -> int:
 
 
 def frequencies(logits: Vector) -> Vector:
-    """Frequencies, each >= 1 and 2^24 together, of logits in units of 1/32 bit (SPEC §10.2)."""
+    """Frequencies, each >= 1 and 2^24 together, of logits in units of 1/32 bit (SPEC §8.1, §10.1)."""
     n, top = len(logits), max(logits)
     prefix = [0]
     for logit in logits:

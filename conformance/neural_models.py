@@ -105,9 +105,8 @@ class _Maker:
         reach = np.max([np.abs(matrix).sum(axis=1) for matrix in matrices], axis=0) * self.amax
         room: I64 = limit - 1 - half_step(shift) - reach
         drawn = self.prng.integers(-target, target + 1, len(room)) << shift >> 1
-        if self.edge:
-            return np.where(drawn < 0, -room, room)
-        return np.clip(drawn, -room, room)
+        chosen: I64 = np.where(drawn < 0, -room, room) if self.edge else np.clip(drawn, -room, room)
+        return chosen
 
     def linear(self, rows: int, columns: int, target: int) -> Linear:
         weights = self.matrix(rows, columns, ACCUMULATOR_LIMIT)

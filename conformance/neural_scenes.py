@@ -3,7 +3,16 @@
 from __future__ import annotations
 
 from conformance.neural_models import GridPlan, NetworkPlan, PredictorPlan
-from conformance.scenes import ANCHOR_CHANNELS, BY_CLASS, EVERY_CHANNEL, PLAIN, REFINED_ROWS, SPREAD_TILES, Plan, channel
+from conformance.scenes import (
+    ANCHOR_CHANNELS,
+    BY_CLASS,
+    EVERY_CHANNEL,
+    PLAIN,
+    REFINED_ROWS,
+    SPREAD_TILES,
+    Plan,
+    channel,
+)
 from scarfmt.container import Tile
 from scarfmt.model import ContextRule, DecodedContext, LayerRow
 from scarfmt.neural.grid import GridLevel
@@ -26,33 +35,40 @@ def _row(neural: bool, *classes: tuple[int, int]) -> LayerRow:
     return LayerRow(tuple(s for s, _ in classes), tuple((n, n) for _, n in classes), neural)
 
 
+_on = PredictorPlan
+
+
 def neural_plans() -> dict[str, tuple[str, Plan]]:
     """Name -> (what it tests, plan)."""
     return {**_predictor_plans(), **_network_plans()}
 
 
 def _predictor_plans() -> dict[str, tuple[str, Plan]]:
-    P, S = PredictorPlan, Stream
+    refined = (LayerRow((0,), ((1,),)), LayerRow((0, 0), ((3,), (2,))), LayerRow((0, 0), ((20,), (2,))))
     return {
         "predictors": ("predictors with and without hidden units on first and later steps, 4 passes, 2 depths", Plan(
             "predictors", EVERY_CHANNEL, REFINED_ROWS, SPREAD_TILES, (60, 30, 0, 50), degree=2, dimension=5,
             context=DecodedContext(2, (40, 5)), predictors=(
-                P(S.SCALE, 0, 1, 4), P(S.SCALE, 2, 1, 0, (5, 3), 4), P(S.SCALE, 1, 2, 3), P(S.SCALE, 1, 4, 2, (4, 4)),
-                P(S.ROTATION, 0, 1), P(S.ROTATION, 2, 3, 5, (2, 7), 0), P(S.OPACITY, 0, 1, 64, (16, 16), 15),
-                P(S.OPACITY, 0, 2, 2, (1, 1)), P(S.COLOUR, 0, 2, 6, (256, 1)), P(S.COLOUR, 1, 1, 3, (1, 256)),
+                _on(Stream.SCALE, 0, 1, 4), _on(Stream.SCALE, 2, 1, 0, (5, 3), 4), _on(Stream.SCALE, 1, 2, 3),
+                _on(Stream.SCALE, 1, 3, 2, (4, 4)), _on(Stream.SCALE, 2, 4, 2, (4, 4)),
+                _on(Stream.ROTATION, 0, 1), _on(Stream.ROTATION, 1, 2, 3), _on(Stream.ROTATION, 2, 3, 5, (2, 7), 0),
+                _on(Stream.OPACITY, 0, 1, 64, (16, 16), 15), _on(Stream.OPACITY, 0, 2, 2, (1, 1)),
+                _on(Stream.COLOUR, 0, 2, 6, (256, 1)), _on(Stream.COLOUR, 1, 1, 3, (1, 256)),
             ))),
-        "predictors-deep": ("3 passes logarithm, 4 depths down to single cells, 20 steps of large values", Plan(
-            "deep", (_SCALE3,), (LayerRow((0,), ((1,),)), LayerRow((0, 0), ((3,), (2,))), LayerRow((0, 0), ((20,), (2,)))),
-            _WHOLE, (150,), bits=7, spread=300, context=DecodedContext(3, (65535, 60, 9, 1)), predictors=(
-                P(S.SCALE, 0, 1, 3), P(S.SCALE, 1, 2, 4), P(S.SCALE, 0, 3), P(S.SCALE, 2, 19, 3), P(S.SCALE, 2, 20, 3),
-            ))),
+        "predictors-deep": ("8 passes, 4 depths down to single cells, 20 steps of large values", Plan(
+            "deep", (_SCALE3,), refined, _WHOLE, (150,), bits=7, spread=300,
+            context=DecodedContext(3, (65535, 60, 9, 1)),
+            predictors=tuple(_on(Stream.SCALE, n % 3, n, n % 4) for n in range(1, 21)))),
         "predictors-alone": ("no depths: contexts from the anchor's own values only; one anchor in a tile, too", Plan(
             "alone", _COLOURED, (_row(False, (0, 2)),), (Tile(1, 0, 0), Tile(1, 0, 1)), (40, 1), codes=9,
-            context=DecodedContext(1, ()), bits=6, predictors=(P(S.SCALE, 0, 2, 3), P(S.COLOUR, 2, 2, 3, wide=True)))),
+            context=DecodedContext(1, ()), bits=6, predictors=(
+                _on(Stream.SCALE, 0, 2, 3), _on(Stream.SCALE, 1, 1), _on(Stream.COLOUR, 1, 1, 2),
+                _on(Stream.COLOUR, 2, 2, 3, wide=True)))),
         "predictors-edge": ("accumulators of predictors that reach 2^24 - 1, no more", Plan(
             "predictors edge", _COLOURED, (_row(False, (0, 2)),), _WHOLE, (60,), bits=6,
             context=DecodedContext(0, (8,)), predictors=(
-                P(S.SCALE, 0, 1, 3, edge=True), P(S.COLOUR, 1, 2, 0, (16, 16), wide=True, edge=True)))),
+                _on(Stream.SCALE, 0, 1, 3, edge=True), _on(Stream.COLOUR, 0, 1),
+                _on(Stream.COLOUR, 1, 2, 0, (16, 16), wide=True, edge=True)))),
     }
 
 
@@ -65,17 +81,17 @@ def _network_plans() -> dict[str, tuple[str, Plan]]:
         "index-flat": ("flat heads, 8 activation bits, no depths, no attention, one pass", Plan(
             "flat", _COLOURED, flat_rows, _WHOLE, (60,), degree=1, dimension=4,
             network=NetworkPlan(bits=8))),
-        "index-two-level": ("clusters of 1 to 5, attention, two recurrent layers, 12 bits, 4 passes, eight stages", Plan(
+        "index-two-level": ("clusters of 1 to 7, attention, two recurrent layers, 12 bits, 4 passes, 8 stages", Plan(
             "two levels", _COLOURED, deep_rows, SPREAD_TILES, (30, 50, 0, 20), degree=1, dimension=5,
             context=DecodedContext(2, (30, 4)), network=NetworkPlan(
                 bits=12, widths=(7, 6, 9), dims=5, layers=2, latents=3, clusters=((1, 5, 1, 4, 1), (3, 1, 1, 7)),
                 attention=True, classes=3))),
-        "index-attention": ("attention with flat coarse and two-level residual head, 4 layers, 8 passes, 3 depths", Plan(
+        "index-attention": ("attention, flat coarse and two-level residual head, 4 layers, 8 passes, 3 depths", Plan(
             "attention", _COLOURED, deep_rows, _WHOLE, (70,), degree=1, dimension=3, bits=9,
             context=DecodedContext(3, (50, 10, 2)), network=NetworkPlan(
-                bits=9, widths=(3, 5, 4), dims=2, layers=4, latents=1, own=False, clusters=((), (6, 6)), attention=True,
-                classes=0, wide=True))),
-        "index-grid": ("a hash grid with levels of every plane, dense and hashed, in a box smaller than the scene", Plan(
+                bits=9, widths=(3, 5, 4), dims=2, layers=4, latents=1, own=False, clusters=((), (6, 6)),
+                attention=True, classes=0, wide=True))),
+        "index-grid": ("hash grid levels of every plane, dense and hashed, in a box smaller than the scene", Plan(
             "grid", _COLOURED, flat_rows, SPREAD_TILES, (40, 40, 0, 20), degree=1, dimension=4,
             context=DecodedContext(1, (12,)), network=NetworkPlan(clusters=((6, 6), ())),
             grid=GridPlan((4000, 0, 9001), 15, _ALL_PLANES))),

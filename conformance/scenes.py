@@ -65,7 +65,7 @@ class Plan:
     origin: tuple[float, float, float] = (-1.5, 0.25, 3.0)
     voxel: float = 0.0078125
     metadata: dict[str, object] = field(default_factory=dict)
-    context: DecodedContext = DecodedContext()
+    context: DecodedContext = field(default_factory=DecodedContext)
     predictors: tuple[PredictorPlan, ...] = ()
     network: NetworkPlan | None = None
     grid: GridPlan | None = None
@@ -269,8 +269,8 @@ def static_plans() -> dict[str, tuple[str, Plan]]:
                 LayerRow((0,), ((3, 1),)),), (Tile(21, 11, 5), Tile(21, 0, 6), Tile(1, 31, 1), Tile(2, 9, 63)),
             (20, 30, 20, 40), bits=32, origin=(1e6, -1e-3, 0.1), voxel=1e-7)),
         "anchors": ("anchor profile: masks, offsets, two layers, three networks", Plan(
-            "anchors", ANCHOR_CHANNELS, (LayerRow((1,), ((1, 1),)), LayerRow((2, 1), ((2, 1), (1, 1)))), SPREAD_TILES[:2],
-            (60, 50), profile=Profile.ANCHOR, slots=10, dimension=4)),
+            "anchors", ANCHOR_CHANNELS, (LayerRow((1,), ((1, 1),)), LayerRow((2, 1), ((2, 1), (1, 1)))),
+            SPREAD_TILES[:2], (60, 50), profile=Profile.ANCHOR, slots=10, dimension=4)),
         "anchors-32-slots": ("anchor profile: 32 slots, three layers, the latent by LATENT alone at first", Plan(
             "slots", _ANCHOR_RICH, (
                 LayerRow((0,), ((0, 1, 1, 1),)), LayerRow((0, 1), ((1, 1, 2, 1), (1, 1, 0, 1))),

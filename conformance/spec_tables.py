@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from conformance.worked import field_table_text, hex_dump, rans_text, value_text, worked_file
+from conformance.worked_network import evaluation_rows, network_rows, table_text
+from scarfmt.neural import tables
 from scarfmt.schema import STRUCTURES, markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -66,15 +68,26 @@ def _tool_ids() -> str:
     return "\n".join(lines) + "\n"
 
 
+def _numbers(values: tuple[int, ...]) -> str:
+    """Sixteen numbers a line, in a code block."""
+    lines = [" ".join(f"{v:5}" for v in values[start : start + 16]) for start in range(0, len(values), 16)]
+    return "\n".join(["```", *lines, "```", ""])
+
+
 def _parts() -> dict[str, Callable[[], str]]:
-    tables = {name: (lambda name=name: markdown_table(name)) for name in STRUCTURES}
+    structures = {name: (lambda name=name: markdown_table(name)) for name in STRUCTURES}
     return {
-        **tables,
+        **structures,
         "tool-ids": _tool_ids,
         "worked-hex": lambda: hex_dump(worked_file()),
         "worked-fields": lambda: field_table_text(worked_file()),
         "worked-rans": lambda: rans_text(worked_file()),
         "worked-values": value_text,
+        "TANH": lambda: _numbers(tables.TANH),
+        "SIGMOID": lambda: _numbers(tables.SIGMOID),
+        "EXP2": lambda: _numbers(tables.EXP2),
+        "worked-network": lambda: table_text(network_rows()),
+        "worked-evaluation": lambda: table_text(evaluation_rows()),
     }
 
 

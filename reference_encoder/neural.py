@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.entropy.clusters import Clusters, arrange
-from reference_encoder.entropy.dataset import ContextOptions, index_rows
+from reference_encoder.entropy.dataset import ContextOptions, index_rows, lattice_positions
 from reference_encoder.entropy.export import export
+from reference_encoder.entropy.grid import fit_box, wave_grid
 from reference_encoder.entropy.model import NetworkShape
 from reference_encoder.entropy.train import TrainOptions, code_uses, train
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.predict import choose_predictors
-from scarfmt.directory import local_bits
+from scarfmt.directory import local_bits, tile_frame
 from scarfmt.model import DecodedContext, LayerRow, SceneModel
 from scarfmt.neural.network import Inputs
 from scarfmt.tile import TileContent
@@ -87,7 +88,10 @@ def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Re
     rows = index_rows(model, scene.contents, bits, scene.codebooks, seen, most, options.seed)
     coarse, residual = code_uses(rows, scene.codebooks.sizes)
     books, clusters = arrange(scene.codebooks, (coarse, residual))
-    rows = replace(rows, codes=_renumbered(rows.codes, clusters))
+    positions = lattice_positions(rows, scene.contents, [tile_frame(scene.fields, tile) for tile in scene.tiles])
+    grid = wave_grid(fit_box(positions)[0])
+    inputs = np.concatenate([rows.inputs, grid.features(positions)], axis=1)
+    rows = replace(rows, inputs=inputs, codes=_renumbered(rows.codes, clusters))
     shape = NetworkShape()
     trained = train(
         rows,
@@ -98,10 +102,18 @@ def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Re
         partial(report, "entropy network"),
     )
     attributes = sum(model.channels[index].components for index in model.attributes)
-    inputs = Inputs(model.layers[-1].class_count, seen.own, attributes, len(context.occupancies), seen.latents, 0, 0)
-    network = export(trained.model, inputs, books)
+    columns = Inputs(
+        model.layers[-1].class_count,
+        seen.own,
+        attributes,
+        len(context.occupancies),
+        seen.latents,
+        seen.latent_shift,
+        grid.width,
+    )
+    network = export(trained.model, columns, books)
     contents = tuple(_recoded(model, content, clusters) for content in scene.contents)
-    return replace(scene, model=model, contents=contents, codebooks=books, network=network)
+    return replace(scene, model=model, contents=contents, codebooks=books, network=network, grid=grid)
 
 
 def _neural(row: LayerRow) -> LayerRow:

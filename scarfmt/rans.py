@@ -131,7 +131,7 @@ class RansEncoder:
             self._groups.append((values, table))
 
     def encode_rows(self, symbols: NDArray[np.integer[Any]], weights: F64) -> None:
-        """Append `symbols`, each coded with a frequency table of its own (SPEC §10.2).
+        """Append `symbols`, each coded with a frequency table of its own (SPEC §8.1, §10.5).
 
         Args:
             symbols: (n,) integers in 0..k-1.

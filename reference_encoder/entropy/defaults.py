@@ -31,7 +31,8 @@ class TrainingBudget:
     """What an effort level may spend.
 
     Attributes:
-        rows: most rows in the training sample.
+        rows: most rows in the training sample. Many rows seen twice beat few seen often: what codewords of their own
+            learn from a sample does not hold for the rest of the scene.
         visits: rows seen in all epochs together.
         most_epochs: of a small scene.
     """
@@ -42,9 +43,9 @@ class TrainingBudget:
 
 
 BUDGETS = {
-    1: TrainingBudget(50_000, 400_000, 16),
-    2: TrainingBudget(120_000, 2_000_000, 32),
-    3: TrainingBudget(400_000, 10_000_000, 60),
+    1: TrainingBudget(200_000, 400_000, 16),
+    2: TrainingBudget(1_000_000, 2_000_000, 32),
+    3: TrainingBudget(4_000_000, 10_000_000, 60),
 }
 
 
@@ -65,7 +66,7 @@ def shape_for(indices: int, dimension: int, attention: bool = False) -> NetworkS
 def training_for(rows: int, effort: int, seed: int) -> TrainOptions:
     """Training on so many `rows` at an effort level, 1..3."""
     budget = BUDGETS[effort]
-    epochs = int(np.clip(round(budget.visits / max(rows, 1)), 4, budget.most_epochs))
+    epochs = int(np.clip(round(budget.visits / max(rows, 1)), 2, budget.most_epochs))
     # At least some dozens of steps an epoch; beyond that, larger batches give steadier steps for little more time.
     batch = int(np.clip(1 << (max(rows, 1) // 60).bit_length(), _SMALLEST_BATCH, _LARGEST_BATCH))
     return TrainOptions(epochs=epochs, batch=batch, rate=_RATE, seed=seed)

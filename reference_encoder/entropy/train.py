@@ -1,7 +1,7 @@
 """Training of the index network: what it codes plus what it costs, in bits, on a bounded budget.
 
-The file pays for the network, so the loss is the bits of the indices of the whole scene plus those of the weights;
-there is no overfitting to fear that this sum does not show. Same rows, options and seed give the same network.
+The file pays for the network, so the loss is the bits of the indices plus those of the weights; trained on all rows
+of a scene there is no overfitting that this sum does not show. Same rows, options and seed give the same network.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ class TrainOptions:
         epochs: passes over the rows.
         batch: rows a step.
         rate: highest learning rate, of Adam with a one-cycle schedule.
-        weight_rate: weight of the network's own bits; 1 is what they cost.
+        weight_rate: weight of the network's own bits; 1 is what they cost a scene as large as the sample, which
+            keeps a network from learning a small sample by heart.
         quantised: train the integers; off: the float model, to compare.
         patience: stop when the rest of the epochs would, at the pace of the last, save fewer bytes than this.
         seed: of everything random.
@@ -58,7 +59,8 @@ class Trained:
 
     Attributes:
         model: in torch.
-        history: estimated bits of the whole scene's indices plus network after each epoch.
+        history: estimated bits of the whole scene's indices plus network after each epoch; an estimate from the
+            training rows, so too good where these are a small sample.
         index_bits: estimated bits of the whole scene's indices.
         network_bits: estimated bits of the network.
     """
@@ -168,7 +170,7 @@ def train(
         order = torch.from_numpy(draw.permutation(len(rows)))
         for number, chosen in enumerate(torch.tensor_split(order, steps)):
             loss = torch.cat(model.bits(examples.batch(chosen), options.quantised)).sum() / (examples.sent / steps)
-            loss = loss + options.weight_rate / max(rows.symbols, 1) * _network_bits(model, grid)
+            loss = loss + options.weight_rate / examples.sent * _network_bits(model, grid)
             optimiser.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             torch.nn.utils.clip_grad_norm_(model.parameters(), _STEEPEST)

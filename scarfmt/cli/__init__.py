@@ -6,6 +6,7 @@ exit codes in :mod:`scarfmt.cli.failures`.
 
 from __future__ import annotations
 
+import os
 import signal
 from types import FrameType
 
@@ -57,4 +58,6 @@ def _terminate(_signal: int, _frame: FrameType | None) -> None:
 def main() -> None:
     """Entry point of the `scarfmt` command."""
     signal.signal(signal.SIGTERM, _terminate)
+    # Tiles are what is worth working on side by side: threads inside products this small only wait for each other.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     cli(prog_name="scarfmt")

@@ -29,8 +29,6 @@ Ints = NDArray[np.integer[Any]]
 
 CLASS_VALUE = 64
 _ATTRIBUTE_SHIFT = 6
-_ROWS = 4096
-"""Symbols whose frequencies are held at once."""
 
 
 @dataclass(frozen=True)
@@ -161,25 +159,26 @@ def embedding_inputs(coder: IndexCoder, context: LayerContext, part: I64, settle
 def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: Any, symbols: I64) -> None:
     head, evaluator = coder.network.heads[book], coder.evaluator
     if not head.two_level:
-        for first in range(0, len(symbols), _ROWS):
-            run = slice(first, first + _ROWS)
-            emitter.emit_rows(evaluator.flat_rows(book, mixed[run]), symbols[run])
+        for block in evaluator.first_blocks(book, mixed):
+            emitter.emit_rows(block.weights, symbols[block.rows])
         return
     starts = head.starts
     clusters = np.searchsorted(starts, symbols, side="right") - 1
     members = symbols - starts[clusters]
-    emitter.emit_rows(evaluator.cluster_rows(book, mixed), clusters)
+    for block in evaluator.first_blocks(book, mixed):
+        emitter.emit_rows(block.weights, clusters[block.rows])
     for block in evaluator.member_blocks(book, mixed, clusters):
         emitter.emit_rows(block.weights, members[block.rows])
 
 
 def _get_symbols(reader: SymbolReader, coder: IndexCoder, book: int, mixed: Any, count: int) -> I64:
     head, evaluator = coder.network.heads[book], coder.evaluator
+    first = np.empty(count, np.int64)
+    for block in evaluator.first_blocks(book, mixed):
+        first[block.rows] = reader.read_rows(block.weights)
     if not head.two_level:
-        runs = (slice(first, first + _ROWS) for first in range(0, count, _ROWS))
-        return np.concatenate([reader.read_rows(evaluator.flat_rows(book, mixed[run])) for run in runs])
-    clusters = reader.read_rows(evaluator.cluster_rows(book, mixed))
-    out: I64 = head.starts[clusters]
-    for block in evaluator.member_blocks(book, mixed, clusters):
+        return first
+    out: I64 = head.starts[first]
+    for block in evaluator.member_blocks(book, mixed, first):
         out[block.rows] += reader.read_rows(block.weights)
     return out
