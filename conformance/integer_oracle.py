@@ -94,10 +94,11 @@ class Oracle:
         self.codewords = [[self._activation(word) for word in words] for words in (coarse, residual)]
 
     def _activation(self, word: Vector) -> Vector:
-        """e_k of one codeword."""
+        """e_k of one codeword: its leading dimensions, then its magnitude."""
         net = self.network
         leading = word[: net.codeword_dims]
-        return [clamp(round_shift(v, net.codeword_shift), -net.amax, net.amax) for v in leading]
+        e = [clamp(round_shift(v, net.codeword_shift), -net.amax, net.amax) for v in leading]
+        return [*e, min(net.amax, 8 * sum(v * v for v in e).bit_length())]
 
     def embedding(self, x: Vector) -> Vector:
         """h of the input columns."""

@@ -20,7 +20,7 @@ from scarfmt.neural.predictors import AMAX, Predictor, first_use, input_width
 from scarfmt.schema import Stream
 
 I64 = NDArray[np.int64]
-_GATE, _LOGIT, _SCORE = 96, 160, 48
+_LOGIT, _SCORE = 160, 48
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class PredictorPlan:
 
     Attributes:
         stream, component, step: its key.
-        units: hidden units.
+        units, loudness: hidden units, and near which value a quarter of their reach lies.
         buckets: (B1, B2).
         classes: class columns with weights.
         wide: weights of two bytes.
@@ -44,6 +44,7 @@ class PredictorPlan:
     classes: int = 2
     wide: bool = False
     edge: bool = False
+    loudness: int = 64
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class NetworkPlan:
 
     Attributes:
         bits, widths, dims, layers: activation bits; U, H, Y; R; recurrent layers.
-        classes, own, latents: inputs; depths and grid features follow from the scene.
+        classes, own, latents, latent_shift: inputs; depths and grid features follow from the scene.
+        gate: near which value a quarter of the reach of a recurrent layer's products lies, when halved.
         clusters: of each head; empty: flat.
         attention: whether it has any.
         tokens: stages it has biases for, by default all but the last of the scene.
@@ -68,6 +70,8 @@ class NetworkPlan:
     classes: int = 2
     own: bool = True
     latents: int = 0
+    latent_shift: int = 2
+    gate: int = 96
     clusters: tuple[tuple[int, ...], ...] = ((), ())
     attention: bool = False
     tokens: int | None = None
@@ -113,24 +117,24 @@ class _Maker:
         shift = self.shift([weights], target)
         return Linear(weights.astype(np.int32), self.biases([weights], shift, ACCUMULATOR_LIMIT, target), shift)
 
-    def gru(self, hidden: int, columns: int, matrices: int, tokens: int) -> GruLayer:
+    def gru(self, hidden: int, columns: int, matrices: int, tokens: int, gate: int) -> GruLayer:
         limit = ACCUMULATOR_LIMIT // 2
         inputs = [self.matrix(3 * hidden, columns, limit) for _ in range(matrices)]
         recurrent = self.matrix(3 * hidden, hidden, limit)
-        shift = self.shift([*inputs, recurrent], 2 * _GATE)
-        biases = [self.biases(inputs, shift, limit, _GATE) for _ in range(tokens)]
+        shift = self.shift([*inputs, recurrent], 2 * gate)
+        biases = [self.biases(inputs, shift, limit, gate) for _ in range(tokens)]
         return GruLayer(
             tuple(matrix.astype(np.int32) for matrix in inputs),
             recurrent.astype(np.int32),
             np.array(biases, np.int64).reshape(tokens, 3 * hidden),
-            self.biases([recurrent], shift, limit, _GATE),
+            self.biases([recurrent], shift, limit, gate),
             self.prng.integers(-self.amax, self.amax + 1, hidden),
             shift,
         )
 
     def attention(self, hidden: int) -> Attention:
-        layers = [self.linear(hidden, hidden, target) for target in (64, 64, self.amax // 2)]
-        return Attention(layers[0], layers[1], layers[2], (64 * 64 * hidden // 2).bit_length() - _SCORE.bit_length())
+        layers = [self.linear(hidden, hidden, target) for target in (500, 300, self.amax // 2)]
+        return Attention(layers[0], layers[1], layers[2], (100 * 100 * hidden // 2).bit_length() - _SCORE.bit_length())
 
     def head(self, codewords: I64, width: int, clusters: tuple[int, ...], *, equal: bool) -> Head:
         projections = tuple(
@@ -162,7 +166,7 @@ def random_network(
     attributes = sum(model.channels[index].components for index in model.attributes)
     features = grid.width if grid is not None else 0
     inputs = Inputs(
-        plan.classes, plan.own, attributes, len(model.context.occupancies), plan.latents, min(plan.latents, 2), features
+        plan.classes, plan.own, attributes, len(model.context.occupancies), plan.latents, plan.latent_shift, features
     )
     words = [book for book in (books.coarse, books.residual) if len(book)]
     tokens = model.max_stages - 1 if plan.tokens is None else plan.tokens
@@ -173,7 +177,7 @@ def random_network(
         codeword_shift=1,
         embed=(make.linear(first, inputs.width, make.amax // 2), make.linear(hidden, first, make.amax // 2)),
         gru=tuple(
-            make.gru(hidden, hidden if j else plan.dims, 1 if j else len(words), 1 if j else tokens)
+            make.gru(hidden, hidden if j else plan.dims, 1 if j else len(words), 1 if j else tokens, plan.gate)
             for j in range(plan.layers)
         ),
         attention=make.attention(hidden) if plan.attention else None,
@@ -203,7 +207,7 @@ def random_predictors(
 
 def _predictor(prng: Prng, plan: PredictorPlan, inputs: int) -> Predictor:
     make = _Maker(prng, AMAX, wide=plan.wide, edge=plan.edge)
-    hidden = make.linear(plan.units, inputs, 64) if plan.units else None
+    hidden = make.linear(plan.units, inputs, plan.loudness) if plan.units else None
     output = make.linear(2, inputs + plan.units, 2 * max(plan.buckets))
     layers = [layer for layer in (hidden, output) if layer is not None]
     for layer in layers:

@@ -59,6 +59,15 @@ def _predictor_plans() -> dict[str, tuple[str, Plan]]:
             "deep", (_SCALE3,), refined, _WHOLE, (150,), bits=7, spread=300,
             context=DecodedContext(3, (65535, 60, 9, 1)),
             predictors=tuple(_on(Stream.SCALE, n % 3, n, n % 4) for n in range(1, 21)))),
+        "predictors-crowd": ("640 anchors at 8 lattice points: a target met exactly, counts of nine digits", Plan(
+            "crowd", (_SCALE3,), (LayerRow((0,), ((2,),)),), _WHOLE, (640,), codes=8, bits=5, spread=9,
+            context=DecodedContext(1, (65535, 80)), predictors=(
+                _on(Stream.SCALE, 0, 1, 5, (5, 5)), _on(Stream.SCALE, 2, 2, 5, (5, 5))))),
+        "predictors-wide": ("values beyond the range of fine values, hidden units beyond that of activations", Plan(
+            "wide fine", _COLOURED, (_row(False, (0, 2)),), _WHOLE, (50,), bits=5, spread=30000,
+            context=DecodedContext(1, (30, 6)), predictors=(
+                _on(Stream.SCALE, 1, 1, 4, (6, 6), loudness=2000), _on(Stream.SCALE, 1, 2, 4, (6, 6)),
+                _on(Stream.COLOUR, 0, 1, 4, (6, 6), loudness=2000)))),
         "predictors-alone": ("no depths: contexts from the anchor's own values only; one anchor in a tile, too", Plan(
             "alone", _COLOURED, (_row(False, (0, 2)),), (Tile(1, 0, 0), Tile(1, 0, 1)), (40, 1), codes=9,
             context=DecodedContext(1, ()), bits=6, predictors=(
@@ -80,12 +89,12 @@ def _network_plans() -> dict[str, tuple[str, Plan]]:
     return {
         "index-flat": ("flat heads, 8 activation bits, no depths, no attention, one pass", Plan(
             "flat", _COLOURED, flat_rows, _WHOLE, (60,), degree=1, dimension=4,
-            network=NetworkPlan(bits=8))),
+            loudness=8, network=NetworkPlan(bits=8, gate=12000))),
         "index-two-level": ("clusters of 1 to 7, attention, two recurrent layers, 12 bits, 4 passes, 8 stages", Plan(
             "two levels", _COLOURED, deep_rows, SPREAD_TILES, (30, 50, 0, 20), degree=1, dimension=5,
             context=DecodedContext(2, (30, 4)), network=NetworkPlan(
-                bits=12, widths=(7, 6, 9), dims=5, layers=2, latents=3, clusters=((1, 5, 1, 4, 1), (3, 1, 1, 7)),
-                attention=True, classes=3))),
+                bits=12, widths=(7, 6, 9), dims=5, layers=2, latents=3, latent_shift=0,
+                clusters=((1, 5, 1, 4, 1), (3, 1, 1, 7)), attention=True, classes=3))),
         "index-attention": ("attention, flat coarse and two-level residual head, 4 layers, 8 passes, 3 depths", Plan(
             "attention", _COLOURED, deep_rows, _WHOLE, (70,), degree=1, dimension=3, bits=9,
             context=DecodedContext(3, (50, 10, 2)), network=NetworkPlan(

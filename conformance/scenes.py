@@ -40,6 +40,7 @@ class Plan:
         rows: layer table.
         counts: anchors of each tile.
         codewords: of the coarse and the residual codebook.
+        loudness: factor of their components.
         codes: local codes are drawn from so many values, 0 for all there are.
         skew: codes are the largest of so many draws: few anchors in the lower halves.
         spread: of first-step values.
@@ -58,6 +59,7 @@ class Plan:
     degree: int = 0
     dimension: int = 0
     codewords: tuple[int, int] = (12, 12)
+    loudness: int = 1
     codes: int = 0
     skew: int = 1
     spread: int = 4
@@ -167,6 +169,7 @@ def _books(prng: Prng, plan: Plan, model: SceneModel) -> Codebooks | None:
     spread = np.array([max(64 >> d, 0) for d in range(plan.dimension)])
     coarse = prng.integers(-64, 65, (plan.codewords[0], plan.dimension)) * spread // 64
     residual = prng.integers(-64, 65, (plan.codewords[1], plan.dimension)) * spread // 256
+    coarse, residual = coarse * plan.loudness, residual * plan.loudness
     return Codebooks(coarse, residual if model.max_stages > 1 else residual[:0])
 
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from reference_encoder.entropy.clusters import Clusters, arrange
 from reference_encoder.entropy.dataset import ContextOptions, index_rows, lattice_positions
+from reference_encoder.entropy.defaults import BUDGETS, LATENTS, shape_for, training_for
 from reference_encoder.entropy.export import export
 from reference_encoder.entropy.grid import fit_box, wave_grid
-from reference_encoder.entropy.model import NetworkShape
-from reference_encoder.entropy.train import TrainOptions, code_uses, train
-from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.entropy.train import code_uses, train
+from reference_encoder.options import EncodeOptions
 from reference_encoder.predict import choose_predictors
 from scarfmt.directory import local_bits, tile_frame
 from scarfmt.model import DecodedContext, LayerRow, SceneModel
@@ -30,8 +30,8 @@ from scarfmt.writer import QuantisedScene, Report, silent, write_scene
 I16 = NDArray[np.int16]
 Candidate = Callable[[QuantisedScene, EncodeOptions, Report], QuantisedScene | None]
 
-CONTEXT = DecodedContext(passes_log2=1, occupancies=(24, 3))
-_LATENTS = 8
+CONTEXT = DecodedContext(passes_log2=2, occupancies=(32, 4))
+"""Finer contexts save a little more and cost a decoder more runs: docs/decisions/0009."""
 
 
 def smallest_file(scene: QuantisedScene, options: EncodeOptions, report: Report = silent) -> bytes:
@@ -82,9 +82,9 @@ def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Re
         return None
     context = scene.model.context if scene.predictors else CONTEXT
     model = replace(scene.model, context=context, layers=tuple(_neural(row) for row in scene.model.layers))
-    seen = ContextOptions(context.passes_log2, context.occupancies, latents=min(_LATENTS, scene.codebooks.dimension))
+    seen = ContextOptions(context.passes_log2, context.occupancies, latents=min(LATENTS, scene.codebooks.dimension))
     bits = [local_bits(scene.fields, tile) for tile in scene.tiles]
-    most = EFFORTS[options.effort].sample
+    most = BUDGETS[options.effort].rows
     rows = index_rows(model, scene.contents, bits, scene.codebooks, seen, most, options.seed)
     coarse, residual = code_uses(rows, scene.codebooks.sizes)
     books, clusters = arrange(scene.codebooks, (coarse, residual))
@@ -92,13 +92,13 @@ def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Re
     grid = wave_grid(fit_box(positions)[0])
     inputs = np.concatenate([rows.inputs, grid.features(positions)], axis=1)
     rows = replace(rows, inputs=inputs, codes=_renumbered(rows.codes, clusters))
-    shape = NetworkShape()
+    shape = shape_for(rows.symbols, books.dimension)
     trained = train(
         rows,
         books,
         [c.sizes for c in clusters],
         shape,
-        TrainOptions(seed=options.seed),
+        training_for(len(rows), options.effort, options.seed),
         partial(report, "entropy network"),
     )
     attributes = sum(model.channels[index].components for index in model.attributes)

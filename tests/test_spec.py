@@ -10,12 +10,17 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from conformance import integer_oracle, minimal_neural, worked_network
 from conformance.generate import VECTORS
 from conformance.spec_tables import CODE, ROOT, SPEC, generated, is_tool_id, raised_ids
 from conformance.worked import field_rows
 from reference_decoder.decode import decode
 from scarfmt import bytefields, limits, model, rans, reader, symbols
 from scarfmt.codecs import codebooks, mlp
+from scarfmt.codecs import network as network_codec
+from scarfmt.codecs import predictors as predictor_codec
+from scarfmt.neural import arithmetic, grid, network, predictors, tables
+from scarfmt.neural.evaluator import Evaluator
 from scarfmt.reader import SceneReader
 from scarfmt.schema import (
     SIGNATURE,
@@ -125,6 +130,12 @@ def _constants() -> dict[str, int]:
     found = {name: value for name, value in vars(limits).items() if name.startswith("MAX_")}
     for name in ("MAX_CLASSES", "MAX_CHANNELS", "MAX_COMPONENTS", "MAX_STAGES", "MAX_STEPS"):
         found[name] = getattr(model, name)
+    for name in ("MAX_PASSES_LOG2", "MAX_DEPTHS", "MAX_OCCUPANCY"):
+        found[name] = getattr(model, name)
+    for name in ("MAX_WEIGHT", "MAX_SHIFT", "ACCUMULATOR_LIMIT", "MIN_ACTIVATION_BITS", "MAX_ACTIVATION_BITS"):
+        found[name] = getattr(arithmetic, name)
+    for name in ("MAX_CODEWORD_DIMS", "MAX_GRU_LAYERS", "MAX_TOKENS", "MAX_HEADS", "MAX_CLUSTERS"):
+        found[name] = getattr(network, name)
     return {
         **found,
         "MAX_ALPHABET": rans.MAX_ALPHABET,
@@ -137,6 +148,20 @@ def _constants() -> dict[str, int]:
         "MAX_WIDTH": mlp.MAX_WIDTH,
         "MAX_MLP_BYTES": mlp.MAX_MLP_BYTES,
         "MAX_ZSTD_WINDOW": bytefields.MAX_ZSTD_WINDOW,
+        "MAX_PREDICTORS": predictor_codec.MAX_PREDICTORS,
+        "MAX_PREDICTOR_BYTES": predictor_codec.MAX_PREDICTOR_BYTES,
+        "MAX_PREDICTOR_INPUTS": predictor_codec.MAX_INPUTS,
+        "MAX_PREDICTOR_HIDDEN": predictors.MAX_HIDDEN,
+        "MAX_PREDICTOR_CONTEXTS": predictors.MAX_CONTEXTS,
+        "MAX_NETWORK_BYTES": network_codec.MAX_NETWORK_BYTES,
+        "MAX_NETWORK_INPUTS": network.MAX_INPUTS,
+        "MAX_NETWORK_WIDTH": network.MAX_WIDTH,
+        "MAX_GRID_LEVELS": grid.MAX_LEVELS,
+        "MAX_GRID_FEATURES": grid.MAX_FEATURES,
+        "MAX_GRID_RESOLUTION": grid.MAX_RESOLUTION,
+        "MAX_GRID_TABLE_LOG2": grid.MAX_TABLE_LOG2,
+        "MAX_GRID_EXTENT_BITS": grid.MAX_EXTENT_BITS,
+        "MAX_GRID_BITS": grid.MAX_GRID_BITS,
     }
 
 
@@ -178,6 +203,49 @@ def test_channel_table_is_the_codes() -> None:
         assert set(listed) == set(model.CHANNEL_STREAMS)
         sizes, needed = model._COMPONENTS[profile], model._NEEDED[profile]
         assert listed == {s: (sizes[s], s in needed) if s in sizes else None for s in model.CHANNEL_STREAMS}
+
+
+# ------------------------------------------------------------------------------------------------ integer networks
+
+
+def printed_table(name: str) -> list[int]:
+    found = re.search(rf"<!-- table:{name} -->\n```\n(.*?)```", TEXT, re.DOTALL)
+    assert found is not None
+    return [int(word) for word in found[1].split()]
+
+
+@pytest.mark.parametrize("name", ["TANH", "SIGMOID", "EXP2"])
+def test_function_tables_are_those_of_every_implementation(name: str) -> None:
+    """Printed, in the package, and twice from the formulas beside them."""
+    assert printed_table(name) == list(getattr(tables, name))
+    assert printed_table(name) == getattr(integer_oracle, name) == getattr(minimal_neural, name)
+
+
+def evaluated(what: str) -> list[int]:
+    """The numbers of a row of appendix C.2."""
+    (row,) = [row for row in rows(section("C.2")) if row[0] == what]
+    return [int(word) for word in row[1].split()]
+
+
+def test_the_worked_network_gives_the_frequencies_printed() -> None:
+    """By the package's evaluator and by the oracle, neither of which had a part in printing them."""
+    net, books, first = worked_network.worked_network(), worked_network.BOOKS, worked_network.FIRST_INDEX
+    net.check(books, 2)
+    x = evaluated("inputs: class, fine values >> 6")
+    assert x == [64, 700 >> 6, -4100 >> 6, 20000 >> 6]
+    evaluator = Evaluator(net, books)
+    oracle = integer_oracle.Oracle(net, books.coarse.tolist(), books.residual.tolist())
+    h = evaluator.embed(np.array([x]))
+    start = evaluator.start(1)
+    y = evaluator.context(h, start)
+    stage_one = evaluated("stage 1: frequencies")
+    assert (evaluator.flat_rows(0, y)[0] + 1).tolist() == stage_one == oracle.flat(0, oracle.context(x, []))
+    y = evaluator.context(h, evaluator.advance(start, 1, np.array([first])))
+    clusters, members = evaluated("stage 2, cluster: frequencies"), evaluated("stage 2, member of cluster 1: frequencies")
+    assert y[0].tolist() == evaluated("stage 2: y") == oracle.context(x, [first])
+    assert (evaluator.cluster_rows(1, y)[0] + 1).tolist() == clusters == oracle.clusters(1, oracle.context(x, [first]))
+    assert (evaluator.member_rows(1, y, 1)[0] + 1).tolist() == members
+    assert oracle.members(1, oracle.context(x, [first]), 1) == members
 
 
 # ------------------------------------------------------------------------------------------------ the worked file

@@ -68,7 +68,7 @@ class NetworkShape:
     activation_bits: int = 9
     weight_bits: int = 6
     weight_limit: int = 127
-    magnitude: bool = False
+    magnitude: bool = True
 
     @property
     def top(self) -> int:

@@ -119,12 +119,12 @@ def _read_network(reader: ByteReader) -> IndexNetwork:
         codeword_shift=codeword_shift,
         embed=(_read_linear(reader, first, inputs.width), _read_linear(reader, hidden, first)),
         gru=tuple(
-            _read_gru(reader, hidden, hidden if number else dims, 1 if number else heads, 1 if number else tokens)
+            _read_gru(reader, hidden, hidden if number else dims + 1, 1 if number else heads, 1 if number else tokens)
             for number in range(layers)
         ),
         attention=_read_attention(reader, hidden) if flags & _ATTENTION else None,
         mixer=_read_linear(reader, mixed, 2 * hidden),
-        heads=tuple(_read_head(reader, dims, mixed) for _ in range(heads)),
+        heads=tuple(_read_head(reader, dims + 1, mixed) for _ in range(heads)),
     )
 
 

@@ -39,6 +39,8 @@ MAX_CLUSTERS = 256
 MAX_HEADS = 2
 MAX_TOKENS = 7
 QUERY_AMAX = 127
+MAGNITUDE_UNIT = 8
+"""A magnitude is this times the bit length of the squared length of a codeword, clamped to activations."""
 MIX_BITS = 8
 
 
@@ -181,9 +183,16 @@ class IndexNetwork:
         return self.embed[1].outputs
 
     def codewords(self, book: I64) -> I64:
-        """(n, R) int64 codewords as activations, of an (n, d) codebook."""
+        """(n, R + 1) int64 codewords as activations, then their magnitude, of an (n, d) codebook."""
         e = round_shift(book[:, : self.codeword_dims], self.codeword_shift)
-        return np.clip(e, -self.amax, self.amax)
+        e = np.clip(e, -self.amax, self.amax)
+        magnitudes = MAGNITUDE_UNIT * np.frexp((e * e).sum(axis=1, keepdims=True).astype(np.float64))[1]
+        return np.concatenate([e, np.minimum(magnitudes, self.amax)], axis=1)
+
+    @property
+    def codeword_columns(self) -> int:
+        """What the network sees of a codeword: R dimensions and the magnitude."""
+        return self.codeword_dims + 1
 
     def check_structure(self) -> None:
         """Check shapes, ranges and every bound that does not depend on a codebook.
@@ -203,7 +212,7 @@ class IndexNetwork:
         _require(1 <= len(self.heads) <= MAX_HEADS, "neither one head nor two")
         _require(1 <= len(self.gru) <= MAX_GRU_LAYERS, "neither 1 nor up to 4 recurrent layers")
         for number, layer in enumerate(self.gru):
-            wide = (self.codeword_dims, len(self.heads)) if number == 0 else (h, 1)
+            wide = (self.codeword_columns, len(self.heads)) if number == 0 else (h, 1)
             _check_gru(layer, h, *wide, self.amax)
             _require(number == 0 or len(layer.biases) == 1, "a later recurrent layer has one row of biases")
         tokens = len(self.gru[0].biases)
@@ -213,7 +222,7 @@ class IndexNetwork:
             _check_attention(self.attention, h, self.amax)
         _check_linear(self.mixer, (y, 2 * h), self.amax)
         for head in self.heads:
-            _check_head(head, self.codeword_dims, y, self.amax)
+            _check_head(head, self.codeword_columns, y, self.amax)
 
     def check(self, books: Codebooks, stages: int) -> None:
         """Check the network, and that it fits `books` and the `stages` of the scene.
@@ -244,7 +253,7 @@ class IndexNetwork:
         if self.attention is not None:
             pairs = stages * (stages + 1) // 2
             total += self.attention.query.weights.size + 2 * stages * self.attention.key.weights.size + 2 * pairs * h
-        per_head = [_head_products(head, self.codeword_dims) for head in self.heads]
+        per_head = [_head_products(head, self.codeword_columns) for head in self.heads]
         return int(total + per_head[0] + tokens * per_head[-1])
 
 

@@ -63,7 +63,7 @@ def random_network(
         codeword_shift=shift,
         embed=(make.linear(hidden + 1, inputs.width), make.linear(hidden, hidden + 1)),
         gru=tuple(
-            make.gru(hidden, hidden if i else dims, 1 if i else len(words), 1 if i else stages - 1)
+            make.gru(hidden, hidden if i else dims + 1, 1 if i else len(words), 1 if i else stages - 1)
             for i in range(gru_layers)
         ),
         attention=make.attention(hidden) if attention else None,

@@ -184,15 +184,17 @@ def test_centroids_are_floor_means() -> None:
 
 
 def test_codewords_are_shifted_with_ties_up_and_clamped() -> None:
-    """The leading dimensions only."""
+    """The leading dimensions only, then 8 for every binary digit of the sum of their squares."""
     net = replace(network(activation_bits=8), codeword_dims=3, codeword_shift=1)
-    assert net.codewords(np.array([[1, -1, 3000, 7], [-3, 2, -3000, 7]])).tolist() == [[1, 0, 127], [-1, 1, -127]]
+    words = np.array([[1, -1, 3000, 7], [-3, 2, -3000, 7], [0, 0, 0, 7], [2, 0, 0, 7]])
+    expected = [[1, 0, 127, 112], [-1, 1, -127, 112], [0, 0, 0, 0], [1, 0, 0, 8]]
+    assert net.codewords(words).tolist() == expected
 
 
 def test_multiply_adds_count_the_products_of_the_definition() -> None:
     """By hand for a small network: three stages, two-level heads."""
     net = network(hidden=8, mixed=5)
-    per_head = [5 * 4 * 2 + 4 * (len(h.clusters) + len(h.biases) // len(h.clusters)) for h in net.heads]
-    embed, gru = 9 * INPUTS.width + 8 * 9, 2 * (24 * 4 + 24 * 8)
+    per_head = [5 * 5 * 2 + 5 * (len(h.clusters) + len(h.biases) // len(h.clusters)) for h in net.heads]
+    embed, gru = 9 * INPUTS.width + 8 * 9, 2 * (24 * 5 + 24 * 8)
     attention = 64 + 2 * 3 * 64 + 2 * 8 * (1 + 2 + 3)
     assert net.multiply_adds(3) == embed + gru + attention + 3 * 5 * 16 + per_head[0] + 2 * per_head[1]
