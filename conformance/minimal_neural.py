@@ -273,7 +273,8 @@ class Network:
         return clamp(round_shift(tanh12(u), 12 - self.bits), -self.amax, self.amax)
 
     def activations(self, codeword: Vector) -> Vector:
-        return [clamp(round_shift(v, self.codeword_shift), -self.amax, self.amax) for v in codeword[: self.dims]]
+        e = [clamp(round_shift(v, self.codeword_shift), -self.amax, self.amax) for v in codeword[: self.dims]]
+        return [*e, min(8 * dot(e, e).bit_length(), self.amax)]
 
     def embedding(self, x: Vector) -> Vector:
         first, second = self.embed
@@ -338,11 +339,11 @@ def read_network(content: bytes) -> Network:
     network = Network(
         bits, bool(flags & 1), latent_shift, codeword_shift, classes, attributes, depths, latents, grid, dims,
         (_linear(reader, first, inputs), _linear(reader, hidden, first)),
-        [_gru(reader, hidden, dims, heads, tokens) if j == 0 else _gru(reader, hidden, hidden, 1, 1)
+        [_gru(reader, hidden, dims + 1, heads, tokens) if j == 0 else _gru(reader, hidden, hidden, 1, 1)
          for j in range(layers)],
         _attention(reader, hidden) if flags & 2 else None,
         _linear(reader, mixed, 2 * hidden),
-        [_head(reader, dims, mixed) for _ in range(heads)],
+        [_head(reader, dims + 1, mixed) for _ in range(heads)],
     )
     reader.finish()
     return network

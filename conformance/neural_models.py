@@ -169,6 +169,7 @@ def random_network(
         plan.classes, plan.own, attributes, len(model.context.occupancies), plan.latents, plan.latent_shift, features
     )
     words = [book for book in (books.coarse, books.residual) if len(book)]
+    columns = plan.dims + 1
     tokens = model.max_stages - 1 if plan.tokens is None else plan.tokens
     network = IndexNetwork(
         activation_bits=plan.bits,
@@ -177,7 +178,7 @@ def random_network(
         codeword_shift=1,
         embed=(make.linear(first, inputs.width, make.amax // 2), make.linear(hidden, first, make.amax // 2)),
         gru=tuple(
-            make.gru(hidden, hidden if j else plan.dims, 1 if j else len(words), 1 if j else tokens, plan.gate)
+            make.gru(hidden, hidden if j else columns, 1 if j else len(words), 1 if j else tokens, plan.gate)
             for j in range(plan.layers)
         ),
         attention=make.attention(hidden) if plan.attention else None,

@@ -55,10 +55,10 @@ def _predictor_plans() -> dict[str, tuple[str, Plan]]:
                 _on(Stream.OPACITY, 0, 1, 64, (16, 16), 15), _on(Stream.OPACITY, 0, 2, 2, (1, 1)),
                 _on(Stream.COLOUR, 0, 2, 6, (256, 1)), _on(Stream.COLOUR, 1, 1, 3, (1, 256)),
             ))),
-        "predictors-deep": ("8 passes, 4 depths down to single cells, 20 steps of large values", Plan(
+        "predictors-deep": ("8 passes, 4 depths down to single cells, 20 steps of large values, some predicted", Plan(
             "deep", (_SCALE3,), refined, _WHOLE, (150,), bits=7, spread=300,
             context=DecodedContext(3, (65535, 60, 9, 1)),
-            predictors=tuple(_on(Stream.SCALE, n % 3, n, n % 4) for n in range(1, 21)))),
+            predictors=tuple(_on(Stream.SCALE, n % 3, n, n % 4) for n in (1, 3, 4, 7, 18, 20)))),
         "predictors-crowd": ("640 anchors at 8 lattice points: a target met exactly, counts of nine digits", Plan(
             "crowd", (_SCALE3,), (LayerRow((0,), ((2,),)),), _WHOLE, (640,), codes=8, bits=5, spread=9,
             context=DecodedContext(1, (65535, 80)), predictors=(
@@ -121,7 +121,7 @@ def _network_plans() -> dict[str, tuple[str, Plan]]:
                 _row(False, (1, 1)), _row(True, (2, 2)), _row(False, (3, 2)), _row(True, (5, 3), (1, 1))),
             _WHOLE, (60,), degree=1, dimension=4, bits=8, context=DecodedContext(1, (20, 3)),
             predictors=(PredictorPlan(Stream.SCALE, 1, 2, 3), PredictorPlan(Stream.COLOUR, 0, 3, 3)),
-            network=NetworkPlan(latents=4, attention=True, tokens=7))),
+            network=NetworkPlan(latents=4, latent_shift=0, attention=True, tokens=7))),
         "anchors-neural": ("anchor profile: predictors, index network with attention and hash grid", Plan(
             "anchors neural", ANCHOR_CHANNELS, (
                 LayerRow((1,), ((1, 1),), True), LayerRow((3, 1), ((2, 1), (1, 1)), True)), SPREAD_TILES[:2], (50, 40),

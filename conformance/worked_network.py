@@ -52,8 +52,8 @@ def _array(values: Any) -> Any:
 def worked_network() -> network.IndexNetwork:
     """The network."""
     inputs = [
-        [[9, -4], [-6, 3], [12, 5], [2, -8], [-11, 14], [7, 10]],
-        [[3, 5], [8, -7], [-4, 9], [13, 6], [-2, 15], [10, -12]],
+        [[9, -4, 2], [-6, 3, 1], [12, 5, -3], [2, -8, 4], [-11, 14, -1], [7, 10, -2]],
+        [[3, 5, -1], [8, -7, 3], [-4, 9, 2], [13, 6, -4], [-2, 15, 1], [10, -12, -3]],
     ]
     gru = network.GruLayer(
         inputs=tuple(np.array(matrix, np.int32) for matrix in inputs),
@@ -69,10 +69,13 @@ def worked_network() -> network.IndexNetwork:
         _layer([[9, -1], [2, 6]], [0, 44], 3),
         shift=5,
     )
-    flat = _layer([[5, -3, 2], [-4, 6, 1]], [8, -16], 2)
+    flat = _layer([[5, -3, 2], [-4, 6, 1], [-3, 2, 5]], [8, -16, 20], 2)
     coarse = network.Head((flat,), (), _array([]), _array([90, 0, -70, 33]), 3, 0)
     residual = network.Head(
-        (_layer([[3, 7, -2], [2, -5, 4]], [-12, 20], 2), _layer([[-6, 1, 5], [8, 3, -7]], [4, 0], 2)),
+        (
+            _layer([[3, 7, -2], [2, -5, 4], [1, -2, 3]], [-12, 20, -30], 2),
+            _layer([[-6, 1, 5], [8, 3, -7], [-1, 2, 4]], [4, 0, 9], 2),
+        ),
         (1, 3), _array([120, -60]), _array([0, 15, -25, 40]), 3, 1,
     )
     return network.IndexNetwork(

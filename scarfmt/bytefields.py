@@ -53,6 +53,10 @@ class ByteReader:
         self._at += length
         return self._data[self._at - length : self._at]
 
+    def rest(self, most: int) -> bytes:
+        """The bytes not yet taken, at most `most` of them, without taking them."""
+        return self._data[self._at : self._at + most]
+
     def unsigned(self, bits: int) -> int:
         """A LEB128 integer below 2^bits.
 
