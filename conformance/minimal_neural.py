@@ -206,8 +206,7 @@ class StepInputs:
         x += [m >> 6 for row in means for m in row]
         x += counts
         for row in means:
-            apart = (row[j] - self.fine0[j]) * 3 ** (self.step - 1)
-            x.append(round_shift(clamp(apart, -(1 << 30), 1 << 30), 5))
+            x.append(round_shift((row[j] - self.fine0[j]) * 3 ** (self.step - 1), 5))
         return [clamp(v, -511, 511) for v in x]
 
 

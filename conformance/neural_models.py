@@ -60,7 +60,8 @@ class NetworkPlan:
         tokens: stages it has biases for, by default all but the last of the scene.
         wide: weights of two bytes.
         edge: biases bring every accumulator to the largest reach allowed.
-        equal: heads without weights and biases: all logits are 0.
+        loudness: of the first layer of the embedding: small inputs then count.
+        logits: of the coarse head whatever the state; the residual one then has none but 0. None: as the rest is.
     """
 
     bits: int = 10
@@ -77,7 +78,8 @@ class NetworkPlan:
     tokens: int | None = None
     wide: bool = False
     edge: bool = False
-    equal: bool = False
+    loudness: int = 1
+    logits: tuple[int, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -136,14 +138,14 @@ class _Maker:
         layers = [self.linear(hidden, hidden, target) for target in (500, 300, self.amax // 2)]
         return Attention(layers[0], layers[1], layers[2], (100 * 100 * hidden // 2).bit_length() - _SCORE.bit_length())
 
-    def head(self, codewords: I64, width: int, clusters: tuple[int, ...], *, equal: bool) -> Head:
+    def head(self, codewords: I64, width: int, clusters: tuple[int, ...], logits: I64 | None) -> Head:
         projections = tuple(
             self.linear(codewords.shape[1], width, self.amax // 2) for _ in range(2 if clusters else 1)
         )
         flat = Head(projections, clusters, np.zeros(len(clusters), np.int64), np.zeros(len(codewords), np.int64), 0, 0)
-        if equal:
+        if logits is not None:
             silent = tuple(Linear(0 * layer.weights, 0 * layer.biases, layer.shift) for layer in projections)
-            return replace(flat, projections=silent)
+            return replace(flat, projections=silent, biases=logits)
         if not clusters:
             shift, biases = self.logits(codewords)
             return replace(flat, shift=shift, biases=biases)
@@ -176,7 +178,10 @@ def random_network(
         inputs=inputs,
         codeword_dims=plan.dims,
         codeword_shift=1,
-        embed=(make.linear(first, inputs.width, make.amax // 2), make.linear(hidden, first, make.amax // 2)),
+        embed=(
+            make.linear(first, inputs.width, plan.loudness * make.amax // 2),
+            make.linear(hidden, first, make.amax // 2),
+        ),
         gru=tuple(
             make.gru(hidden, hidden if j else columns, 1 if j else len(words), 1 if j else tokens, plan.gate)
             for j in range(plan.layers)
@@ -186,10 +191,16 @@ def random_network(
         heads=(),
     )
     heads = tuple(
-        make.head(network.codewords(book), mixed, clusters, equal=plan.equal)
-        for book, clusters in zip(words, plan.clusters, strict=False)
+        make.head(network.codewords(book), mixed, clusters, _fixed(plan, number, len(book)))
+        for number, (book, clusters) in enumerate(zip(words, plan.clusters, strict=False))
     )
     return replace(network, heads=heads)
+
+
+def _fixed(plan: NetworkPlan, number: int, size: int) -> I64 | None:
+    if plan.logits is None:
+        return None
+    return np.zeros(size, np.int64) if number else np.array(plan.logits, np.int64)
 
 
 def random_predictors(

@@ -93,7 +93,7 @@ def _network_plans() -> dict[str, tuple[str, Plan]]:
         "index-two-level": ("clusters of 1 to 7, attention, two recurrent layers, 12 bits, 4 passes, 8 stages", Plan(
             "two levels", _COLOURED, deep_rows, SPREAD_TILES, (30, 50, 0, 20), degree=1, dimension=5,
             context=DecodedContext(2, (30, 4)), network=NetworkPlan(
-                bits=12, widths=(7, 6, 9), dims=5, layers=2, latents=3, latent_shift=0,
+                bits=12, widths=(7, 6, 9), dims=5, layers=2, latents=3, latent_shift=0, loudness=16,
                 clusters=((1, 5, 1, 4, 1), (3, 1, 1, 7)), attention=True, classes=3))),
         "index-attention": ("attention, flat coarse and two-level residual head, 4 layers, 8 passes, 3 depths", Plan(
             "attention", _COLOURED, deep_rows, _WHOLE, (70,), degree=1, dimension=3, bits=9,
@@ -104,14 +104,17 @@ def _network_plans() -> dict[str, tuple[str, Plan]]:
             "grid", _COLOURED, flat_rows, SPREAD_TILES, (40, 40, 0, 20), degree=1, dimension=4,
             context=DecodedContext(1, (12,)), network=NetworkPlan(clusters=((6, 6), ())),
             grid=GridPlan((4000, 0, 9001), 15, _ALL_PLANES))),
-        "index-grid-small": ("a hash grid in a box of 2^5 lattice steps: fractions shift left; no other input", Plan(
+        "index-grid-small": ("a hash grid in a box of 2^4 lattice steps: fractions shift left; no other input", Plan(
             "small grid", _COLOURED, (_row(True, (2, 1)),), _WHOLE, (40,), degree=1, dimension=4, bits=5,
-            network=NetworkPlan(classes=0, own=False),
-            grid=GridPlan((0, 3, 1), 5, _ALL_PLANES[:3]))),
+            network=NetworkPlan(classes=0, own=False, loudness=16),
+            grid=GridPlan((0, 3, 1), 4, _ALL_PLANES[:3]))),
         "index-equal": ("all logits equal; a residual codebook of one codeword: nothing is coded", Plan(
             "equal", _COLOURED, (_row(True, (2, 1)),), _WHOLE, (50,), degree=1, dimension=2, bits=6,
             codewords=(12, 1), context=DecodedContext(0, (6,)),
-            network=NetworkPlan(dims=2, equal=True, clusters=((5, 7), ())))),
+            network=NetworkPlan(dims=2, logits=(0,) * 12, clusters=((5, 7), ())))),
+        "index-ladder": ("distances of logits on both sides of every bound of exp2w", Plan(
+            "ladder", _COLOURED, (_row(True, (2, 1)),), _WHOLE, (50,), degree=1, dimension=2, bits=6,
+            network=NetworkPlan(dims=2, logits=(0, -1, -31, -32, -33, -400, -510, -511, -512, -513, -600, -100000)))),
         "index-edge": ("every accumulator reaches 2^24 - 1, recurrent ones 2^23 - 1, no more", Plan(
             "edge", _COLOURED, (_row(True, (1, 1)), _row(True, (3, 1))), _WHOLE, (50,), degree=1, dimension=3, bits=6,
             context=DecodedContext(0, (6,)), network=NetworkPlan(
@@ -121,7 +124,7 @@ def _network_plans() -> dict[str, tuple[str, Plan]]:
                 _row(False, (1, 1)), _row(True, (2, 2)), _row(False, (3, 2)), _row(True, (5, 3), (1, 1))),
             _WHOLE, (60,), degree=1, dimension=4, bits=8, context=DecodedContext(1, (20, 3)),
             predictors=(PredictorPlan(Stream.SCALE, 1, 2, 3), PredictorPlan(Stream.COLOUR, 0, 3, 3)),
-            network=NetworkPlan(latents=4, latent_shift=0, attention=True, tokens=7))),
+            network=NetworkPlan(latents=4, latent_shift=0, loudness=8, attention=True, tokens=7))),
         "anchors-neural": ("anchor profile: predictors, index network with attention and hash grid", Plan(
             "anchors neural", ANCHOR_CHANNELS, (
                 LayerRow((1,), ((1, 1),), True), LayerRow((3, 1), ((2, 1), (1, 1)), True)), SPREAD_TILES[:2], (50, 40),

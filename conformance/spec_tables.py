@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SPEC = ROOT / "SPEC.md"
 CODE = ("scarfmt", "reference_decoder", "reference_encoder")
 ERRORS = {"Malformed", "Truncated", "Unsupported", "LimitExceeded", "InvalidInput"}
+_TOOL_IDS = ("input-", "output-", "inexact-")
 _PART = re.compile(r"<!-- table:([\w-]+) -->\n(.*?)<!-- end -->\n", re.DOTALL)
 _REFUSAL = re.compile(r"[a-z]+(-[a-z]+)+")
 
@@ -58,7 +59,7 @@ def _ids_in(tree: ast.AST, module: str) -> Iterator[str]:
 
 def is_tool_id(refusal: str) -> bool:
     """Whether an id belongs to the tools, not to the format."""
-    return refusal.startswith(("input-", "output-"))
+    return refusal.startswith(_TOOL_IDS)
 
 
 def _tool_ids() -> str:

@@ -21,9 +21,10 @@ Ints = NDArray[np.integer[Any]]
 Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 Tensor = torch.Tensor
 
-_CHUNK_CPU = 4096
-_CHUNK_DEVICE = 1 << 16
+_CHUNK_CPU, _ELEMENTS_CPU = 2048, 1 << 17
+_CHUNK_DEVICE, _ELEMENTS_DEVICE = 1 << 16, 1 << 24
 _PROBE = 128
+_SUMMED_TOGETHER = 64
 
 
 class TorchOperations:
@@ -31,7 +32,7 @@ class TorchOperations:
 
     Args:
         device: as torch names it, "cpu" or "cuda".
-        chunk: rows to work on at a time.
+        chunk: most rows to work on at a time.
 
     Raises:
         Unsupported: ``inexact-device`` when its float32 products are not exact.
@@ -39,7 +40,10 @@ class TorchOperations:
 
     def __init__(self, device: str = "cpu", chunk: int | None = None) -> None:
         self._device = torch.device(device)
-        self.chunk = chunk or (_CHUNK_CPU if self._device.type == "cpu" else _CHUNK_DEVICE)
+        on_cpu = self._device.type == "cpu"
+        self.chunk = chunk or (_CHUNK_CPU if on_cpu else _CHUNK_DEVICE)
+        self.elements = _ELEMENTS_CPU if on_cpu else _ELEMENTS_DEVICE
+        self._triangle = torch.ones((_SUMMED_TOGETHER, _SUMMED_TOGETHER), device=self._device).triu_()
         torch.backends.cuda.matmul.allow_tf32 = False
         # 4095 * 4097 = 2^24 - 1 needs all 24 bits of both factors and of the sum.
         left, right = np.zeros((_PROBE, _PROBE)), np.full((_PROBE, _PROBE), 4097)
@@ -74,8 +78,10 @@ class TorchOperations:
     def clip_(self, x: Tensor, low: float, high: float) -> Tensor:
         return x.clamp_(low, high)
 
-    def lookup_(self, table: Tensor, x: Tensor) -> Tensor:
-        return table[x.clamp_(0, len(table) - 1).long()]
+    def lookup_(self, table: Tensor, x: Tensor, origin: int = 0) -> Tensor:
+        places = x.add_(origin).clamp_(0, len(table) - 1).long()
+        # Four times faster than indexing.
+        return table.index_select(0, places.flatten()).view(x.shape)
 
     def shares(self, scores: Tensor, exp2: Tensor) -> Tensor:
         weights = self.lookup_(exp2, scores.amax(dim=0) - scores).double()
@@ -83,8 +89,23 @@ class TorchOperations:
 
     def frequency_rows(self, logits: Tensor, exp2: Tensor) -> F64:
         weights = self.lookup_(exp2, logits.amax(dim=0) - logits)
-        prefix = weights.T.double().cumsum(dim=1)
-        totals = prefix[:, -1:].clone()
-        cumulative = (prefix.mul_(TOTAL - prefix.shape[1]) / totals).floor_()
-        rows: F64 = torch.diff(cumulative, dim=1, prepend=torch.zeros_like(totals)).cpu().numpy()
-        return rows
+        cumulative = self._prefix_sums(weights)
+        totals = cumulative[:, -1:].clone()
+        cumulative.mul_(TOTAL - cumulative.shape[1]).div_(totals).floor_()
+        rows = torch.empty_like(cumulative)
+        # One long subtraction; what it puts in the first column is wrong.
+        torch.sub(cumulative.view(-1)[1:], cumulative.view(-1)[:-1], out=rows.view(-1)[1:])
+        rows[:, 0] = cumulative[:, 0]
+        found: F64 = rows.cpu().numpy()
+        return found
+
+    def _prefix_sums(self, weights: Tensor) -> Tensor:
+        """(n, k) float64 inclusive sums of (k, n) weights up to 2^16, over k: products with a triangle of ones."""
+        sums = torch.empty(weights.shape[::-1], dtype=torch.float64, device=self._device)
+        for first in range(0, len(weights), _SUMMED_TOGETHER):
+            part = weights[first : first + _SUMMED_TOGETHER]
+            last = first + len(part)
+            sums[:, first:last] = part.T @ self._triangle[: len(part), : len(part)]
+            if first:
+                sums[:, first:last] += sums[:, first - 1 : first]
+        return sums

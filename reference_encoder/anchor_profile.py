@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from reference_encoder.allocate import classify
 from reference_encoder.anchor_sensitivity import AnchorSensitivity, measure_anchors
 from reference_encoder.assemble import final_rate, position_bits
-from reference_encoder.decide import Problem, best_step, codebooks, contents, decide, decoder, header_fields
+from reference_encoder.decide import Problem, best_step, codebooks, contents, decide, decoder, header_fields, targets
 from reference_encoder.fit_latent import fit_latent
 from reference_encoder.lattice import place
 from reference_encoder.options import EncodeOptions
 from reference_encoder.rdo import choose_values
 from reference_encoder.sensitivity import ABSENCE_FACTOR, survey
+from reference_encoder.targets import Targets
 from scarfmt.codecs.mlp import Linear, Network
 from scarfmt.errors import InvalidInput
 from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
@@ -41,8 +42,10 @@ _MOST_CLASSES = 7
 _BASE_SHARE = 0.28
 
 
-def encode_anchors(model: AnchorModel, options: EncodeOptions, report: Report) -> QuantisedScene:
-    """Decide everything about a file for `model`.
+def encode_anchors(
+    model: AnchorModel, options: EncodeOptions, report: Report
+) -> tuple[QuantisedScene, Targets | None]:
+    """Decide everything about a file for `model`, and tell what its codewords are to reproduce.
 
     Raises:
         InvalidInput: ``input-anchors`` when its networks are missing.
@@ -97,7 +100,9 @@ def _seen(seen: AnchorSensitivity, index: I64) -> AnchorSensitivity:
     return AnchorSensitivity(seen.shape[index], seen.colour[index], seen.inverse_variance[index], seen.metric)
 
 
-def _encode(job: _Job, lost: float, importance: F64, source_count: int, report: Report) -> QuantisedScene:
+def _encode(
+    job: _Job, lost: float, importance: F64, source_count: int, report: Report
+) -> tuple[QuantisedScene, Targets | None]:
     problem = _problem(job, lost, importance, report)
     report("allocate", 0.0)
     decision = decide(problem, job.options.layers)
@@ -106,7 +111,7 @@ def _encode(job: _Job, lost: float, importance: F64, source_count: int, report: 
     finals = {**decision.finals, Stream.OFFSETS: offsets * (slot_layers > 0)[:, :, None]}
     decision = replace(decision, model=model, finals=finals)
     report("allocate", 1.0)
-    return QuantisedScene(
+    quantised = QuantisedScene(
         header_fields(problem, 0, source_count),
         model,
         problem.placement.tiles,
@@ -116,6 +121,7 @@ def _encode(job: _Job, lost: float, importance: F64, source_count: int, report: 
         tuple(_network(job.model.mlps[name]) for name in _NETWORKS),
         dict(job.options.metadata),
     )
+    return quantised, targets(problem, decision)
 
 
 def _problem(job: _Job, lost: float, importance: F64, report: Report) -> Problem:

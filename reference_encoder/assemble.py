@@ -132,6 +132,12 @@ def build_model(
     return SceneModel(profile, slots, channels, kept_rows), finals
 
 
+def anchor_order(model: SceneModel, placement: Placement, classes: I64) -> I64:
+    """(N,) anchors as the contents of all tiles hold them, tile after tile (SPEC §6.3)."""
+    appears = np.searchsorted([row.class_count for row in model.layers], classes, side="right")
+    return np.lexsort((classes, placement.codes, appears, placement.tile))
+
+
 def tile_contents(
     model: SceneModel,
     placement: Placement,
@@ -141,8 +147,7 @@ def tile_contents(
     slot_layers: I64 | None = None,
 ) -> tuple[TileContent, ...]:
     """Tile contents in normative order (SPEC §6.3)."""
-    appears = np.searchsorted([row.class_count for row in model.layers], classes, side="right")
-    order = np.lexsort((classes, placement.codes, appears, placement.tile))
+    order = anchor_order(model, placement, classes)
     edges = np.cumsum(np.bincount(placement.tile, minlength=len(placement.tiles)))[:-1]
     last, stages = len(model.layers), model.max_stages
     received = model.stages(last, classes)

@@ -9,10 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.allocate import aligned_steps, allocate, base_layer, plan_channel
-from reference_encoder.assemble import build_model, latent_chain, layer_rates, model_bits, tile_contents
+from reference_encoder.assemble import (
+    anchor_order,
+    build_model,
+    latent_chain,
+    layer_rates,
+    model_bits,
+    tile_contents,
+)
 from reference_encoder.latent import Latent
 from reference_encoder.lattice import Placement
 from reference_encoder.rvq import RvqResult
+from reference_encoder.targets import Targets
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.codecs.mlp import Network
 from scarfmt.container import HeaderFields
@@ -147,3 +155,11 @@ def decoder(problem: Problem, model: SceneModel) -> Network | None:
     """The latent's decoder, if `model` uses a stage or the latent channel."""
     used = bool(model.max_stages) or any(channel.stream == Stream.LATENT for channel in model.channels)
     return problem.latent.decoder if problem.latent is not None and used else None
+
+
+def targets(problem: Problem, decision: Decision) -> Targets | None:
+    """What the codewords are to reproduce, anchors as :func:`contents` has them; None without a latent."""
+    if problem.latent is None:
+        return None
+    order = anchor_order(decision.model, problem.placement, decision.classes)
+    return Targets(problem.latent.values[order], problem.latent.weight[order], problem.rate)

@@ -1,6 +1,6 @@
 """Encoding: from a scene to the bytes of a `.scar` file (encoder side; nothing here is normative).
 
-    sensitivity -> classes -> lattice -> RVQ -> layer table -> quantised integers -> writer
+    sensitivity -> classes -> lattice -> RVQ -> layer table -> quantised integers -> networks -> writer
 
 Every choice is made by one currency: lambda, squared picture error per bit. `quality` sets it.
 """
@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from reference_encoder.anchor_profile import encode_anchors
 from reference_encoder.explicit_profile import encode_explicit
+from reference_encoder.neural import smallest_file
 from reference_encoder.options import EncodeOptions
 from scarfmt.errors import InvalidInput
 from scarfmt.scene import AnchorModel, GaussianScene
-from scarfmt.writer import Report, silent, write_scene
+from scarfmt.writer import Report, silent
 
 __all__ = ["EncodeOptions", "encode"]
 
@@ -33,5 +34,7 @@ def encode(scene: GaussianScene | AnchorModel, options: EncodeOptions | None = N
     if len(scene) == 0:
         raise InvalidInput("input-empty", "the scene holds no Gaussian: there is nothing to encode")
     if isinstance(scene, AnchorModel):
-        return write_scene(encode_anchors(scene, options, report), report)
-    return write_scene(encode_explicit(scene, options, report), report)
+        quantised, targets = encode_anchors(scene, options, report)
+    else:
+        quantised, targets = encode_explicit(scene, options, report)
+    return smallest_file(quantised, options, report, targets)

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from reference_encoder.allocate import classify
 from reference_encoder.assemble import BASE_SHARE, final_rate, position_bits
 from reference_encoder.attributes import Attributes, from_scene
-from reference_encoder.decide import Problem, best_step, codebooks, contents, decide, decoder, header_fields
+from reference_encoder.decide import Problem, best_step, codebooks, contents, decide, decoder, header_fields, targets
 from reference_encoder.fit_latent import fit_latent
 from reference_encoder.lattice import place
 from reference_encoder.options import EncodeOptions
 from reference_encoder.sensitivity import Sensitivity, measure, survey
+from reference_encoder.targets import Targets
 from scarfmt.scene import GaussianScene
 from scarfmt.schema import Profile, Stream
 from scarfmt.writer import QuantisedScene, Report, silent
@@ -36,8 +37,10 @@ _MOST_CLASSES = 8
 _REST_SHARE = 1.3
 
 
-def encode_explicit(scene: GaussianScene, options: EncodeOptions, report: Report = silent) -> QuantisedScene:
-    """Decide everything about a file for `scene`."""
+def encode_explicit(
+    scene: GaussianScene, options: EncodeOptions, report: Report = silent
+) -> tuple[QuantisedScene, Targets | None]:
+    """Decide everything about a file for `scene`, and tell what its codewords are to reproduce."""
     report("visibility", 0.0)
     attributes = from_scene(scene)
     sensitivity = measure(scene, attributes, survey(scene, options))
@@ -51,7 +54,7 @@ def encode_explicit(scene: GaussianScene, options: EncodeOptions, report: Report
     report("allocate", 0.0)
     decision = decide(problem, options.layers)
     report("allocate", 1.0)
-    return QuantisedScene(
+    quantised = QuantisedScene(
         header_fields(problem, scene.sh_degree, len(scene)),
         decision.model,
         problem.placement.tiles,
@@ -61,6 +64,7 @@ def encode_explicit(scene: GaussianScene, options: EncodeOptions, report: Report
         (),
         dict(options.metadata),
     )
+    return quantised, targets(problem, decision)
 
 
 @dataclass(frozen=True)

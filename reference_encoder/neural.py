@@ -6,52 +6,76 @@ kept only if the file it gives is smaller than the one before, so a file is neve
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.entropy.clusters import Clusters, arrange
-from reference_encoder.entropy.dataset import ContextOptions, index_rows, lattice_positions
+from reference_encoder.entropy.dataset import ContextOptions
 from reference_encoder.entropy.defaults import BUDGETS, LATENTS, shape_for, training_for
 from reference_encoder.entropy.export import export
-from reference_encoder.entropy.grid import fit_box, wave_grid
-from reference_encoder.entropy.train import code_uses, train
+from reference_encoder.entropy.model import IndexModel
+from reference_encoder.entropy.train import TrainOptions, code_uses, train
+from reference_encoder.entropy.view import NetworkView
 from reference_encoder.options import EncodeOptions
 from reference_encoder.predict import choose_predictors
-from scarfmt.directory import local_bits, tile_frame
+from reference_encoder.rechoose import rechosen
+from reference_encoder.targets import Targets
+from scarfmt.directory import local_bits
 from scarfmt.model import DecodedContext, LayerRow, SceneModel
-from scarfmt.neural.network import Inputs
 from scarfmt.tile import TileContent
 from scarfmt.writer import QuantisedScene, Report, silent, write_scene
 
 I16 = NDArray[np.int16]
-Candidate = Callable[[QuantisedScene, EncodeOptions, Report], QuantisedScene | None]
 
 CONTEXT = DecodedContext(passes_log2=2, occupancies=(32, 4))
 """Finer contexts save a little more and cost a decoder more runs: docs/decisions/0009."""
 
+ROUNDS = {1: 0, 2: 1, 3: 3}
+"""Rounds of choosing codewords again, by effort."""
+_SHARE, _RATE = 0.25, 0.01
+"""Of the first training's epochs, and learning rate, in each round."""
 
-def smallest_file(scene: QuantisedScene, options: EncodeOptions, report: Report = silent) -> bytes:
+
+def smallest_file(
+    scene: QuantisedScene, options: EncodeOptions, report: Report = silent, targets: Targets | None = None
+) -> bytes:
     """The bytes of the smallest file found for a scene.
 
     Args:
         scene: quantised, with static tables only.
-        options: `decode_budget` bounds what is tried.
+        options: `decode_budget` bounds what is tried, `effort` how often codewords are chosen again.
         report: told (stage, fraction done).
+        targets: what the codewords are to reproduce; None keeps the indices as they are.
     """
     best = write_scene(scene, report)
-    candidates: tuple[Candidate, ...] = (with_predictors, with_index_network)
-    for candidate in candidates:
-        tried = candidate(scene, options, report)
-        if tried is None or not _affordable(tried, options):
-            continue
+    tried = with_predictors(scene, options, report)
+    if tried is not None and _affordable(tried, options):
         data = write_scene(tried, report)
-        if len(data) < len(best):
-            scene, best = tried, data
-    return best
+        scene, best = (tried, data) if len(data) < len(best) else (scene, best)
+    learned = with_index_network(scene, options, report)
+    if learned is None or not _affordable(learned.scene, options):
+        return best
+    data = write_scene(learned.scene, report)
+    if len(data) >= len(best):
+        return best
+    return data if targets is None else _rechosen_file(learned, data, targets, options, report)
+
+
+def _rechosen_file(learned: Learned, data: bytes, targets: Targets, options: EncodeOptions, report: Report) -> bytes:
+    """The file after rounds of choosing codewords again, as long as saved bytes are worth the added error."""
+    cost = targets.cost(learned.scene, len(data))
+    for _ in range(ROUNDS[options.effort]):
+        learned = another_round(learned, targets, options, report)
+        tried = write_scene(learned.scene, report)
+        if targets.cost(learned.scene, len(tried)) >= cost:
+            break
+        data, cost = tried, targets.cost(learned.scene, len(tried))
+    return data
 
 
 def multiply_adds(scene: QuantisedScene) -> int:
@@ -76,44 +100,59 @@ def with_predictors(scene: QuantisedScene, options: EncodeOptions, report: Repor
     return replace(scene, model=model, predictors=found) if found else None
 
 
-def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Report) -> QuantisedScene | None:
+@dataclass(frozen=True)
+class Learned:
+    """A scene with an index network, and the network as it was trained.
+
+    Attributes:
+        scene: indices and books in the order of the clusters.
+        trained: the network of the scene, in torch.
+        view: what it sees.
+        training: how it was trained.
+        clusters: sizes of the clusters of both books.
+    """
+
+    scene: QuantisedScene
+    trained: IndexModel
+    view: NetworkView
+    training: TrainOptions
+    clusters: tuple[tuple[int, ...], ...]
+
+
+def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Report) -> Learned | None:
     """The scene with a trained index network, codebooks in the order of its clusters; None without indices."""
-    if options.decode_budget == 0 or scene.codebooks is None:
+    old = scene.codebooks
+    if options.decode_budget == 0 or old is None:
         return None
     context = scene.model.context if scene.predictors else CONTEXT
     model = replace(scene.model, context=context, layers=tuple(_neural(row) for row in scene.model.layers))
-    seen = ContextOptions(context.passes_log2, context.occupancies, latents=min(LATENTS, scene.codebooks.dimension))
-    bits = [local_bits(scene.fields, tile) for tile in scene.tiles]
-    most = BUDGETS[options.effort].rows
-    rows = index_rows(model, scene.contents, bits, scene.codebooks, seen, most, options.seed)
-    coarse, residual = code_uses(rows, scene.codebooks.sizes)
-    books, clusters = arrange(scene.codebooks, (coarse, residual))
-    positions = lattice_positions(rows, scene.contents, [tile_frame(scene.fields, tile) for tile in scene.tiles])
-    grid = wave_grid(fit_box(positions)[0])
-    inputs = np.concatenate([rows.inputs, grid.features(positions)], axis=1)
-    rows = replace(rows, inputs=inputs, codes=_renumbered(rows.codes, clusters))
-    shape = shape_for(rows.symbols, books.dimension)
-    trained = train(
-        rows,
-        books,
-        [c.sizes for c in clusters],
-        shape,
-        training_for(len(rows), options.effort, options.seed),
-        partial(report, "entropy network"),
-    )
-    attributes = sum(model.channels[index].components for index in model.attributes)
-    columns = Inputs(
-        model.layers[-1].class_count,
-        seen.own,
-        attributes,
-        len(context.occupancies),
-        seen.latents,
-        seen.latent_shift,
-        grid.width,
-    )
-    network = export(trained.model, columns, books)
+    scene = replace(scene, model=model)
+    seen = ContextOptions(context.passes_log2, context.occupancies, latents=min(LATENTS, old.dimension))
+    view, rows = NetworkView.of(scene, seen, BUDGETS[options.effort].rows, options.seed)
+    coarse, residual = code_uses(rows, old.sizes)
+    books, clusters = arrange(old, (coarse, residual))
+    rows = replace(rows, codes=_renumbered(rows.codes, clusters))
+    sizes = tuple(c.sizes for c in clusters)
+    shape, training = shape_for(rows.symbols, books.dimension), training_for(len(rows), options.effort, options.seed)
+    trained = train(rows, books, sizes, shape, training, partial(report, "entropy network"))
     contents = tuple(_recoded(model, content, clusters) for content in scene.contents)
-    return replace(scene, model=model, contents=contents, codebooks=books, network=network, grid=grid)
+    network = export(trained.model, view.columns(model), books)
+    scene = replace(scene, contents=contents, codebooks=books, network=network, grid=view.grid)
+    return Learned(scene, trained.model, view, training, sizes)
+
+
+def another_round(learned: Learned, targets: Targets, options: EncodeOptions, report: Report) -> Learned:
+    """Codewords chosen again at the network's prices, and the network trained on for a while on what was chosen."""
+    scene, books = learned.scene, learned.scene.codebooks
+    assert books is not None
+    scene = rechosen(scene, learned.trained, learned.view, targets, partial(report, "codewords"))
+    most = BUDGETS[options.effort].rows
+    rows = learned.view.rows(scene, range(len(scene.tiles)), most, options.seed)
+    training = replace(learned.training, epochs=max(1, round(learned.training.epochs * _SHARE)), rate=_RATE)
+    shape, start = learned.trained.shape, deepcopy(learned.trained)
+    trained = train(rows, books, learned.clusters, shape, training, partial(report, "entropy network"), start)
+    network = export(trained.model, learned.view.columns(scene.model), books)
+    return replace(learned, scene=replace(scene, network=network), trained=trained.model)
 
 
 def _neural(row: LayerRow) -> LayerRow:

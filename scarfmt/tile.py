@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from scarfmt.codecs.positions import get_positions, put_positions
 from scarfmt.directory import TileFrame
 from scarfmt.model import SceneModel
 from scarfmt.neural.layer_context import LayerContext
-from scarfmt.neural.predicted import PredictedChannel, Predictors, predicted_streams
+from scarfmt.neural.predicted import PredictedChannel, Predictors, PredictorSet
 from scarfmt.schema import Profile, Stream
 from scarfmt.symbols import Emitter, SymbolReader
 
@@ -47,6 +48,11 @@ class NeuralModels:
 
     predictors: Predictors = field(default_factory=dict)
     indices: IndexCoder | None = None
+
+    @cached_property
+    def sets(self) -> PredictorSet:
+        """The predictors, sorted by what is evaluated together."""
+        return PredictorSet(self.predictors)
 
     def coder(self, model: SceneModel, layer: int) -> IndexCoder | None:
         """What codes the indices of a layer, None for static tables."""
@@ -160,7 +166,7 @@ def put_layer(
     last = len(model.layers)
     known_first: list[I32] = []
     coder = neural.coder(model, layer)
-    context = _context(model, frame, content, neural.predictors, coder)
+    context = _context(model, frame, content, neural.sets, coder)
     for index, channel in enumerate(model.channels):
         emitter = emitters(channel.stream)
         if channel.stream == Stream.OFFSETS:
@@ -172,7 +178,7 @@ def put_layer(
         final = (content.values[index], model.steps(last, index, classes))
         predicted = None
         if context is not None:
-            predicted = _predicted(context, index, neural.predictors, _at(*final, before_steps), before_steps)
+            predicted = _predicted(context, index, neural.sets, _at(*final, before_steps), before_steps)
         put_channel(emitter, channel, classes, before_steps, after_steps, final, known_first, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, _at(*final, after_steps), after_steps)
@@ -191,7 +197,7 @@ def _at(values: I32, at: I64, steps: I64) -> I64:
 
 
 def _context(
-    model: SceneModel, frame: TileFrame, content: TileContent, predictors: Predictors, coder: IndexCoder | None
+    model: SceneModel, frame: TileFrame, content: TileContent, predictors: PredictorSet, coder: IndexCoder | None
 ) -> LayerContext | None:
     """The decoded context of a tile-layer, None where nothing looks at it."""
     if coder is None and not predictors:
@@ -200,9 +206,9 @@ def _context(
 
 
 def _predicted(
-    context: LayerContext, index: int, predictors: Predictors, values: Ints, steps: I64
+    context: LayerContext, index: int, predictors: PredictorSet, values: Ints, steps: I64
 ) -> PredictedChannel | None:
-    if context.model.channels[index].stream not in predicted_streams(predictors):
+    if context.model.channels[index].stream not in predictors.streams:
         return None
     return PredictedChannel(context, index, predictors, values, steps)
 
@@ -210,7 +216,7 @@ def _predicted(
 def needed_streams(model: SceneModel, wanted: Collection[Stream], neural: NeuralModels = STATIC) -> frozenset[Stream]:
     """The channels that must be decoded for the streams wanted: those themselves, and contexts of those that are."""
     need = [channel.stream in wanted for channel in model.channels]
-    predicted = predicted_streams(neural.predictors)
+    predicted = neural.sets.streams
     if neural.indices is not None and Stream.INDICES in wanted:
         for index in model.attributes:
             need[index] = True
@@ -269,7 +275,7 @@ def get_layer(
         content.slot_layers[turned_on] = layer
     need = needed_streams(model, wanted, neural)
     coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
-    context = _context(model, frame, content, neural.predictors, coder)
+    context = _context(model, frame, content, neural.sets, coder)
     for index, channel in enumerate(model.channels):
         if channel.stream not in need:
             continue
@@ -281,7 +287,7 @@ def get_layer(
             values, first = content.values[index], content.first[: index + 1]
             predicted = None
             if context is not None:
-                predicted = _predicted(context, index, neural.predictors, values, steps[0])
+                predicted = _predicted(context, index, neural.sets, values, steps[0])
             get_channel(reader, channel, classes, *steps, values, first, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, content.values[index], steps[1])

@@ -37,6 +37,8 @@ def decoded(data: bytes, layer: int) -> Arrays:
     models = reader.models(layer)
     contents = [content for _, content in reader.tiles(models)]
     whole = decode(data, layers=layer)
+    assert whole.positions is not None
+    assert whole.indices is not None
     out: Arrays = {
         "tile": whole.tiles.astype("<u4"),
         "class": whole.classes.astype("u1"),

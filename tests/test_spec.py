@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 import struct
 from collections import Counter
+from enum import IntEnum
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from conformance.spec_tables import CODE, ROOT, SPEC, generated, is_tool_id, rai
 from conformance.worked import field_rows
 from reference_decoder.decode import decode
 from scarfmt import bytefields, limits, model, rans, reader, symbols
-from scarfmt.codecs import codebooks, mlp
+from scarfmt.codecs import codebooks, mlp, rice
 from scarfmt.codecs import network as network_codec
 from scarfmt.codecs import predictors as predictor_codec
 from scarfmt.neural import arithmetic, grid, network, predictors, tables
@@ -123,6 +125,16 @@ def test_vectors_cite_rules_that_exist() -> None:
         assert f"- **{rule[1]}**" in TEXT, path
 
 
+def test_every_refusal_of_the_neural_entropy_model_has_a_vector() -> None:
+    """Each rule of section 10 that prints an id, with each of its ids."""
+    start, end = TEXT.index("## 10. "), TEXT.index("## 11. ")
+    rules = re.findall(r"^- \*\*(R-10[\d.]+-\d+)\*\*(.*?)(?=^- \*\*R-|\n\n)", TEXT[start:end], re.MULTILINE | re.DOTALL)
+    printed = {(rule, refusal) for rule, text in rules for refusal in re.findall(r"`([a-z]+(?:-[a-z]+)+)`", text)}
+    made = (json.loads(path.read_text()) for path in VECTORS.glob("invalid/*/expect.json"))
+    assert printed
+    assert printed <= {(expect["rule"], expect["refusal"]) for expect in made}
+
+
 # ------------------------------------------------------------------------------------------------ numbers
 
 
@@ -148,6 +160,8 @@ def _constants() -> dict[str, int]:
         "MAX_WIDTH": mlp.MAX_WIDTH,
         "MAX_MLP_BYTES": mlp.MAX_MLP_BYTES,
         "MAX_ZSTD_WINDOW": bytefields.MAX_ZSTD_WINDOW,
+        "MAX_RICE_PARAMETER": rice.MAX_PARAMETER,
+        "MAX_RICE_QUOTIENT": rice.MAX_QUOTIENT,
         "MAX_PREDICTORS": predictor_codec.MAX_PREDICTORS,
         "MAX_PREDICTOR_BYTES": predictor_codec.MAX_PREDICTOR_BYTES,
         "MAX_PREDICTOR_INPUTS": predictor_codec.MAX_INPUTS,
@@ -180,7 +194,7 @@ def test_limits_are_the_codes() -> None:
     ("number", "enum"),
     [("16.1", Profile), ("16.2", CoordinateFrame), ("16.3", ColourSpace), ("16.5", BlockKind), ("16.6", Stream)],
 )
-def test_registries_are_the_enums(number: str, enum: type) -> None:
+def test_registries_are_the_enums(number: str, enum: type[IntEnum]) -> None:
     assert {row[1].strip("`"): int(row[0]) for row in rows(section(number))} == {e.name: int(e) for e in enum}
 
 
@@ -241,7 +255,8 @@ def test_the_worked_network_gives_the_frequencies_printed() -> None:
     stage_one = evaluated("stage 1: frequencies")
     assert (evaluator.flat_rows(0, y)[0] + 1).tolist() == stage_one == oracle.flat(0, oracle.context(x, []))
     y = evaluator.context(h, evaluator.advance(start, 1, np.array([first])))
-    clusters, members = evaluated("stage 2, cluster: frequencies"), evaluated("stage 2, member of cluster 1: frequencies")
+    clusters = evaluated("stage 2, cluster: frequencies")
+    members = evaluated("stage 2, member of cluster 1: frequencies")
     assert y[0].tolist() == evaluated("stage 2: y") == oracle.context(x, [first])
     assert (evaluator.cluster_rows(1, y)[0] + 1).tolist() == clusters == oracle.clusters(1, oracle.context(x, [first]))
     assert (evaluator.member_rows(1, y, 1)[0] + 1).tolist() == members
@@ -293,7 +308,7 @@ def test_the_worked_file_decodes_to_the_values_printed() -> None:
             assert whole.positions is not None
             assert numbers[0] == whole.positions[anchor].tolist()
             assert numbers[1] == content.values[0][anchor].tolist()
-            assert np.float32(numbers[2]).tobytes() == whole.values[Stream.SCALE][anchor].tobytes()
+            assert np.array(numbers[2], np.float32).tobytes() == whole.values[Stream.SCALE][anchor].tobytes()
             assert numbers[3] == content.values[1][anchor].tolist()
             assert struct.pack("<f", numbers[4][0]) == whole.values[Stream.OPACITY][anchor].tobytes()
     assert next(wanted, None) is None

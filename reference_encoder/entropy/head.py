@@ -28,6 +28,7 @@ BIAS_STEP = 8
 _REACH = 3.0
 """Bits by which an output vector of one unit moves the logit of a typical codeword."""
 _NEVER = -1e6
+_DEAREST = 24.0
 
 
 class _Level(nn.Module):
@@ -126,6 +127,17 @@ class HeadModel(nn.Module):
         logits = self.member_logits(y[more], cluster[more], exact)
         return first.index_add(0, more, _soft_bits(logits, self.place[codes[more]], logits.shape[1]))
 
+    def all_bits(self, y: torch.Tensor, exact: bool) -> torch.Tensor:
+        """(n, codewords) bits of every codeword: prices to choose by, at most 24 a level."""
+        first = _prices(self.logits(y, exact))
+        if not self.sizes:
+            return first
+        level = self.level(1)
+        sums = torch.addmm(level.biases(exact), level.outputs(y, exact), level.vectors.T)
+        members = torch.split(round_shift(sums, level.shift, exact), list(self.sizes), 1)
+        # A cluster of one costs nothing more: the only symbol has probability 1.
+        return torch.cat([_prices(part) for part in members], 1).add_(first[:, self.cluster_of])
+
     def exact_bits(self, y: torch.Tensor, codes: torch.Tensor) -> torch.Tensor:
         """(n,) float64 bits of `codes` under the integer frequencies."""
         if not self.sizes:
@@ -152,3 +164,8 @@ def _soft_bits(logits: torch.Tensor, symbols: torch.Tensor, count: int) -> torch
     natural = nn.functional.cross_entropy(logits * (np.log(2) / UNIT), symbols, reduction="none")
     share = torch.exp(-natural) * (1 - count / TOTAL) + 1 / TOTAL
     return -torch.log2(share)
+
+
+def _prices(logits: torch.Tensor) -> torch.Tensor:
+    """(n, k) bits of every symbol from (n, k) logits in 32nds of a bit."""
+    return torch.log_softmax(logits * (np.log(2) / UNIT), 1).mul_(-1 / np.log(2)).clamp_max_(_DEAREST)

@@ -29,8 +29,8 @@ _SOURCE_CONTEXTS = 16
 _COMPONENT_CONTEXTS = 256
 VALUE_LIMIT = (1 << 31) - 1
 """Largest magnitude of a channel value: -2^31 is left out, so that every value can be negated."""
-# (anchors, component, key, their contexts, values before) -> values after: emits or reads one run of symbols.
-Exchange = Callable[[I64, int, TableKey, I64, I64], I64]
+# (anchors, step, components, contexts, values before) -> values after; one row a component.
+Exchange = Callable[[I64, int, Sequence[int], Sequence[I64], I64], I64]
 # First-step values of the channels decoded so far, one (n, components) array a channel.
 FirstValues = Sequence[Ints]
 
@@ -82,9 +82,10 @@ def put_channel(
     """
     values, at = final
 
-    def put(part: I64, component: int, key: TableKey, kinds: I64, coarse: I64) -> I64:
-        here = coarsen(values[part, component], at[part] - key.step)
-        emit_by_context(emitter, key, kinds, here - 3 * coarse)
+    def put(part: I64, step: int, components: Sequence[int], kinds: Sequence[I64], coarse: I64) -> I64:
+        here = coarsen(values[part[:, None], components].T, at[part] - step)
+        for component, contexts, now, before in zip(components, kinds, here, coarse, strict=True):
+            emit_by_context(emitter, TableKey(channel.stream, component, step, 0), contexts, now - 3 * before)
         return here
 
     for step in range(int(before.min(initial=0)) + 1, int(after.max(initial=0)) + 1):
@@ -129,12 +130,12 @@ def get_channel(
         Malformed: ``bad-trit`` or ``value-range`` for symbols outside SPEC §7.5.
     """
 
-    def get(part: I64, component: int, key: TableKey, kinds: I64, coarse: I64) -> I64:
-        symbols = read_by_context(reader, key, kinds)
-        here = _in_range(symbols if key.step == 1 else 3 * coarse + _checked(symbols), channel)
-        values[part, component] = here
-        if key.step == 1:
-            first[-1][part, component] = here
+    def get(part: I64, step: int, components: Sequence[int], kinds: Sequence[I64], coarse: I64) -> I64:
+        symbols = _read_components(reader, channel, step, components, kinds)
+        here = _in_range(symbols if step == 1 else 3 * coarse + _checked(symbols), channel)
+        values[part[:, None], components] = here.T
+        if step == 1:
+            first[-1][part[:, None], components] = here.T
         return here
 
     for step in range(int(before.min(initial=0)) + 1, int(after.max(initial=0)) + 1):
@@ -172,16 +173,37 @@ def _code_predicted(
     Args:
         values: (n, components) values before this step; 0 before the first.
     """
+    every = range(channel.components)
     for part in predicted.parts(step, chosen):
-        for component, rule in enumerate(channel.rules):
-            coarse = values[part, component].astype(np.int64)
-            kinds = predicted.contexts(component)
-            if kinds is None and step == 1:
-                kinds = contexts(rule, classes[part], first, part)
-            elif kinds is None:
-                kinds = trit_contexts(rule, classes[part], coarse)
-            key = TableKey(channel.stream, component, step, 0)
-            predicted.know(component, exchange(part, component, key, kinds, coarse))
+        # The components of a first step are context for each other; later steps need no component's news.
+        for components in [[c] for c in every] if step == 1 else [list(every)]:
+            coarse = values[part[:, None], components].T.astype(np.int64)
+            kinds = []
+            for component, before in zip(components, coarse, strict=True):
+                found, rule = predicted.contexts(component), channel.rules[component]
+                if found is None and step == 1:
+                    found = contexts(rule, classes[part], first, part)
+                elif found is None:
+                    found = trit_contexts(rule, classes[part], before)
+                kinds.append(found)
+            for component, now in zip(components, exchange(part, step, components, kinds, coarse), strict=True):
+                predicted.know(component, now)
+
+
+def _read_components(
+    reader: SymbolReader, channel: Channel, step: int, components: Sequence[int], kinds: Sequence[I64]
+) -> I64:
+    """(components, n) symbols, component by component, each grouped by ascending context."""
+    keys = np.concatenate([c + _COMPONENT_CONTEXTS * number for number, c in enumerate(kinds)])
+    order, runs = by_context(keys)
+    out = np.empty(len(keys), np.int64)
+    arranged = np.empty(len(keys), np.int64)
+    for context, start, past in runs:
+        component = components[context // _COMPONENT_CONTEXTS]
+        key = TableKey(channel.stream, component, step, context % _COMPONENT_CONTEXTS)
+        arranged[start:past] = reader.read(key, past - start)
+    out[order] = arranged
+    return out.reshape(len(components), -1)
 
 
 def _refined(reader: SymbolReader, channel: Channel, step: int, kinds: I64, values: Ints) -> Ints:

@@ -22,6 +22,7 @@ from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.symbols import Emitter, SymbolReader
 
+I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -100,17 +101,44 @@ def _code(
     means = context.cells.sums(settled.shape[1] + inputs.latents)
     known = np.flatnonzero(before > 0)
     means.add(context.rows(known), np.concatenate([settled[known], latents[known]], axis=1))
-    for part in context.parts(np.flatnonzero(before < after)):
-        _code_pass(coder, context, part, (settled, means), indices, (before[part], after[part]), exchange)
+    group = np.flatnonzero(before < after)
+    around = Around(context, settled, means, _grid_features(coder, context, group))
+    for part in context.parts(group):
+        _code_pass(coder, around, part, indices, (before[part], after[part]), exchange)
         decoded = coder.books.latents(indices[part], after[part])[:, : inputs.latents]
         means.add(context.rows(part), np.concatenate([settled[part], decoded], axis=1))
 
 
+@dataclass(frozen=True)
+class Around:
+    """What the embedding reads of a tile-layer.
+
+    Attributes:
+        context: of the tile-layer.
+        settled: (n, A) fine values of the attribute channels.
+        means: over the anchors whose indices are known.
+        grid: (n, features) int16 of the anchors to be coded.
+    """
+
+    context: LayerContext
+    settled: I64
+    means: CellSums
+    grid: I16
+
+
+def _grid_features(coder: IndexCoder, context: LayerContext, group: I64) -> I16:
+    out = np.zeros((len(context), 0 if coder.grid is None else coder.grid.width), np.int16)
+    if coder.grid is not None and len(group):
+        # In Morton order, in which neighbours share cells.
+        ordered = group[np.argsort(context.rows(group))]
+        out[ordered] = coder.grid.features(context.lattice_positions(ordered))
+    return out
+
+
 def _code_pass(
     coder: IndexCoder,
-    context: LayerContext,
+    around: Around,
     part: I64,
-    known: tuple[I64, CellSums],
     indices: Ints,
     stages: tuple[I64, I64],
     exchange: Exchange,
@@ -118,7 +146,7 @@ def _code_pass(
     """All stages of the anchors of one pass; the recurrent state runs over stages received earlier, too."""
     evaluator = coder.evaluator
     before, after = stages
-    embedded = evaluator.embed(embedding_inputs(coder, context, part, *known))
+    embedded = evaluator.embed(embedding_inputs(coder, around, part))
     state = evaluator.start(len(part))
     for stage in range(1, int(after.max(initial=0)) + 1):
         coded = np.flatnonzero((before < stage) & (after >= stage))
@@ -131,18 +159,18 @@ def _code_pass(
             state = evaluator.advance(state, stage, np.where(after >= stage, indices[part, stage - 1], 0))
 
 
-def embedding_inputs(coder: IndexCoder, context: LayerContext, part: I64, settled: I64, means: CellSums) -> F32:
+def embedding_inputs(coder: IndexCoder, known: Around, part: I64) -> F32:
     """(m, width) float32 integers: the input columns of the anchors `part`, clamped (SPEC §10.5)."""
     inputs, amax = coder.network.inputs, coder.network.amax
     x = np.zeros((len(part), inputs.width), np.float32)
-    kinds = context.classes[part]
+    kinds = known.context.classes[part]
     some = np.flatnonzero(kinds < inputs.classes)
     x[some, kinds[some]] = CLASS_VALUE
     at = inputs.classes
     if inputs.own:
-        x[:, at : at + inputs.attributes] = settled[part] >> _ATTRIBUTE_SHIFT
+        x[:, at : at + inputs.attributes] = known.settled[part] >> _ATTRIBUTE_SHIFT
         at += inputs.attributes
-    around, counts = means.around(context.rows(part))
+    around, counts = known.means.around(known.context.rows(part))
     width = inputs.attributes + inputs.latents
     for depth in range(inputs.depths):
         mean = around[:, depth]
@@ -151,8 +179,7 @@ def embedding_inputs(coder: IndexCoder, context: LayerContext, part: I64, settle
         x[:, at + inputs.attributes : at + width] = rounded
         x[:, at + width] = count_features(counts[:, depth])
         at += width + 1
-    if coder.grid is not None:
-        x[:, at:] = coder.grid.features(context.lattice_positions(part))
+    x[:, at:] = known.grid[part]
     return np.clip(x, -amax, amax, out=x)
 
 

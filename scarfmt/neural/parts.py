@@ -17,6 +17,7 @@ from scarfmt.neural.tables import LAST, exp2_table, sigmoid_table, state_table
 I64 = NDArray[np.int64]
 Ints = NDArray[np.integer[Any]]
 
+GATES = 3
 _RECURRENT_AMAX = 2047
 _GATE_ONE = 4096
 _SHARE_ONE = 256
@@ -101,17 +102,15 @@ class Recurrence:
         do, (gates, candidate) = self._do, products
         gates += do.product(state, self._recurrent[0])
         gates += self._recurrent_biases[0]
-        gates = do.floor_(gates)
-        gates += LAST
-        gates = do.lookup_(self._sigmoid, gates)
+        gates = do.lookup_(self._sigmoid, do.floor_(gates), LAST)
         kept = do.product(state, self._recurrent[1])
         kept += self._recurrent_biases[1]
         kept = do.clip_(do.floor_(kept), -_RECURRENT_AMAX, _RECURRENT_AMAX)
         kept *= gates[:, self._width :]
         # Where a candidate is too large for the fraction to fit beside it, it is far outside the table of tanh.
         kept += candidate
-        kept += LAST + 0.5
-        new = do.lookup_(self._tanh, do.floor_(kept))
+        kept += 0.5
+        new = do.lookup_(self._tanh, do.floor_(kept), LAST)
         # z g + (1 - z) n as n + z (g - n): 11 bits before the point, the 12 of z after it.
         change = state - new
         change *= gates[:, : self._width]

@@ -3,19 +3,62 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.neural.layer_context import LayerContext
+from scarfmt.neural.predictor_group import PredictorGroup
 from scarfmt.neural.predictors import PassInputs, Predictor, StepContext
 from scarfmt.schema import Stream
 
+F32 = NDArray[np.float32]
 I64 = NDArray[np.int64]
 Ints = NDArray[np.integer[Any]]
-Predictors = Mapping[tuple[int, int, int], Predictor]
+
+
+class Contexts(Protocol):
+    """What a predictor does; an encoder that only wants to see inputs gives something else that does it."""
+
+    def contexts(self, x: F32) -> I64: ...
+
+
+Predictors = Mapping[tuple[int, int, int], Contexts]
 """By (stream, component, step)."""
+
+
+class PredictorSet:
+    """The predictors in force in a layer, sorted by what is evaluated together.
+
+    Args:
+        predictors: by key.
+    """
+
+    def __init__(self, predictors: Predictors) -> None:
+        self._steps: dict[tuple[int, int], dict[int, Contexts]] = {}
+        for (stream, component, step), predictor in predictors.items():
+            self._steps.setdefault((stream, step), {})[component] = predictor
+        self.streams = frozenset(Stream(stream) for stream, _ in self._steps)
+        self._groups: dict[tuple[int, int], list[PredictorGroup]] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self._steps)
+
+    def step(self, stream: Stream, step: int) -> dict[int, Contexts]:
+        """The predictors of a step of a channel, by component; empty where static contexts apply."""
+        return self._steps.get((stream, step), {})
+
+    def groups(self, stream: Stream, step: int, components: int, depths: int) -> list[PredictorGroup] | None:
+        """The same, evaluated together where nothing decoded in between is an input; None for stand-ins."""
+        found = {c: p for c, p in self.step(stream, step).items() if isinstance(p, Predictor)}
+        if len(found) < len(self.step(stream, step)):
+            return None
+        if (stream, step) not in self._groups:
+            # The components of a first step see each other.
+            parts = [{c: p} for c, p in sorted(found.items())] if step == 1 else [found]
+            self._groups[stream, step] = [PredictorGroup(part, components, depths) for part in parts]
+        return self._groups[stream, step]
 
 
 class PredictedChannel:
@@ -24,13 +67,13 @@ class PredictedChannel:
     Args:
         context: of the tile-layer, with the channels before this one settled.
         channel: index of the channel.
-        predictors: of the file, by key.
+        predictors: in force.
         values: (n, components) values before this layer.
         steps: (n,) steps they are at.
     """
 
     def __init__(
-        self, context: LayerContext, channel: int, predictors: Predictors, values: Ints, steps: I64
+        self, context: LayerContext, channel: int, predictors: PredictorSet, values: Ints, steps: I64
     ) -> None:
         self._context = context
         self._predictors = predictors
@@ -40,11 +83,11 @@ class PredictedChannel:
         self._steps = steps.copy()
         self._step = 0
         self._inputs: PassInputs | None = None
-        self._covered = {step for stream, _, step in predictors if stream == self._stream}
+        self._found: dict[int, I64] = {}
 
     def covers(self, step: int) -> bool:
         """Whether a component has a predictor for `step`."""
-        return step in self._covered
+        return bool(self._predictors.step(self._stream, step))
 
     def parts(self, step: int, chosen: I64) -> Iterator[I64]:
         """The anchors `chosen` pass by pass. Each pass must be coded before the next is asked for."""
@@ -53,12 +96,14 @@ class PredictedChannel:
         known = np.flatnonzero(self._steps >= step)
         around.add(context.rows(known), self._values[known], self._steps[known])
         for part in context.parts(chosen):
+            if not len(part):
+                continue
             rows = context.rows(part)
-            self._part = part
+            self._part, self._found = part, {}
             self._inputs = around.inputs(rows, context.classes[part], self._settled[part], self._values[part])
             yield part
             self._steps[part] = step
-            around.add(rows, self._values[part], self._steps[part])
+            around.add(rows, self._values[part], np.array([step]))
 
     def settle(self, step: int, chosen: I64, values: Ints) -> None:
         """Take the (m, components) `values` of anchors that received a step without predictors."""
@@ -66,9 +111,18 @@ class PredictedChannel:
 
     def contexts(self, component: int) -> I64 | None:
         """(w,) context numbers of the pass's symbols of a component; None where static contexts apply."""
-        predictor = self._predictors.get((self._stream, component, self._step))
+        predictor = self._predictors.step(self._stream, self._step).get(component)
+        if predictor is None:
+            return None
         assert self._inputs is not None
-        return None if predictor is None else predictor.contexts(self._inputs.of(component))
+        depths = len(self._context.model.context.occupancies)
+        groups = self._predictors.groups(self._stream, self._step, self._values.shape[1], depths)
+        if groups is None:
+            return predictor.contexts(self._inputs.of(component))
+        if component not in self._found:
+            group = next(group for group in groups if component in group.components)
+            self._found.update(zip(group.components, group.contexts(self._inputs.all), strict=True))
+        return self._found[component]
 
     def know(self, component: int, values: I64) -> None:
         """Take the (w,) values of a component at this step."""
@@ -76,8 +130,3 @@ class PredictedChannel:
         self._values[self._part, component] = values
         if self._step == 1:
             self._inputs.first_known(component, values)
-
-
-def predicted_streams(predictors: Predictors) -> frozenset[Stream]:
-    """The channels that have a predictor."""
-    return frozenset(Stream(stream) for stream, _, _ in predictors)

@@ -32,7 +32,6 @@ CLASS_INPUT = 64
 
 _COARSE_SHIFT = 6
 _RELATIVE_SHIFT = 5
-_RELATIVE_LIMIT = 1 << 30
 
 
 @dataclass(frozen=True)
@@ -186,12 +185,12 @@ class PassInputs:
     """Inputs of the anchors of one pass: shared by the components but for a few columns."""
 
     def __init__(self, step: int, classes: I64, before: I64, own: I64, means: F64, counts: F64) -> None:
-        self._step, self._own, self._means = step, own, means
         (wide, components), depths = own.shape, counts.shape[1]
+        self._depths = depths
         self._at = MAX_CLASSES + before.shape[1]
         start = self._at + components
         # Column by column: most of the work below is on whole columns.
-        self._x = np.empty((start + depths * (components + 2), wide), np.float32)
+        self._x = np.empty((start + depths * (2 * components + 1), wide), np.float32)
         self._x[:MAX_CLASSES] = 0
         self._x[classes, np.arange(wide)] = CLASS_INPUT
         self._x[MAX_CLASSES : self._at] = coarse_input(before.T)
@@ -200,16 +199,24 @@ class PassInputs:
         self._x[start : start + len(columns)] = coarse_input(columns)
         start += len(columns)
         self._x[start : start + depths] = count_features(counts.T)
-        self._relative = self._x[start + depths :]
+        self._shared = start + depths
+        # Component by component, its depths side by side.
+        apart = means.transpose(2, 1, 0) - own.T[:, None]
+        apart *= cell_power(np.array(step))
+        # The limits lie far beyond those of the inputs: an anchor at the edge of either clamps alike.
+        np.floor(apart * 2.0**-_RELATIVE_SHIFT + 0.5, out=apart)
+        _clamp(apart)
+        self._x[self._shared :] = apart.reshape(components * depths, wide)
+
+    @property
+    def all(self) -> F32:
+        """(shared + components * depths, w) float32 integers: shared inputs, then every component's relative ones."""
+        return self._x
 
     def of(self, component: int) -> F32:
-        """(w, inputs) float32 integers in -511..511, valid until the next call."""
-        apart = self._means[:, :, component].T - self._own[:, component]
-        apart *= cell_power(np.array(self._step))
-        apart = np.clip(apart, -_RELATIVE_LIMIT, _RELATIVE_LIMIT)
-        half = (1 << _RELATIVE_SHIFT) >> 1
-        self._relative[:] = np.clip((apart + half) // (1 << _RELATIVE_SHIFT), -AMAX, AMAX)
-        return self._x.T
+        """(w, inputs) float32 integers in -511..511: what the predictor of a component reads."""
+        own = self._shared + component * self._depths
+        return np.concatenate([self._x[: self._shared], self._x[own : own + self._depths]]).T
 
     def first_known(self, component: int, values: Ints) -> None:
         """In step 1, take (w,) first-step values of a component: inputs of the components after it."""
@@ -218,4 +225,11 @@ class PassInputs:
 
 def coarse_input(fine_values: Ints | F64) -> F64:
     """Fixed-point values as inputs: in 16ths of the first cell, clamped to -511..511."""
-    return np.clip(np.floor(np.asarray(fine_values, np.float64) * 2.0**-_COARSE_SHIFT), -AMAX, AMAX)
+    scaled = np.asarray(fine_values, np.float64) * 2.0**-_COARSE_SHIFT
+    return _clamp(np.floor(scaled, out=scaled))
+
+
+def _clamp(values: F64) -> F64:
+    """`values` brought within -511..511, in place; two plain operations are faster than np.clip on few values."""
+    np.maximum(values, -AMAX, out=values)
+    return np.minimum(values, AMAX, out=values)

@@ -1,0 +1,109 @@
+"""Other ways to do the evaluator's operations: in float64, with sums in a random order, counting extremes."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, F32
+from scarfmt.neural.operations import NumpyOperations
+from scarfmt.neural.tables import EXP2_LAST, LAST
+
+F64 = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
+
+
+class DoubleOperations(NumpyOperations):
+    """Everything in binary64, which holds all of these sums whether or not binary32 does."""
+
+    def constant(self, values: NDArray[Any]) -> Any:
+        return np.ascontiguousarray(values, dtype=np.float64)
+
+    def lift(self, x: NDArray[Any], amax: int) -> Any:
+        return np.clip(x.astype(np.float64), -amax, amax)
+
+    def empty(self, rows: int, columns: int) -> Any:
+        return np.empty((rows, columns))
+
+
+class ShuffledOperations(NumpyOperations):
+    """Binary32, one product after the other added in random order, after a random split into two partial sums."""
+
+    def __init__(self, seed: int) -> None:
+        super().__init__()
+        self._rng = np.random.default_rng(seed)
+
+    def product(self, x: F32, weights: F32) -> F32:
+        sums = np.zeros((2, len(x), weights.shape[1]), np.float32)
+        for column in self._rng.permutation(len(weights)):
+            sums[self._rng.integers(2)] += x[:, column, None] * weights[column]
+        out: F32 = sums[0] + sums[1]
+        return out
+
+    def dots(self, a: F32, b: F32) -> F32:
+        out = np.zeros(len(a), np.float32)
+        for column in self._rng.permutation(a.shape[1]):
+            out += a[:, column] * b[:, column]
+        return out
+
+
+class CountingOperations(DoubleOperations):
+    """In binary64, keeping the largest value of each kind, in units of its last binary digit.
+
+    Weights carry the shift of their layer as a power of two; an array's unit is the least it needs. So a value here is
+    what has to fit the 24 bits of binary32.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._largest: defaultdict[str, float] = defaultdict(float)
+        self._lookups: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
+
+    def _keep(self, what: str, values: Floats, unit: float) -> None:
+        if values.size:
+            self._largest[what] = max(self._largest[what], float(np.abs(values).max()) / unit)
+
+    def product(self, x: Any, weights: Any) -> Any:
+        # Of magnitudes: no partial sum is larger, whatever the order.
+        self._keep("sum of the magnitudes of products", np.abs(x) @ np.abs(weights), _unit(x) * _unit(weights))
+        return super().product(x, weights)
+
+    def dots(self, a: Any, b: Any) -> Any:
+        self._keep("score of attention, before its shift", (np.abs(a) * np.abs(b)).sum(axis=1), 1)
+        return super().dots(a, b)
+
+    def floor_(self, x: Any) -> Any:
+        self._keep("accumulator with bias and half step", x, _unit(x))
+        return super().floor_(x)
+
+    def lookup_(self, table: Any, x: Any, origin: int = 0) -> Any:
+        last = EXP2_LAST if origin == 0 else LAST
+        name = "distance of a logit or score" if origin == 0 else "argument of sigmoid or tanh"
+        self._keep(name, x, 1)
+        figures = self._lookups[name]
+        figures[0] += x.size
+        figures[1] += int(np.count_nonzero(np.abs(x) > last))
+        return super().lookup_(table, x, origin)
+
+    def report(self) -> list[dict[str, str]]:
+        """What, the largest seen, and its limit, for tables."""
+        out = []
+        for what, largest in sorted(self._largest.items()):
+            if what in self._lookups:
+                count, beyond = self._lookups[what]
+                limit = f"table ends at {EXP2_LAST if 'distance' in what else LAST}: {beyond / count:.1%} lie beyond"
+            else:
+                limit = f"{ACCUMULATOR_LIMIT:,}: {largest / ACCUMULATOR_LIMIT:.4%}"
+            out.append({"what": what, "seen": f"{largest:,.0f}", "limit": limit})
+        return out
+
+
+def _unit(values: Floats) -> float:
+    """The largest power of two, 1 at most, of which all `values` are multiples."""
+    unit = 1.0
+    while bool((values != np.floor(values)).any()):
+        values, unit = values * 2, unit / 2
+    return unit
