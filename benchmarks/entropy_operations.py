@@ -60,6 +60,7 @@ class CountingOperations(DoubleOperations):
     def __init__(self) -> None:
         super().__init__()
         self._largest: defaultdict[str, float] = defaultdict(float)
+        self._sums: Any = None
         self._lookups: defaultdict[str, list[int]] = defaultdict(lambda: [0, 0])
 
     def _keep(self, what: str, values: Floats, unit: float) -> None:
@@ -69,14 +70,17 @@ class CountingOperations(DoubleOperations):
     def product(self, x: Any, weights: Any) -> Any:
         # Of magnitudes: no partial sum is larger, whatever the order.
         self._keep("sum of the magnitudes of products", np.abs(x) @ np.abs(weights), _unit(x) * _unit(weights))
-        return super().product(x, weights)
+        self._sums = super().product(x, weights)
+        return self._sums
 
     def dots(self, a: Any, b: Any) -> Any:
         self._keep("score of attention, before its shift", (np.abs(a) * np.abs(b)).sum(axis=1), 1)
         return super().dots(a, b)
 
     def floor_(self, x: Any) -> Any:
-        self._keep("accumulator with bias and half step", x, _unit(x))
+        # Others are no accumulators: fractions in them that do not fit beside large numbers decide nothing.
+        if x is self._sums:
+            self._keep("accumulator with bias and half step", x, _unit(x))
         return super().floor_(x)
 
     def lookup_(self, table: Any, x: Any, origin: int = 0) -> Any:

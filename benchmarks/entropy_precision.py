@@ -24,7 +24,8 @@ def problem() -> tuple[IndexRows, Codebooks]:
     rng = np.random.default_rng(11)
     inputs = np.rint(rng.normal(size=(_ANCHORS, _COLUMNS)) * 60)
     falling = 300 / (1 + np.arange(_DIMENSION))
-    latent = (inputs @ rng.normal(size=(_COLUMNS, _DIMENSION)) / 300 + rng.normal(size=(_ANCHORS, _DIMENSION))) * falling
+    told = inputs @ rng.normal(size=(_COLUMNS, _DIMENSION)) / 300
+    latent = (told + rng.normal(size=(_ANCHORS, _DIMENSION))) * falling
     words = [np.rint(rng.normal(size=(_WORDS, _DIMENSION)) * falling * part).astype(np.int64) for part in (1.2, 0.6)]
     codes, rest = np.empty((_ANCHORS, _STAGES), np.int16), latent
     for stage in range(_STAGES):

@@ -220,8 +220,8 @@ def _network_tables(found: dict[str, Any]) -> list[str]:
     extremes = [[row["what"], row["seen"], row["limit"]] for row in found["extremes"]]
     return [
         "### Equal rows",
-        f"{kinds} networks; {found['frequencies']:,} frequencies, {_ANCHORS} anchors each, of which the oracle computes "
-        f"{_ORACLE_ANCHORS}.",
+        f"Networks: {kinds}. {found['frequencies']:,} frequencies, of {_ANCHORS} anchors a network; the oracle "
+        f"computes those of {_ORACLE_ANCHORS}.",
         table(["computed by", "networks", "of which differ"], ways_rows).rstrip(),
         "### Largest values seen in them",
         table(["value", "largest seen", "limit"], extremes).rstrip(),
@@ -241,8 +241,9 @@ def markdown(results: dict[str, Any]) -> str:
 
 def failures(results: dict[str, Any]) -> int:
     """How many comparisons failed."""
-    networks = sum(wrong for _, wrong in results["networks"]["compared"].values())
-    return networks + sum(edge["differ"] for edge in results["edges"])
+    networks: int = sum(wrong for _, wrong in results["networks"]["compared"].values())
+    edges: int = sum(edge["differ"] for edge in results["edges"])
+    return networks + edges
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -1,9 +1,8 @@
 """CODEBOOKS block: the RVQ codewords first needed in a layer (SPEC §7.8; paper §3.2, dual codebook).
 
 Codebook 0 is the coarse one of stage 1, codebook 1 the residual one shared by all later stages. Codewords
-are integers on one common step, so the latent z = sum of codewords is exact. Each dimension is stored as
-unsigned offsets from its minimum in as few bits as its range needs: trailing dimensions of a decorrelated
-latent have short ranges.
+are integers on one common step, so the latent z = sum of codewords is exact. Each dimension is Rice-coded by
+itself: trailing dimensions of a decorrelated latent hold small numbers.
 """
 
 from __future__ import annotations
@@ -14,14 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint
+from scarfmt.bytefields import ByteReader, unsigned_varint
+from scarfmt.codecs.rice import pack_rice, unpack_rice
 from scarfmt.errors import Malformed
 
 I64 = NDArray[np.int64]
 
 MAX_CODEWORDS = 4096
 MAX_LATENT = 64
-_MAX_WIDTH = 16
+MAX_VALUE = 65535
 
 
 @dataclass(frozen=True)
@@ -69,15 +69,8 @@ def pack_codebooks(books: dict[int, I64]) -> bytes:
     for number in sorted(books):
         words = books[number]
         out += [bytes([number]), unsigned_varint(len(words))]
-        out += [_pack_dimension(words[:, column]) for column in range(dimension)]
+        out += [pack_rice(words[:, column]) for column in range(dimension)]
     return b"".join(out)
-
-
-def _pack_dimension(values: I64) -> bytes:
-    low = int(values.min())
-    width = int(values.max() - low).bit_length()
-    bits = ((values - low)[:, None] >> np.arange(width - 1, -1, -1)) & 1
-    return signed_varint(low) + bytes([width]) + np.packbits(bits.astype(np.uint8).ravel()).tobytes()
 
 
 def unpack_codebooks(payload: bytes) -> dict[int, I64]:
@@ -93,7 +86,7 @@ def unpack_codebooks(payload: bytes) -> dict[int, I64]:
         number, size = reader.take(1)[0], reader.count(MAX_CODEWORDS)
         if number > 1 or (books and number <= max(books)) or size == 0 or dimension == 0:
             raise Malformed("bad-codebook", f"book {number} of {size} codewords (SPEC §7.8)", field="codebooks")
-        columns = [_read_dimension(reader, size) for _ in range(dimension)]
+        columns = [_checked(unpack_rice(reader, size)) for _ in range(dimension)]
         books[number] = np.stack(columns, axis=1)
     if not books:
         raise Malformed("bad-codebook", "the block holds no codebook (SPEC §7.8)", field="codebooks")
@@ -101,13 +94,7 @@ def unpack_codebooks(payload: bytes) -> dict[int, I64]:
     return books
 
 
-def _read_dimension(reader: ByteReader, size: int) -> I64:
-    low, width = reader.signed(17), reader.take(1)[0]
-    if width > _MAX_WIDTH:
-        raise Malformed("bad-codebook", f"{width} bits a codeword value (SPEC §7.8)", field="codebooks")
-    packed = np.frombuffer(reader.take((size * width + 7) // 8), np.uint8)
-    bits = np.unpackbits(packed)
-    if bits[size * width :].any():
-        raise Malformed("bad-codebook", "padding bits must be 0 (SPEC §7.8)", field="codebooks")
-    weights = 1 << np.arange(width - 1, -1, -1, dtype=np.int64)
-    return low + bits[: size * width].reshape(size, width).astype(np.int64) @ weights
+def _checked(values: I64) -> I64:
+    if int(np.abs(values).max()) > MAX_VALUE:
+        raise Malformed("bad-codebook", f"a component beyond {MAX_VALUE} (SPEC §7.8)", field="codebooks")
+    return values

@@ -1,7 +1,7 @@
 """ENTROPY_NETWORK block: the index network (SPEC §10.5).
 
-One zstd frame: the header, then every array in the order of :class:`IndexNetwork`. A matrix is int8, or int16
-where a weight needs it; biases and start states are signed varints.
+The header, then every array in the order of :class:`IndexNetwork`: matrices and start states Rice-coded, biases
+too, after the zero bits that they all end in.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.bytefields import ByteReader, compress, decompress, signed_varint, unsigned_varint
+from scarfmt.bytefields import ByteReader, unsigned_varint
 from scarfmt.codecs.codebooks import MAX_CODEWORDS
+from scarfmt.codecs.rice import pack_rice, pack_shifted, unpack_rice, unpack_shifted
 from scarfmt.errors import Malformed
-from scarfmt.neural.arithmetic import Linear
+from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.network import (
     MAX_CLUSTERS,
     MAX_CODEWORD_DIMS,
@@ -34,9 +35,7 @@ I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 Ints = NDArray[np.integer[Any]]
 
-MAX_NETWORK_BYTES = 8 << 20
 _OWN, _ATTENTION = 1, 2
-_BIAS_BITS = 32
 _FIELD = "network"
 
 
@@ -46,13 +45,13 @@ def pack_network(network: IndexNetwork) -> bytes:
     out = [_pack_header(network), *(_pack_linear(layer) for layer in network.embed)]
     for gru in network.gru:
         out += [bytes([gru.shift]), *(_pack_matrix(matrix) for matrix in (*gru.inputs, gru.recurrent))]
-        out += [_pack_numbers(array) for array in (gru.biases, gru.recurrent_biases, gru.start)]
+        out += [pack_shifted(array) for array in (gru.biases, gru.recurrent_biases, gru.start)]
     if attention is not None:
         out += [_pack_linear(layer) for layer in (attention.query, attention.key, attention.value)]
         out.append(bytes([attention.shift]))
     out.append(_pack_linear(network.mixer))
     out += [_pack_head(head) for head in network.heads]
-    return compress(b"".join(out))
+    return b"".join(out)
 
 
 def _pack_header(network: IndexNetwork) -> bytes:
@@ -66,34 +65,29 @@ def _pack_header(network: IndexNetwork) -> bytes:
 
 
 def _pack_matrix(matrix: Ints) -> bytes:
-    wide = int(np.abs(matrix.astype(np.int64)).max(initial=0)) > 127
-    return bytes([1 + wide]) + matrix.astype("<i2" if wide else "<i1").tobytes()
-
-
-def _pack_numbers(values: Ints) -> bytes:
-    return b"".join(signed_varint(value) for value in values.ravel().tolist())
+    return pack_rice(matrix.ravel())
 
 
 def _pack_linear(layer: Linear) -> bytes:
-    return bytes([layer.shift]) + _pack_matrix(layer.weights) + _pack_numbers(layer.biases)
+    return bytes([layer.shift]) + _pack_matrix(layer.weights) + pack_shifted(layer.biases)
 
 
 def _pack_head(head: Head) -> bytes:
     out = [unsigned_varint(n) for n in (len(head.biases), len(head.clusters), *head.clusters)]
     out += [_pack_linear(layer) for layer in head.projections]
-    out += [bytes([head.shift, head.member_shift]), _pack_numbers(head.cluster_biases), _pack_numbers(head.biases)]
+    out += [bytes([head.shift, head.member_shift]), pack_shifted(head.cluster_biases), pack_shifted(head.biases)]
     return b"".join(out)
 
 
-def unpack_network(payload: bytes, limit: int = MAX_NETWORK_BYTES) -> IndexNetwork:
+def unpack_network(payload: bytes) -> IndexNetwork:
     """The inverse of :func:`pack_network`; what depends on the codebooks is left to :meth:`IndexNetwork.check`.
 
     Raises:
-        Malformed: ``bad-network`` for a network that breaks SPEC §10.5; ``bad-zstd``, ``payload-short``,
+        Malformed: ``bad-network`` for a network that breaks SPEC §10.5; ``bad-rice``, ``payload-short``,
             ``payload-long``, ``bad-varint``.
-        LimitExceeded: ``content-limit``, ``count-limit``.
+        LimitExceeded: ``count-limit``.
     """
-    reader = ByteReader(decompress(payload, limit, _FIELD), _FIELD)
+    reader = ByteReader(payload, _FIELD)
     network = _read_network(reader)
     reader.finish()
     network.check_structure()
@@ -129,16 +123,15 @@ def _read_network(reader: ByteReader) -> IndexNetwork:
 
 
 def _read_matrix(reader: ByteReader, rows: int, columns: int) -> I32:
-    width = reader.take(1)[0]
-    if width not in (1, 2):
-        raise Malformed("bad-network", f"weights of {width} bytes, neither 1 nor 2 (SPEC §10.5)", field=_FIELD)
-    weights = reader.array("<i2" if width == 2 else "<i1", rows * columns)
+    weights = unpack_rice(reader, rows * columns)
+    # Here, as int32 would wrap a weight that the network's own check must see.
+    if len(weights) and int(np.abs(weights).max()) > MAX_WEIGHT:
+        raise Malformed("bad-network", f"a weight above {MAX_WEIGHT} (SPEC §10.1)", field=_FIELD)
     return weights.reshape(rows, columns).astype(np.int32)
 
 
 def _read_numbers(reader: ByteReader, *shape: int) -> I64:
-    count = int(np.prod(shape))
-    return np.array([reader.signed(_BIAS_BITS) for _ in range(count)], np.int64).reshape(shape)
+    return unpack_shifted(reader, int(np.prod(shape))).reshape(shape)
 
 
 def _read_linear(reader: ByteReader, rows: int, columns: int) -> Linear:

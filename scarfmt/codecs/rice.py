@@ -63,6 +63,28 @@ def unpack_rice(reader: ByteReader, count: int) -> I64:
     return np.where(z & 1, -(z >> 1) - 1, z >> 1)
 
 
+def pack_shifted(values: Ints) -> bytes:
+    """Numbers that may share trailing zero bits: their number u8, then :func:`pack_rice` of what is left (SPEC §5.9)."""
+    shared = int(np.bitwise_or.reduce(values.astype(np.int64).ravel(), initial=0))
+    shift = min((shared & -shared).bit_length() - 1, MAX_PARAMETER) if shared else 0
+    return bytes([shift]) + pack_rice(values.ravel() >> shift)
+
+
+def unpack_shifted(reader: ByteReader, count: int) -> I64:
+    """The inverse of :func:`pack_shifted`: (count,) int64.
+
+    Raises:
+        Malformed: ``bad-rice`` for a shift above 31 or a number beyond 32 bits; as :func:`unpack_rice`.
+    """
+    shift = reader.take(1)[0]
+    if shift > MAX_PARAMETER:
+        raise _bad(f"a shift of {shift}, at most {MAX_PARAMETER} allowed")
+    values = unpack_rice(reader, count) << shift
+    if count and int(np.abs(values).max()) >> 31:
+        raise _bad("a shifted number of more than 32 bits")
+    return values
+
+
 def _read_unary(reader: ByteReader, count: int) -> I64:
     """(count,) quotients: ones before each zero."""
     if not count:
