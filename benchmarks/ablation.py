@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from benchmarks.ablation_scenes import OWN, QUANTISERS, Encoded, Sample, encoded, sample, static_bytes
+from benchmarks.ablation_scenes import OWN, QUANTISERS, Sample, encoded, sample, static_bytes
 from benchmarks.ablation_tables import write_page
 from benchmarks.latent import at_bits, learned_curves, thinned
 from benchmarks.report import SCRATCH, load_results, machine, save_results
@@ -38,6 +38,7 @@ from reference_encoder.entropy.grid import BinaryGrid, Lookup, default_levels, f
 from reference_encoder.entropy.model import IndexModel, NetworkShape
 from reference_encoder.entropy.train import Examples, TrainOptions, measure, train
 from reference_encoder.entropy.variants import BranchedMlp, GruOnly, StageMlp, build_variant
+from reference_encoder.options import ESTIMATORS
 from reference_encoder.rvq import RvqOptions
 from scarfmt.cli.scenes import load_subject
 from scarfmt.codecs.codebooks import pack_codebooks
@@ -49,7 +50,7 @@ from scarfmt.writer import write_scene
 
 NAME = "ablation"
 SCENES = ("plush-on-bed", "flowers", "plush-on-bed, anchors")
-STUDIES = ("context", "spatial", "quantiser", "estimator", "network")
+STUDIES = ("context", "spatial", "quantiser", "network", "estimator")
 Record = dict[str, Any]
 
 # Every network of a study is trained alike; the short mode gives all of them too little, but equally so.
@@ -89,6 +90,11 @@ class Job:
         return FULL if self.full else SHORT
 
 
+def prepare(scene: str) -> None:
+    """Have a scene encoded."""
+    encoded(scene)
+
+
 def run(job: Job) -> Record:
     """Measure `job`: a record for the results file."""
     torch.set_num_threads(1)
@@ -98,14 +104,18 @@ def run(job: Job) -> Record:
 
 def jobs(scene: str, full: bool) -> Iterator[Job]:
     """Everything to measure of a scene."""
-    yield from (Job(scene, "quantiser", name, 0, full) for name in QUANTISERS)
-    for seed in (0, 1):
-        for name in (*CONTEXTS, "GRU", "GRU + attention"):
-            yield Job(scene, "context", name, seed, full)
-        yield from (Job(scene, "spatial", name, seed, full) for name in SOURCES)
-        yield from (Job(scene, "estimator", name, seed, full) for name in ("rotation", "straight-through"))
-    yield Job(scene, "context", "static tables", 0, full)
-    yield from (Job(scene, "network", name, 0, full) for name in network_variants())
+    variants = {
+        "context": ("static tables", *CONTEXTS, "GRU", "GRU + attention"),
+        "spatial": tuple(SOURCES),
+        "quantiser": tuple(QUANTISERS),
+        "network": tuple(network_variants()),
+        "estimator": ESTIMATORS,
+    }
+    for study in STUDIES:
+        yield from (Job(scene, study, name, 0, full) for name in variants[study])
+    for study in ("context", "estimator"):
+        # Static tables are what they are: there is no chance in them.
+        yield from (Job(scene, study, name, 1, full) for name in variants[study] if name != "static tables")
 
 
 # Study 1
@@ -117,12 +127,12 @@ def _context(job: Job) -> Record:
         rate = 8 * indices / symbols
         return {"bytes": indices + tables, "model_bytes": tables, "in_sample": rate, "symbols": symbols}
     data = sample(job.scene, OWN, *job.rows[:2])
-    data = _with_columns(data, *_waves(data)[:2])
+    *columns, grid_bytes = _waves(data)
+    data = _with_columns(data, *columns)
     shape = shape_for(data.train.symbols, data.books.dimension, job.variant == "GRU + attention")
     kind = CONTEXTS.get(job.variant)
     start = build_variant(kind, data.train, data.books, data.clusters, shape, job.seed) if kind else None
-    extra = 0 if job.variant in ("GRU, no spatial input",) else _waves(data)[2]
-    return _trained(job, data, shape, extra, start=start)
+    return _trained(job, data, shape, 0 if kind is GruOnly else grid_bytes, start=start)
 
 
 # Study 2: (cell means of decoded neighbours, "": no grid | "waves" | a kind of `default_levels`)
@@ -322,7 +332,9 @@ def _packed(model: IndexModel, data: Sample) -> int | None:
 
 def _wanted(names: Sequence[str], studies: Sequence[str], full: bool, known: dict[str, Any]) -> list[Job]:
     every = [job for name in names for job in jobs(name, full)]
-    return [job for job in every if job.study in studies and job.key not in known]
+    found = [job for job in every if job.study in studies and job.key not in known]
+    # A run that is cut short then has a seed of every scene.
+    return sorted(found, key=lambda job: (job.seed, STUDIES.index(job.study)))
 
 
 def _measure(wanted: Sequence[Job], results: dict[str, Any], workers: int) -> None:
@@ -330,8 +342,7 @@ def _measure(wanted: Sequence[Job], results: dict[str, Any], workers: int) -> No
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=spawn) as pool:
         # First, alone: all others start from these.
-        first: list[Encoded] = list(pool.map(encoded, dict.fromkeys(job.scene for job in wanted)))
-        del first
+        list(pool.map(prepare, dict.fromkeys(job.scene for job in wanted)))
         began, pending = time.perf_counter(), {pool.submit(run, job): job for job in wanted}
         for done, future in enumerate(as_completed(pending), start=1):
             job = pending[future]

@@ -178,7 +178,7 @@ def _uses(rows: IndexRows, books: Codebooks) -> tuple[I64, I64]:
 
 
 def _renumbered(rows: IndexRows, clusters: tuple[Clusters, Clusters]) -> NDArray[np.int16]:
-    """(n, M) codes by the clusters' new numbers; unused stages hold 0 before and any number after."""
+    """(n, M) codes by the clusters' new numbers."""
     columns = [clusters[min(stage, 1)].ranks[rows.codes[:, stage]] for stage in range(rows.codes.shape[1])]
     return np.stack(columns, axis=1).astype(np.int16)
 

@@ -33,7 +33,7 @@ SKIPPED = 77
 VECTORS = REPOSITORY / "conformance" / "vectors" / "valid"
 NETWORKS, ANCHORS = 200, 20_000
 SHAPES = [
-    *(Shape(4, hidden, attention=attention) for hidden in (16, 64, 256) for attention in (False, True)),
+    *(Shape(4, hidden, attention=attention) for hidden in (16, 64, 128) for attention in (False, True)),
     Shape(3, 32, 4096, two_level=False),
 ]
 
@@ -43,7 +43,8 @@ def compare_networks(do: Operations, count: int = NETWORKS) -> tuple[int, int]:
     differ = 0
     for seed in range(count):
         question = make_question(seed)
-        found, wanted = (rows_of(Evaluator(question.case.network, question.case.books, way), question) for way in (do, NUMPY))
+        network, books = question.case.network, question.case.books
+        found, wanted = (rows_of(Evaluator(network, books, way), question) for way in (do, NUMPY))
         differ += not equal(found, wanted)
     return count, differ
 
