@@ -19,6 +19,7 @@ from scarfmt.writer import QuantisedScene
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
+PREVIEW = 0.0
 _LEAST_SLOPE = 0.02
 
 
@@ -77,13 +78,13 @@ class Leftovers:
         rests = torch.from_numpy(left.astype(np.float32))
         none = repair.costs(torch.zeros_like(rests), worth).mean(0)
         gain = (repair.costs(rests, worth).mean(0) - none) / (worth[:, None] * rests**2).mean(0).clamp_min(1e-20)
-        return cls(gain.clamp(_LEAST_SLOPE, 1.0), repair)
+        return cls(gain.add(PREVIEW).clamp(_LEAST_SLOPE, 1.0 + PREVIEW), repair)
 
     def costs(self, left: torch.Tensor, worth: torch.Tensor) -> torch.Tensor:
         """(m,) bits that (m, d) rests cost, given (m,) bits that a squared lattice unit of error is worth."""
         if self.repair is None:
             return worth * (left * left).sum(1)
-        return self.repair.costs(left, worth).sum(1)
+        return self.repair.costs(left, worth).sum(1) + PREVIEW * worth * (left * left).sum(1)
 
 
 def leftovers(scene: QuantisedScene, targets: Targets) -> list[Leftovers]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint
-from scarfmt.errors import Malformed, ScarError
+from scarfmt.errors import InvalidInput, Malformed, ScarError
 from scarfmt.rans import MAX_ALPHABET, PRECISION, FrequencyTable, RansDecoder, RansEncoder, SymbolSource, uniform_table
 
 Values = NDArray[np.integer[Any]]
@@ -131,6 +131,50 @@ class SymbolWriter:
     def finish(self) -> bytes:
         """The sealed rANS stream."""
         return self._rans.finish()
+
+
+class SymbolRecorder:
+    """An emitter that keeps what it is given, to be coded once the tables are known.
+
+    Args:
+        counter: told of every group that needs a table.
+    """
+
+    def __init__(self, counter: SymbolCounter) -> None:
+        self._counter = counter
+        self._groups: list[tuple[TableKey | int, Values]] = []
+        self._modelled = RansEncoder()
+        self._coded = b""
+
+    def emit(self, key: TableKey, values: Values) -> None:
+        self._counter.emit(key, values)
+        self._groups.append((key, values))
+
+    def emit_uniform(self, size: int, values: Values) -> None:
+        self._groups.append((size, values))
+
+    def emit_rows(self, weights: F64, values: Values) -> None:
+        self._modelled.encode_rows(values, weights)
+
+    def settle(self) -> None:
+        """Code symbols that came with their own frequencies: those take much memory, and wait for no table.
+
+        Raises:
+            InvalidInput: ``input-symbol`` when the stream has others, too.
+        """
+        self._coded, self._modelled = self._modelled.finish(), RansEncoder()
+        if self._coded and self._groups:
+            raise InvalidInput("input-symbol", "a sub-stream mixes static tables and rows", field="symbols")
+
+    def code(self, tables: Mapping[TableKey, SymbolTable]) -> bytes:
+        """The sealed rANS stream."""
+        writer = SymbolWriter(tables)
+        for key, values in self._groups:
+            if isinstance(key, TableKey):
+                writer.emit(key, values)
+            else:
+                writer.emit_uniform(key, values)
+        return self._coded or writer.finish()
 
 
 class SymbolReader:

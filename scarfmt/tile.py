@@ -136,7 +136,6 @@ def put_layer(
     content: TileContent,
     emitters: Callable[[Stream], Emitter],
     neural: NeuralModels = STATIC,
-    indices: bool = True,
 ) -> int:
     """Emit one layer of one tile.
 
@@ -147,7 +146,6 @@ def put_layer(
         content: the tile at the model's last layer, anchors in order.
         emitters: gives the emitter of a stream kind.
         neural: predictors and index network.
-        indices: False leaves out indices that the index network codes: they need no tables.
 
     Returns:
         How many anchors first appear in it.
@@ -184,8 +182,7 @@ def put_layer(
             context.settle(index, _at(*final, after_steps), after_steps)
     stages = model.stages(layer - 1, classes), model.stages(layer, classes)
     if coder is not None and context is not None:
-        if indices:
-            put_neural_indices(emitters(Stream.INDICES), coder, context, content.indices, *stages)
+        put_neural_indices(emitters(Stream.INDICES), coder, context, content.indices, *stages)
     else:
         put_indices(emitters(Stream.INDICES), content.indices, classes, *stages)
     return len(new)

@@ -1,6 +1,6 @@
 """From a quantised scene to the bytes of a file (SPEC §5-§8). The reference encoder decides, this writes.
 
-Writing is two passes over the same codecs: one counts symbols and fits each layer's tables, one codes.
+A layer's symbols are gathered from all tiles first; the tables fitted to them then code them.
 A layer's TABLES block holds a table only where that is cheaper than going on with an earlier layer's.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ from scarfmt.reader import SceneReader
 from scarfmt.schema import BlockKind, Profile, Stream
 from scarfmt.source import BytesSource
 from scarfmt.substreams import pack_substreams
-from scarfmt.symbols import SymbolCounter, SymbolTable, SymbolWriter, TableKey, fit_table, pack_table, pack_tables
+from scarfmt.symbols import SymbolCounter, SymbolRecorder, SymbolTable, TableKey, fit_table, pack_table, pack_tables
 from scarfmt.tile import NeuralModels, TileContent, first_values, put_layer
 
 Report = Callable[[str, float], None]
@@ -129,21 +129,35 @@ def _fit_tables(counter: SymbolCounter, known: Mapping[TableKey, SymbolTable]) -
     return sent
 
 
-def _write_tile(
-    scene: QuantisedScene, layer: int, tile: int, tables: Mapping[TableKey, SymbolTable]
-) -> Block | None:
-    writers: dict[Stream, SymbolWriter] = {}
+@dataclass(frozen=True)
+class _RecordedTile:
+    """One layer of one tile before it is coded: how many anchors are new, and the symbols of every stream."""
 
-    def writer(stream: Stream) -> SymbolWriter:
-        return writers.setdefault(stream, SymbolWriter(tables))
+    new: int
+    streams: dict[Stream, SymbolRecorder]
+
+    def block(self, layer: int, tile: int, tables: Mapping[TableKey, SymbolTable]) -> Block | None:
+        """The TILE block, None where there is nothing to say."""
+        streams = {stream: recorder.code(tables) for stream, recorder in self.streams.items()}
+        if not self.new and not any(streams.values()):
+            return None
+        sizes = {int(stream): len(data) for stream, data in streams.items()}
+        return Block(BlockKind.TILE, layer, pack_substreams(streams), tile=tile, count=self.new, stream_bytes=sizes)
+
+
+def _record_tile(
+    scene: QuantisedScene, layer: int, tile: int, neural: NeuralModels, counter: SymbolCounter
+) -> _RecordedTile:
+    recorders: dict[Stream, SymbolRecorder] = {}
+
+    def recorder(stream: Stream) -> SymbolRecorder:
+        return recorders.setdefault(stream, SymbolRecorder(counter))
 
     frame = tile_frame(scene.fields, scene.tiles[tile])
-    new = put_layer(scene.model, layer, frame, scene.contents[tile], writer, scene.neural(layer))
-    streams = {stream: writer.finish() for stream, writer in writers.items()}
-    if not new and not any(streams.values()):
-        return None
-    sizes = {int(stream): len(data) for stream, data in streams.items()}
-    return Block(BlockKind.TILE, layer, pack_substreams(streams), tile=tile, count=new, stream_bytes=sizes)
+    new = put_layer(scene.model, layer, frame, scene.contents[tile], recorder, neural)
+    for one in recorders.values():
+        one.settle()
+    return _RecordedTile(new, recorders)
 
 
 def _check(scene: QuantisedScene) -> None:
@@ -174,28 +188,24 @@ def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
             takes more different values than a table holds.
     """
     _check(scene)
-    model, layers = scene.model, len(scene.model.layers)
+    layers = len(scene.model.layers)
     known: dict[TableKey, SymbolTable] = {}
     blocks: list[Block] = []
     for layer in range(1, layers + 1):
-        report("code", (layer - 1) / layers)
-        counter = SymbolCounter()
-        for tile, content in zip(scene.tiles, scene.contents, strict=True):
-            frame = tile_frame(scene.fields, tile)
-            put_layer(model, layer, frame, content, partial(_always, counter), scene.neural(layer), indices=False)
+        counter, neural = SymbolCounter(), scene.neural(layer)
+        recorded = []
+        for tile in range(len(scene.tiles)):
+            report("code", (layer - 1 + tile / len(scene.tiles)) / layers)
+            recorded.append(_record_tile(scene, layer, tile, neural, counter))
         sent = _fit_tables(counter, known)
         known = {**known, **sent}
         blocks += _model_blocks(scene, layer, sent)
-        coded = (_write_tile(scene, layer, tile, known) for tile in range(len(scene.tiles)))
+        coded = (each.block(layer, tile, known) for tile, each in enumerate(recorded))
         blocks += [block for block in coded if block is not None]
     data = write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
     _check_models(data)
     report("code", 1.0)
     return data
-
-
-def _always(counter: SymbolCounter, _stream: Stream) -> SymbolCounter:
-    return counter
 
 
 def layer_counts(scene: QuantisedScene) -> list[tuple[int, int]]:
