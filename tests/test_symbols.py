@@ -10,12 +10,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from scarfmt.bytefields import signed_varint, unsigned_varint
-from scarfmt.errors import LimitExceeded, Malformed, ScarError
+from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError
 from scarfmt.rans import MAX_ALPHABET, PureRansDecoder
 from scarfmt.symbols import (
     MAX_TABLES,
     Emitter,
     SymbolCounter,
+    SymbolRecorder,
     SymbolReader,
     SymbolTable,
     SymbolWriter,
@@ -209,6 +210,38 @@ def test_counting_and_coding_agree() -> None:
     assert reader.read(KEY, 4000).tolist() == static.tolist()
     assert reader.read_uniform(100, 3000).tolist() == uniform.tolist()
     reader.finish()
+
+
+def test_a_recorder_codes_later_what_a_writer_codes_at_once() -> None:
+    """The same bytes, and the counter hears of every group that needs a table."""
+    rng = np.random.default_rng(6)
+    static, uniform = rng.geometric(0.4, 300), rng.integers(0, 100, 200)
+    counter = SymbolCounter()
+    recorder = SymbolRecorder(counter)
+    recorder.emit(KEY, static)
+    recorder.emit_uniform(100, uniform)
+    recorder.settle()
+    table = {KEY: fit_table(*counter.histograms()[KEY])}
+    writer = SymbolWriter(table)
+    writer.emit(KEY, static)
+    writer.emit_uniform(100, uniform)
+    assert recorder.code(table) == writer.finish()
+
+
+def test_a_recorder_codes_rows_as_soon_as_it_settles() -> None:
+    """They come with their frequencies; beside symbols that wait for tables they have no place."""
+    weights, symbols = np.full((50, 2), ((1 << 24) - 2) / 2), np.arange(50) % 2
+    writer = SymbolWriter({})
+    writer.emit_rows(weights, symbols)
+    recorder = SymbolRecorder(SymbolCounter())
+    recorder.emit_rows(weights, symbols)
+    recorder.settle()
+    assert recorder.code({}) == writer.finish()
+    mixed = SymbolRecorder(SymbolCounter())
+    mixed.emit_rows(weights, symbols)
+    mixed.emit_uniform(4, symbols)
+    with pytest.raises(InvalidInput):
+        mixed.settle()
 
 
 def test_a_missing_table_is_named_and_only_when_needed() -> None:

@@ -32,6 +32,14 @@ def test_inspect_reads_stdin_and_urls(run: Run, explicit_scar: Path) -> None:
     assert run("inspect", explicit_scar.as_uri()).stdout == direct
 
 
+def test_inspect_tells_of_models(run: Run, explicit_scar: Path) -> None:
+    """As text and as JSON, only when asked."""
+    assert "index network" in run("inspect", explicit_scar, "--models").stdout
+    assert "index network" not in run("inspect", explicit_scar).stdout
+    report = json.loads(run("inspect", explicit_scar, "--models", "--json").stdout)
+    assert report["models"]["index_network"] is None
+
+
 def test_inspect_takes_a_file_cut_short(run: Run, explicit_scar: Path) -> None:
     result = run("inspect", "-", input=explicit_scar.read_bytes()[:-1])
     assert result.exit_code == 0
