@@ -1,6 +1,6 @@
 """The ablations of docs/ablations.md: what each part of the entropy model and the quantiser is worth.
 
-    python -m benchmarks.ablation                       three scenes, samples of them: about 20 minutes on two cores
+    python -m benchmarks.ablation                       three scenes, samples: about 20 minutes on two idle cores
     python -m benchmarks.ablation --scene plush-on-bed  one of them
     python -m benchmarks.ablation --full                all rows, longer training: hours
     python -m benchmarks.ablation --report              only rewrite the tables

@@ -34,7 +34,7 @@ def seeds(records: Records, variant: str) -> Records:
 
 
 def names(records: Records, field: str) -> list[str]:
-    """Values of a field, sorted by first appearance in the order of measurement."""
+    """Different values of a field, in the order of the records."""
     return list(dict.fromkeys(record[field] for record in records))
 
 
@@ -61,14 +61,14 @@ def common_points(curves: Iterable[dict[str, float]], count: int = 3) -> list[st
     return [shared[round(place)] for place in places] if shared else []
 
 
-def per_scene(draw: Callable[[Records], str]) -> Callable[[Records], str]:
-    """A text of one table a scene, each under its name."""
+def per_scene(draw: Callable[[Records], str], sized: bool = True) -> Callable[[Records], str]:
+    """A text of one table a scene, each under its name, with the size of the sample if that is one for all rows."""
 
     def text(records: Records) -> str:
         parts = []
         for scene in sorted(names(records, "scene")):
             mine = [record for record in records if record["scene"] == scene]
-            parts += [f"**{scene}**{_sample(mine)}", draw(mine)]
+            parts += [f"**{scene}**{_sample(mine) if sized else ''}", draw(mine)]
         return "\n\n".join(parts)
 
     return text
@@ -190,7 +190,7 @@ def _by_family(row: Sequence[str]) -> tuple[int, int]:
 STUDIES: dict[str, Callable[[Records], str]] = {
     "context": per_scene(_context),
     "spatial": per_scene(_spatial),
-    "quantiser": per_scene(_quantiser),
+    "quantiser": per_scene(_quantiser, sized=False),
     "estimator": _estimator,
     "network": per_scene(_network),
 }

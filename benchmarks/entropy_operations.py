@@ -81,6 +81,7 @@ class CountingOperations(DoubleOperations):
         # Others are no accumulators: fractions in them that do not fit beside large numbers decide nothing.
         if x is self._sums:
             self._keep("accumulator with bias and half step", x, _unit(x))
+            self._sums = None
         return super().floor_(x)
 
     def lookup_(self, table: Any, x: Any, origin: int = 0) -> Any:
@@ -100,7 +101,7 @@ class CountingOperations(DoubleOperations):
                 count, beyond = self._lookups[what]
                 limit = f"table ends at {EXP2_LAST if 'distance' in what else LAST}: {beyond / count:.1%} lie beyond"
             else:
-                limit = f"{ACCUMULATOR_LIMIT:,}: {largest / ACCUMULATOR_LIMIT:.4%}"
+                limit = f"below {ACCUMULATOR_LIMIT:,}: {largest / ACCUMULATOR_LIMIT:.1%} of it"
             out.append({"what": what, "seen": f"{largest:,.0f}", "limit": limit})
         return out
 

@@ -42,6 +42,7 @@ WIDTHS = (16, 32, 64)
 TARGETS = {64: 0.7, 32: 2.0}
 """Millions of indices a second on two cores, by H: what issue 3 asks for."""
 STATIC_TARGET = 10
+_QUIET = 1.0
 SHORT = [*(Shape(2, h) for h in WIDTHS), Shape(4, 32), Shape(4, 64), Shape(2, 32, 128, two_level=False)]
 FULL = [
     *(Shape(stages, h) for stages in (2, 4) for h in WIDTHS),
@@ -203,16 +204,19 @@ def target_rows(results: dict[str, Any]) -> list[list[str]]:
     rows = []
     for hidden, wanted in TARGETS.items():
         names = {Shape(stages, hidden).name for stages in (2, 4)}
-        walls = [1e3 / run["ns"]["decode 2"]["wall"] for run in results["shapes"] if _is(run, names, "numpy")]
-        if walls:
-            asked = f"at least {wanted} M indices/s"
-            rows.append([f"two-level, H = {hidden}, NumPy, 2 threads", asked, f"{min(walls):.2f} to {max(walls):.2f}"])
+        costs = [run["ns"]["decode 2"] for run in results["shapes"] if _is(run, names, "numpy")]
+        if costs:
+            walls, most = [1e3 / cost["wall"] for cost in costs], [2e3 / cost["cpu"] for cost in costs]
+            figures = [f"{min(millions):.2f} to {max(millions):.2f}" for millions in (walls, most)]
+            rows.append([f"two-level, H = {hidden}, NumPy, 2 threads", f"at least {wanted} M indices/s", *figures])
     cpu = {(run["shape"], run["backend"]): run["ns"]["decode 1"]["cpu"] for run in results["shapes"]}
     ratios = [cpu[name, "numpy"] / ns for (name, backend), ns in cpu.items() if backend == "torch"]
-    rows.append(["torch on the CPU against NumPy, CPU time", "at least 1", f"{min(ratios):.2f} to {max(ratios):.2f}"])
+    rows.append(
+        ["torch on the CPU against NumPy, CPU time", "at least 1", f"{min(ratios):.2f} to {max(ratios):.2f}", ""]
+    )
     millions = [run["millions"] for run in results["static"]]
     static = f"{min(millions):.0f} to {max(millions):.0f}"
-    return [*rows, ["static tables, 1 thread", f"at least {STATIC_TARGET} M symbols/s", static]]
+    return [*rows, ["static tables, 1 thread", f"at least {STATIC_TARGET} M symbols/s", static, ""]]
 
 
 def _is(run: dict[str, Any], names: set[str], backend: str) -> bool:
@@ -228,14 +232,15 @@ def markdown(results: dict[str, Any]) -> str:
     return "\n\n".join(
         [
             "### Targets",
-            table(["what", "asked for", "measured"], target_rows(results)).rstrip(),
+            table(["what", "asked for", "measured", "two free cores, at most"], target_rows(results)).rstrip(),
             "### Throughput",
             table(speed_head, speed_rows(shapes), text_columns=2).rstrip(),
             "### Where the time goes: CPU nanoseconds an index, one thread",
             table(part_head, part_rows(shapes), text_columns=2).rstrip(),
             "### Static tables, one thread",
             table(["alphabet", "symbols a call", "M symbols/s"], static).rstrip(),
-            f"Measured on {results['machine']}; load of the machine before and after: {results['load']}.",
+            f"Measured on {results['machine']}; load of the machine before and after: {results['load']}. Above "
+            f"{_QUIET:.0f} before, other programs took part of both cores: wall figures then say what was left.",
         ]
     )
 

@@ -17,7 +17,8 @@ from conformance.files import (
     without,
 )
 from conformance.neural_faults import neural_faults
-from scarfmt.codecs.codebooks import pack_codebooks, unpack_codebooks
+from conformance.rice_faults import rice_faults
+from scarfmt.codecs.codebooks import MAX_VALUE, pack_codebooks, unpack_codebooks
 from scarfmt.container import Block, Container
 from scarfmt.schema import (
     DIRECTORY_ENTRY,
@@ -41,6 +42,7 @@ def invalid_files(files: dict[str, bytes]) -> Iterator[Fault]:
     yield from _block_faults(base)
     yield from _model_faults(base, files["anchors"])
     yield from _symbol_faults(base, files["sh-from-network"])
+    yield from rice_faults(files["sh-from-network"], files["index-equal"])
     yield from neural_faults(files)
 
 
@@ -98,6 +100,9 @@ def _block_faults(base: bytes) -> Iterator[Fault]:
            _raw_tables(base, lambda frame: frame + b"\0"))
     yield ("frame-size", "the frame states one byte more than it holds", "R-5.8-4", "bad-zstd",
            _raw_tables(base, _larger_size))
+    huge = bytes.fromhex("28b52ffd a0") + ((64 << 20) + 1).to_bytes(4, "little") + b"\1\0\0"
+    yield ("frame-too-large", "a TABLES frame that states 64 MiB and a byte", "R-5.8-2", "content-limit",
+           _raw_tables(base, lambda _: huge))
 
 
 def _wrong_crc(payload: bytes) -> bytes:
@@ -137,6 +142,10 @@ def _model_faults(base: bytes, anchors: bytes) -> Iterator[Fault]:
     yield "idle-codebook", "a codebook that no layer first needs", "R-7.8-2", "unexpected-block", _idle_codebook(base)
     yield ("no-scene-networks", "the anchor profile without SCENE_MLP", "R-7.9-4", "bad-mlp",
            without(anchors, BlockKind.SCENE_MLP, 1))
+    books = unpack_codebooks(next(b.payload for b in blocks_of(base) if b.kind == BlockKind.CODEBOOKS))
+    books[0][0, 0] = MAX_VALUE + 1
+    yield ("codeword-large", "a component of 65536", "R-7.8-1", "bad-codebook",
+           changed(base, BlockKind.CODEBOOKS, 1, lambda _: pack_codebooks(books)))
     yield "no-table", "a group without a table", "R-8.3-3", "missing-table", without(base, BlockKind.TABLES, 1)
 
 

@@ -21,13 +21,7 @@ from scarfmt.source import BytesSource
 from scarfmt.substreams import unpack_table
 from scarfmt.writer import QuantisedScene, write_scene
 
-COMPRESSED = (
-    BlockKind.TABLES,
-    BlockKind.DECODER_MLP,
-    BlockKind.SCENE_MLP,
-    BlockKind.ENTROPY_NETWORK,
-    BlockKind.PREDICTORS,
-)
+COMPRESSED = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
 _BLOCK_BYTES = 1 << 17
 
 

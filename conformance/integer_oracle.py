@@ -51,7 +51,7 @@ def exp2w(d: int) -> int:
 
 
 def frequencies(logits: Vector) -> Vector:
-    """Frequencies, each >= 1 and 2^24 together, of logits in units of 1/32 bit (SPEC §8.1, §10.1)."""
+    """Frequencies, each >= 1 and 2^24 together, of logits in units of 1/32 bit (SPEC §8.1, §10.5)."""
     n, top = len(logits), max(logits)
     prefix = [0]
     for logit in logits:

@@ -174,17 +174,17 @@ def parse_layer(block: bytes, k: int, opening: Opening) -> tuple[Row, Opening]:
 
 def parse_codebooks(block: bytes) -> dict[int, list[list[int]]]:
     reader = Payload(block)
-    d, books = reader.count(64), {}
+    d = reader.count(64)
+    books: dict[int, list[list[int]]] = {}
     for _ in range(reader.count(2)):
         number, size = reader.u8(), reader.count(4096)
-        words: list[list[int]] = [[] for _ in range(size)]
+        require(number <= 1 and number > max(books, default=-1) and size > 0 and d > 0, "bad-codebook")
+        columns = []
         for _ in range(d):
-            low, width = reader.svarint(17), reader.u8()
-            packed = reader.take((size * width + 7) // 8)
-            bits = int.from_bytes(packed, "big") >> (8 * len(packed) - size * width)
-            for i in range(size):
-                words[i].append(low + (bits >> ((size - 1 - i) * width) & ((1 << width) - 1)))
-        books[number] = words
+            columns.append(reader.rice(size))
+            require(max(map(abs, columns[-1])) <= 65535, "bad-codebook")
+        books[number] = [list(word) for word in zip(*columns, strict=True)]
+    require(bool(books), "bad-codebook")
     reader.finish()
     return books
 

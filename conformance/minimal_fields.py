@@ -1,4 +1,4 @@
-"""Bytes and entropy coding of the second decoder: SPEC.md §5.7, §5.8 and §8 in plain loops, standard library only."""
+"""Bytes and entropy coding of the second decoder: SPEC.md §5.7 to §5.9 and §8 in plain loops, standard library only."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def require(holds: bool, refusal: str) -> None:
         raise Refused(refusal)
 
 
-# ---------------------------------------------------------------------------------------------- 5.7, 5.8 fields
+# ---------------------------------------------------------------------------------------------- 5.7 to 5.9 fields
 
 
 class Payload:
@@ -60,6 +60,47 @@ class Payload:
         value = self.varint(63)
         require(value <= most, "count-limit")
         return value
+
+    def rice(self, n: int) -> list[int]:
+        """n integers (SPEC §5.9)."""
+        k = self.u8()
+        require(k <= 31, "bad-rice")
+        quotients = self._quotients(n)
+        low = self.take((n * k + 7) // 8)
+        bits = int.from_bytes(low, "big")
+        fill = 8 * len(low) - n * k
+        require(bits & ((1 << fill) - 1) == 0, "bad-rice")
+        out = []
+        for i, q in enumerate(quotients):
+            m = q << k | bits >> (fill + (n - 1 - i) * k) & ((1 << k) - 1)
+            require(m < 1 << 32, "bad-rice")
+            out.append(m >> 1 if m % 2 == 0 else -(m >> 1) - 1)
+        return out
+
+    def _quotients(self, n: int) -> list[int]:
+        if n == 0:
+            return []
+        bits = "".join(f"{byte:08b}" for byte in self.data[self.at : self.at + 32 * n])
+        if bits.count("0") < n:
+            raise Refused("payload-short" if len(bits) < 256 * n else "bad-rice")
+        quotients, at = [], 0
+        for _ in range(n):
+            zero = bits.index("0", at)
+            quotients.append(zero - at)
+            at = zero + 1
+        require(max(quotients) <= 255, "bad-rice")
+        fill = -at % 8
+        require("1" not in bits[at : at + fill], "bad-rice")
+        self.at += (at + fill) // 8
+        return quotients
+
+    def shifted(self, n: int) -> list[int]:
+        """n integers that share trailing zero bits (SPEC §5.9)."""
+        shift = self.u8()
+        require(shift <= 31, "bad-rice")
+        out = [v << shift for v in self.rice(n)]
+        require(all(abs(v) < 1 << 31 for v in out), "bad-rice")
+        return out
 
     def finish(self) -> None:
         require(self.at == len(self.data), "payload-long")

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from conformance.minimal_fields import Payload, Rans, Table, cumulative, require, stored
+from conformance.minimal_fields import Payload, Rans, Table, cumulative, require
 
 Vector = list[int]
 Matrix = list[Vector]
@@ -155,28 +155,32 @@ class Predictor(NamedTuple):
 
 
 def parse_predictors(block: bytes) -> dict[Key, Predictor]:
-    reader, out = Payload(stored(block)), {}
-    for _ in range(reader.count(1024)):
-        stream, component, step, b1, b2, classes, inputs, units, width = reader.fields("9B")
-        sane = stream in ATTRIBUTES and classes <= MAX_CLASSES < inputs and units <= 64 and width in (1, 2)
+    reader, out = Payload(block), {}
+    count = reader.count(1024)
+    require(count > 0, "bad-predictor")
+    for _ in range(count):
+        stream, component, step, b1, b2, classes, inputs, units = reader.fields("8B")
+        sane = stream in ATTRIBUTES and classes <= MAX_CLASSES < inputs and units <= 64
         require(sane, "bad-predictor")
-        hidden = _stored_layer(reader, units, inputs, classes, width) if units else None
-        output = _stored_layer(reader, 2, inputs + units, classes, width)
+        hidden = _stored_layer(reader, units, inputs, classes) if units else None
+        output = _stored_layer(reader, 2, inputs + units, classes)
         out[stream, component, step] = Predictor((b1 + 1, b2 + 1), hidden, output)
     reader.finish()
     return out
 
 
-def _stored_layer(reader: Payload, rows: int, columns: int, classes: int, width: int) -> Linear:
+def _stored_layer(reader: Payload, rows: int, columns: int, classes: int) -> Linear:
     shift = reader.u8()
     missing = [0] * (MAX_CLASSES - classes)
-    kept = [_integers(reader, width, columns - len(missing)) for _ in range(rows)]
+    kept = _matrix(reader, rows, columns - len(missing), "bad-predictor")
     weights = [row[:classes] + missing + row[classes:] for row in kept]
-    return Linear(weights, [reader.svarint(32) for _ in range(rows)], shift)
+    return Linear(weights, reader.shifted(rows), shift)
 
 
-def _integers(reader: Payload, width: int, n: int) -> Vector:
-    return list(reader.fields(f"{n}{'b' if width == 1 else 'h'}"))
+def _matrix(reader: Payload, rows: int, columns: int, refusal: str) -> Matrix:
+    weights = reader.rice(rows * columns)
+    require(all(abs(w) <= 32767 for w in weights), refusal)
+    return [weights[r * columns : (r + 1) * columns] for r in range(rows)]
 
 
 @dataclass(frozen=True)
@@ -323,11 +327,7 @@ class Network:
 
 
 def parse_network(block: bytes) -> Network:
-    return read_network(stored(block))
-
-
-def read_network(content: bytes) -> Network:
-    reader = Payload(content)
+    reader = Payload(block)
     bits, flags, latent_shift, codeword_shift = reader.fields("4B")
     require(flags < 4, "bad-network")
     classes, attributes, depths, latents, grid = (reader.count(512) for _ in range(5))
@@ -345,31 +345,23 @@ def read_network(content: bytes) -> Network:
         [_head(reader, dims + 1, mixed) for _ in range(heads)],
     )
     reader.finish()
+    require(classes <= MAX_CLASSES, "bad-network")
     return network
-
-
-def _matrix(reader: Payload, rows: int, columns: int) -> Matrix:
-    width = reader.u8()
-    require(width in (1, 2), "bad-network")
-    return [_integers(reader, width, columns) for _ in range(rows)]
-
-
-def _numbers(reader: Payload, n: int) -> Vector:
-    return [reader.svarint(32) for _ in range(n)]
 
 
 def _linear(reader: Payload, rows: int, columns: int) -> Linear:
     shift = reader.u8()
-    weights = _matrix(reader, rows, columns)
-    return Linear(weights, _numbers(reader, rows), shift)
+    weights = _matrix(reader, rows, columns, "bad-network")
+    return Linear(weights, reader.shifted(rows), shift)
 
 
 def _gru(reader: Payload, hidden: int, columns: int, matrices: int, tokens: int) -> Gru:
-    shift = reader.u8()
-    wi = [_matrix(reader, 3 * hidden, columns) for _ in range(matrices)]
-    wh = _matrix(reader, 3 * hidden, hidden)
-    bi = [_numbers(reader, 3 * hidden) for _ in range(tokens)]
-    return Gru(shift, wi, wh, bi, _numbers(reader, 3 * hidden), _numbers(reader, hidden))
+    shift, rows = reader.u8(), 3 * hidden
+    wi = [_matrix(reader, rows, columns, "bad-network") for _ in range(matrices)]
+    wh = _matrix(reader, rows, hidden, "bad-network")
+    biases = reader.shifted(tokens * rows)
+    bi = [biases[t * rows : (t + 1) * rows] for t in range(tokens)]
+    return Gru(shift, wi, wh, bi, reader.shifted(rows), reader.shifted(hidden))
 
 
 def _attention(reader: Payload, hidden: int) -> Attention:
@@ -382,8 +374,8 @@ def _head(reader: Payload, dims: int, mixed: int) -> Head:
     clusters = [reader.count(4096) for _ in range(reader.count(256))]
     projections = [_linear(reader, dims, mixed) for _ in range(2 if clusters else 1)]
     shift, member_shift = reader.fields("2B")
-    cluster_biases = _numbers(reader, len(clusters))
-    return Head(clusters, projections, shift, member_shift, cluster_biases, _numbers(reader, size))
+    cluster_biases = reader.shifted(len(clusters))
+    return Head(clusters, projections, shift, member_shift, cluster_biases, reader.shifted(size))
 
 
 def frequencies(logits: Vector) -> list[int]:

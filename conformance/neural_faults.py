@@ -8,19 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from conformance.files import blocks_of, changed, rebuilt, stored_frame, tile_parts, without
-from scarfmt.bytefields import decompress, unsigned_varint
+from conformance.files import blocks_of, changed, rebuilt, tile_parts, without
+from scarfmt.bytefields import unsigned_varint
 from scarfmt.codecs.network import pack_network, unpack_network
 from scarfmt.codecs.predictors import pack_predictors, unpack_predictors
-from scarfmt.container import Block
-from scarfmt.neural.arithmetic import Linear
+from scarfmt.model import MAX_CLASSES
+from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
 from scarfmt.schema import BlockKind, Stream
 from scarfmt.substreams import pack_substreams
 
 Fault = tuple[str, str, str, str, bytes]
-_CONTENT = 1 << 26
 _OCCUPANCY_TARGETS = bytes([2, 2, 40, 5])
 """passes_log2, target_count and targets of the vector `predictors`."""
 
@@ -68,8 +67,6 @@ def _place_faults(grid: bytes, flat: bytes) -> Iterator[Fault]:
            rebuilt(flat, [*blocks_of(flat), block]))
     yield ("neural-seal", "INDICES in entropy mode 1 does not end in the empty state", "R-8.2-2", "rans-seal",
            changed(flat, kinds.TILE, 1, _word_before_indices))
-    yield ("network-too-large", "a frame that states 8 MiB and a byte", "R-5.8-2", "content-limit",
-           _frame(flat, bytes.fromhex("28b52ffd a0") + ((8 << 20) + 1).to_bytes(4, "little") + b"\1\0\0"))
 
 
 def _copied(data: bytes, kind: BlockKind) -> bytes:
@@ -80,13 +77,6 @@ def _copied(data: bytes, kind: BlockKind) -> bytes:
 def _word_before_indices(payload: bytes) -> bytes:
     parts = tile_parts(payload)
     return pack_substreams({**parts, Stream.INDICES: bytes([1, 0, 0, 0]) + parts[Stream.INDICES]})
-
-
-def _frame(data: bytes, frame: bytes) -> bytes:
-    def swapped(block: Block) -> Block:
-        return replace(block, payload=frame) if block.kind == BlockKind.ENTROPY_NETWORK else block
-
-    return rebuilt(data, [swapped(block) for block in blocks_of(data)])
 
 
 def _header_faults(deep: bytes) -> Iterator[Fault]:
@@ -102,11 +92,13 @@ def _header_faults(deep: bytes) -> Iterator[Fault]:
 
     yield "network-flag", "a flag that is not assigned", "R-10.5-1", "bad-network", network(lambda c: _put(c, 1, 7))
     yield ("network-wide-inputs", "more than 512 input columns", "R-10.5-1", "bad-network",
-           network(lambda c: c.__setitem__(slice(4, 5), unsigned_varint(500))))
+           network(lambda c: c.__setitem__(slice(8, 9), unsigned_varint(500))))
     yield ("network-13-bits", "13 activation bits", "R-10.5-2", "bad-network", network(lambda c: _put(c, 0, 13)))
     yield ("network-codeword-shift", "a shift of 25", "R-10.5-2", "bad-network", network(lambda c: _put(c, 3, 25)))
     yield ("network-cut", "the network ends early", "R-5.7-2", "payload-short", network(lambda c: c.pop()))
     edited = _network_of(deep, 1)
+    yield ("network-sixteen-classes", "columns for a sixteenth class", "R-10.5-2", "bad-network",
+           _with_network(deep, _sixteen_classes(edited)))
     coarse, residual = edited.heads
     wrong = replace(residual, clusters=(*residual.clusters[:-1], residual.clusters[-1] + 1))
     yield ("clusters-too-large", "clusters that do not sum to the codewords", "R-10.5-5", "bad-network",
@@ -132,6 +124,14 @@ def _header_faults(deep: bytes) -> Iterator[Fault]:
            _with_network(deep, replace(edited, gru=(replace(edited.gru[0], start=start), *edited.gru[1:]))))
 
 
+def _sixteen_classes(network: IndexNetwork) -> IndexNetwork:
+    """The same network with columns of zeros for the classes after its own, up to class 15."""
+    classes, (first, second) = network.inputs.classes, network.embed
+    weights = np.insert(first.weights, [classes] * (MAX_CLASSES + 1 - classes), 0, axis=1)
+    inputs = replace(network.inputs, classes=MAX_CLASSES + 1)
+    return replace(network, inputs=inputs, embed=(replace(first, weights=weights), second))
+
+
 def _put(content: bytearray, at: int, value: int) -> None:
     content[at] = value
 
@@ -142,7 +142,7 @@ def _network_of(data: bytes, layer: int) -> IndexNetwork:
 
 
 def _with_network(data: bytes, network: IndexNetwork) -> bytes:
-    return _frame(data, stored_frame(decompress(pack_network(network), _CONTENT, "vector")))
+    return changed(data, BlockKind.ENTROPY_NETWORK, 1, lambda _: pack_network(network))
 
 
 def _bound_faults(edge: bytes, equal: bytes) -> Iterator[Fault]:
@@ -187,15 +187,13 @@ def _one_more(biases: Any, at: int) -> Any:
 
 def _predictor_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
     def edited(change: Callable[[tuple[Predictor, ...]], tuple[Predictor, ...]], data: bytes = base) -> bytes:
-        def edit(content: bytes) -> bytes:
-            predictors = change(unpack_predictors(stored_frame(content)))
-            return decompress(pack_predictors(predictors), _CONTENT, "vector")
-
-        return changed(data, BlockKind.PREDICTORS, 1, edit)
+        return changed(data, BlockKind.PREDICTORS, 1, lambda p: pack_predictors(change(unpack_predictors(p))))
 
     def first(**fields: Any) -> Callable[[tuple[Predictor, ...]], tuple[Predictor, ...]]:
         return lambda predictors: (replace(predictors[0], **fields), *predictors[1:])
 
+    yield ("predictors-none", "a PREDICTORS block without a predictor", "R-10.3-1", "bad-predictor",
+           changed(base, BlockKind.PREDICTORS, 1, lambda _: b"\0"))
     yield ("predictor-latent", "a predictor of a channel that is no attribute channel", "R-10.3-1", "bad-predictor",
            changed(base, BlockKind.PREDICTORS, 1, lambda c: c[:1] + bytes([Stream.POSITION_RESIDUAL]) + c[2:]))
     yield ("predictor-units", "65 hidden units", "R-10.3-1", "bad-predictor",
@@ -219,6 +217,15 @@ def _predictor_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
         return first(output=replace(output, biases=_one_more(output.biases, 0)))(predictors)
 
     yield ("predictor-reach", "an accumulator that can reach 2^24", "R-10.1-1", "bad-predictor", edited(reaching, edge))
+
+    def heavy(predictors: tuple[Predictor, ...]) -> tuple[Predictor, ...]:
+        output = predictors[0].output
+        weights = 0 * output.weights
+        weights[0, MAX_CLASSES] = MAX_WEIGHT + 1
+        return first(output=Linear(weights, 0 * output.biases, 8))(predictors)
+
+    yield ("predictor-weight", "a weight of 32768 in a row that stays in reach", "R-10.1-1", "bad-predictor",
+           edited(heavy))
 
 
 def _moved(data: bytes) -> bytes:

@@ -21,12 +21,11 @@ from conformance.minimal_neural import (
     dot,
     exp2w,
     frequencies,
+    parse_network,
     product,
-    read_network,
     round_shift,
     sigmoid12,
 )
-from scarfmt.bytefields import decompress
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.codecs.network import pack_network
 from scarfmt.neural import arithmetic, network
@@ -93,7 +92,7 @@ def worked_network() -> network.IndexNetwork:
 
 def plain_network() -> Network:
     """The same, by way of its block."""
-    return read_network(decompress(pack_network(worked_network()), 1 << 20, "network"))
+    return parse_network(pack_network(worked_network()))
 
 
 def _shown(value: Any) -> str:

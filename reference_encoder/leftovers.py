@@ -16,11 +16,12 @@ from reference_encoder.targets import Targets, joined_classes, latent_units
 from scarfmt.schema import Stream
 from scarfmt.writer import QuantisedScene
 
+F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-PREVIEW = 0.0
-_LEAST_SLOPE = 0.02
+PREVIEW = 0.05
+"""What an error counts that the LATENT channel repairs in the end: earlier layers show it."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Repair:
         return cls(torch.from_numpy(unit.astype(np.float32)), torch.from_numpy(low), torch.from_numpy(bits).float())
 
     def costs(self, left: torch.Tensor, worth: torch.Tensor) -> torch.Tensor:
-        """(m, d) bits of value and remaining error for (m, d) rests; `worth` (m,) as in :class:`Leftovers`."""
+        """(m, d) bits of value and remaining error for (m, d) rests; `worth` (m,) as in `Leftovers.costs`."""
         nearest = torch.round(left / self.unit)
         place = (nearest.long() - self.low).clamp_(0, self.bits.shape[1] - 1)
         bits = torch.gather(self.bits, 1, place.T).T
@@ -60,8 +61,8 @@ class Leftovers:
     """Cost of a class's rests, in bits.
 
     Attributes:
-        slope: (d,) float32, at most 1: squared error of a dimension that is as bad as one that stays. A quadratic
-            form for searching; `costs` are for deciding.
+        slope: (d,) float32 cost of a dimension's squared error, 1 where it stays as it is. This quadratic form is for
+            searching; `costs` are for deciding.
         repair: None where rests stay.
     """
 
@@ -69,16 +70,12 @@ class Leftovers:
     repair: Repair | None = None
 
     @classmethod
-    def of(cls, left: F64, weight: F64, rate: float, values: I64 | None, unit: F64) -> Leftovers:
-        """Of a class with (n, d) rests `left`, repaired by LATENT `values` in steps of (d,) `unit`, or not."""
-        if values is None or not len(left):
-            return cls(torch.ones(left.shape[1]))
-        repair = Repair.of(values, unit)
-        worth = torch.from_numpy((weight / rate).astype(np.float32))
-        rests = torch.from_numpy(left.astype(np.float32))
-        none = repair.costs(torch.zeros_like(rests), worth).mean(0)
-        gain = (repair.costs(rests, worth).mean(0) - none) / (worth[:, None] * rests**2).mean(0).clamp_min(1e-20)
-        return cls(gain.add(PREVIEW).clamp(_LEAST_SLOPE, 1.0 + PREVIEW), repair)
+    def of(cls, left: F64, worth: F32, repair: Repair) -> Leftovers:
+        """Of a class with (n, d) rests `left` that are repaired; `worth` (n,) as in `costs`."""
+        rests, weight = torch.from_numpy(left.astype(np.float32)), torch.from_numpy(worth.astype(np.float32))
+        none = repair.costs(torch.zeros_like(rests), weight).mean(0)
+        slope = (repair.costs(rests, weight).mean(0) - none) / (weight[:, None] * rests**2).mean(0).clamp_min(1e-20)
+        return cls(slope.clamp(0.0, 1.0) + PREVIEW, repair)
 
     def costs(self, left: torch.Tensor, worth: torch.Tensor) -> torch.Tensor:
         """(m,) bits that (m, d) rests cost, given (m,) bits that a squared lattice unit of error is worth."""
@@ -91,11 +88,13 @@ def leftovers(scene: QuantisedScene, targets: Targets) -> list[Leftovers]:
     """Of every class of a scene, from what its codewords leave now."""
     classes, left = joined_classes(scene), targets.left(scene)
     units, index = latent_units(scene.model, classes), scene.model.channel_index(Stream.LATENT)
-    values = None if index is None else np.concatenate([content.values[index] for content in scene.contents])
     out = []
     for kind in range(scene.model.layers[-1].class_count):
         here = np.flatnonzero(classes == kind)
-        repaired = units is not None and values is not None and len(here) and units[here[0], 0] > 0
-        own = (values[here].astype(np.int64), units[here[0]]) if repaired else (None, np.zeros(left.shape[1]))
-        out.append(Leftovers.of(left[here], targets.weight[here].astype(np.float64), targets.rate, *own))
+        if units is None or index is None or not len(here) or units[here[0], 0] == 0:
+            out.append(Leftovers(torch.ones(left.shape[1])))
+            continue
+        values = np.concatenate([content.values[index][content.classes == kind] for content in scene.contents])
+        repair = Repair.of(values.astype(np.int64), units[here[0]])
+        out.append(Leftovers.of(left[here], targets.weight[here] / targets.rate, repair))
     return out

@@ -1,7 +1,9 @@
 """Which integer networks a file gets: whatever makes it smaller, by measured bytes (SPEC §10; encoder side).
 
-Candidates are tried one on top of the other: predictors of channel values, then the index network. Each is
-kept only if the file it gives is smaller than the one before, so a file is never larger than its static form.
+Predictors of channel values come first, each only if it saves more than it takes; then the index network, if what
+it codes and its own blocks take fewer bytes than indices under static tables. With the network, codewords are chosen
+again at its prices; that is kept if bytes and error together, in the encoder's currency, are less than before. The
+static file is made in any case: what is returned is never larger.
 """
 
 from __future__ import annotations
@@ -16,17 +18,24 @@ from numpy.typing import NDArray
 
 from reference_encoder.entropy.clusters import Clusters, arrange
 from reference_encoder.entropy.dataset import ContextOptions
-from reference_encoder.entropy.defaults import BUDGETS, LATENTS, shape_for, training_for
+from reference_encoder.entropy.defaults import BUDGETS, LATENTS, narrower, shape_for, training_for
 from reference_encoder.entropy.export import export
-from reference_encoder.entropy.model import IndexModel
-from reference_encoder.entropy.train import TrainOptions, code_uses, train
+from reference_encoder.entropy.model import IndexModel, NetworkShape
+from reference_encoder.entropy.train import Trained, TrainOptions, build, code_uses, train
 from reference_encoder.entropy.view import NetworkView
 from reference_encoder.options import EncodeOptions
 from reference_encoder.predict import choose_predictors
 from reference_encoder.rechoose import rechosen
 from reference_encoder.targets import Targets
+from scarfmt.bytefields import compress
 from scarfmt.directory import local_bits
+from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.model import DecodedContext, LayerRow, SceneModel
+from scarfmt.neural.network import IndexNetwork
+from scarfmt.reader import SceneReader
+from scarfmt.schema import BlockKind, Stream
+from scarfmt.source import BytesSource
+from scarfmt.symbols import SymbolTable, TableKey, pack_tables
 from scarfmt.tile import TileContent
 from scarfmt.writer import QuantisedScene, Report, silent, write_scene
 
@@ -44,29 +53,45 @@ _SHARE, _RATE = 0.25, 0.01
 def smallest_file(
     scene: QuantisedScene, options: EncodeOptions, report: Report = silent, targets: Targets | None = None
 ) -> bytes:
-    """The bytes of the smallest file found for a scene.
+    """The bytes of the smallest file found for a scene; with `targets`, of the best by bytes and error together.
 
     Args:
         scene: quantised, with static tables only.
-        options: `decode_budget` bounds what is tried, `effort` how often codewords are chosen again.
+        options: `decode_budget` bounds what is tried; of `effort`, 1 tries nothing, and 3 several networks.
         report: told (stage, fraction done).
         targets: what the codewords are to reproduce; None keeps the indices as they are.
     """
-    best = write_scene(scene, report)
-    tried = with_predictors(scene, options, report)
-    if tried is not None and _affordable(tried, options):
-        data = write_scene(tried, report)
-        scene, best = (tried, data) if len(data) < len(best) else (scene, best)
-    learned = with_index_network(scene, options, report)
-    if learned is None or not _affordable(learned.scene, options):
-        return best
-    data = write_scene(learned.scene, report)
-    if len(data) >= len(best):
-        return best
-    return data if targets is None else _rechosen_file(learned, data, targets, options, report)
+    static = write_scene(scene, report)
+    if options.effort == 1 or options.decode_budget == 0:
+        return static
+    predicted = with_predictors(scene, options, report)
+    if predicted is not None and _budget_left(predicted, options) < 0:
+        predicted = None
+    learned = with_index_network(predicted or scene, options, report)
+    if learned is not None:
+        data = write_scene(learned.scene, report)
+        if index_bytes(data) < index_bytes(static):
+            if targets is not None:
+                data = rechosen_file(learned, data, targets, options, report)
+            return min(static, data, key=len)
+    return static if predicted is None else min(static, write_scene(predicted, report), key=len)
 
 
-def _rechosen_file(learned: Learned, data: bytes, targets: Targets, options: EncodeOptions, report: Report) -> bytes:
+def index_bytes(data: bytes) -> int:
+    """What the indices of a file take: sub-streams, static tables, index network and hash grid."""
+    reader = SceneReader(BytesSource(data), limits=FORMAT_LIMITS)
+    own = (BlockKind.ENTROPY_NETWORK, BlockKind.HASH_GRID)
+    total = sum(layer.stream_bytes[Stream.INDICES] for layer in reader.header.layers)
+    total += sum(entry.length for entry in reader.container.entries if entry.kind in own)
+    before: dict[TableKey, SymbolTable] = {}
+    for tables in reader.models().tables:
+        sent = {key: t for key, t in tables.items() if key.stream == Stream.INDICES and before.get(key) is not t}
+        total += len(compress(pack_tables(sent))) if sent else 0
+        before = tables
+    return total
+
+
+def rechosen_file(learned: Learned, data: bytes, targets: Targets, options: EncodeOptions, report: Report) -> bytes:
     """The file after rounds of choosing codewords again, as long as saved bytes are worth the added error."""
     cost = targets.cost(learned.scene, len(data))
     for _ in range(ROUNDS[options.effort]):
@@ -84,14 +109,12 @@ def multiply_adds(scene: QuantisedScene) -> int:
     return products + (scene.network.multiply_adds(scene.model.max_stages) if scene.network is not None else 0)
 
 
-def _affordable(scene: QuantisedScene, options: EncodeOptions) -> bool:
-    return options.decode_budget is None or multiply_adds(scene) <= options.decode_budget
+def _budget_left(scene: QuantisedScene, options: EncodeOptions) -> float:
+    return float("inf") if options.decode_budget is None else options.decode_budget - multiply_adds(scene)
 
 
 def with_predictors(scene: QuantisedScene, options: EncodeOptions, report: Report) -> QuantisedScene | None:
     """The scene with a predictor for every step of every component where one pays; None if none does."""
-    if options.decode_budget == 0:
-        return None
     report("predictors", 0.0)
     model = replace(scene.model, context=CONTEXT)
     bits = [local_bits(scene.fields, tile) for tile in scene.tiles]
@@ -106,23 +129,26 @@ class Learned:
 
     Attributes:
         scene: indices and books in the order of the clusters.
-        trained: the network of the scene, in torch.
+        model: the network of the scene, in torch.
         view: what it sees.
         training: how it was trained.
         clusters: sizes of the clusters of both books.
     """
 
     scene: QuantisedScene
-    trained: IndexModel
+    model: IndexModel
     view: NetworkView
     training: TrainOptions
     clusters: tuple[tuple[int, ...], ...]
 
 
 def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Report) -> Learned | None:
-    """The scene with a trained index network, codebooks in the order of its clusters; None without indices."""
+    """The scene with a trained index network, codebooks in the order of its clusters.
+
+    None without indices, or where not even the narrowest network keeps to the budget.
+    """
     old = scene.codebooks
-    if options.decode_budget == 0 or old is None:
+    if old is None:
         return None
     context = scene.model.context if scene.predictors else CONTEXT
     model = replace(scene.model, context=context, layers=tuple(_neural(row) for row in scene.model.layers))
@@ -133,26 +159,40 @@ def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Re
     books, clusters = arrange(old, (coarse, residual))
     rows = replace(rows, codes=_renumbered(rows.codes, clusters))
     sizes = tuple(c.sizes for c in clusters)
-    shape, training = shape_for(rows.symbols, books.dimension), training_for(len(rows), options.effort, options.seed)
-    trained = train(rows, books, sizes, shape, training, partial(report, "entropy network"))
+    training = training_for(len(rows), options.effort, options.seed)
+
+    def untrained(shape: NetworkShape) -> IndexNetwork:
+        return export(build(rows, books, sizes, shape, options.seed), view.columns(model), books)
+
+    best: Trained | None = None
+    for attention in (False, True) if options.effort == 3 else (False,):
+        shape: NetworkShape | None = shape_for(rows.symbols, books.dimension, attention)
+        while shape is not None and untrained(shape).multiply_adds(model.max_stages) > _budget_left(scene, options):
+            shape = narrower(shape)
+        if shape is None:
+            continue
+        tried = train(rows, books, sizes, shape, training, partial(report, "entropy network"))
+        best = tried if best is None or tried.bits < best.bits else best
+    if best is None:
+        return None
     contents = tuple(_recoded(model, content, clusters) for content in scene.contents)
-    network = export(trained.model, view.columns(model), books)
+    network = export(best.model, view.columns(model), books)
     scene = replace(scene, contents=contents, codebooks=books, network=network, grid=view.grid)
-    return Learned(scene, trained.model, view, training, sizes)
+    return Learned(scene, best.model, view, training, sizes)
 
 
 def another_round(learned: Learned, targets: Targets, options: EncodeOptions, report: Report) -> Learned:
     """Codewords chosen again at the network's prices, and the network trained on for a while on what was chosen."""
     scene, books = learned.scene, learned.scene.codebooks
     assert books is not None
-    scene = rechosen(scene, learned.trained, learned.view, targets, partial(report, "codewords"))
+    scene = rechosen(scene, learned.model, learned.view, targets, partial(report, "codewords"))
     most = BUDGETS[options.effort].rows
     rows = learned.view.rows(scene, range(len(scene.tiles)), most, options.seed)
     training = replace(learned.training, epochs=max(1, round(learned.training.epochs * _SHARE)), rate=_RATE)
-    shape, start = learned.trained.shape, deepcopy(learned.trained)
+    shape, start = learned.model.shape, deepcopy(learned.model)
     trained = train(rows, books, learned.clusters, shape, training, partial(report, "entropy network"), start)
     network = export(trained.model, learned.view.columns(scene.model), books)
-    return replace(learned, scene=replace(scene, network=network), trained=trained.model)
+    return replace(learned, scene=replace(scene, network=network), model=trained.model)
 
 
 def _neural(row: LayerRow) -> LayerRow:

@@ -25,9 +25,10 @@ from scarfmt.writer import QuantisedScene
 I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
 
-LAST = 4
 BEAM = 4
 """Partial choices kept from stage to stage."""
+_FINALISTS = 16
+"""Whole choices that are compared by what they really cost."""
 _CHUNK = 2048
 
 
@@ -158,7 +159,7 @@ class Chooser:
             steep = left * rests.slope
             scores = torch.addmm((book * book) @ rests.slope, steep, book.T, alpha=-2)
             scores.add_((left * steep).sum(1, keepdim=True)).mul_(self.worth[anchors[owner], None]).add_(prices)
-            keep = min(beam if stage < stages else LAST, len(book))
+            keep = min(beam if stage < stages else _FINALISTS, len(book))
             place = torch.topk(scores.reshape(count, -1), keep, dim=1, largest=False).indices
             before = (torch.arange(count)[:, None] * (len(owner) // count) + place // len(book)).flatten()
             code = (place % len(book)).flatten()

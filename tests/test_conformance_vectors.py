@@ -13,6 +13,7 @@ import pytest
 from conformance.expectations import Arrays, pinned
 from conformance.generate import FORMAT, VECTORS, vectors
 from conformance.minimal_decoder import Decoder
+from conformance.minimal_fields import Refused
 from reference_decoder.decode import decode
 from scarfmt.errors import ScarError
 from scarfmt.limits import FORMAT_LIMITS
@@ -113,3 +114,12 @@ def test_a_decoder_written_from_the_specification_agrees(folder: Path) -> None:
     data, expect = load(folder)
     for layer in expect["layers"]:
         assert Decoder(data, layer["layer"]).arrays() == layer["arrays"]
+
+
+@pytest.mark.parametrize("name", sorted(f.name for f in FOLDERS if f.name.startswith(("rice-", "shift-"))))
+def test_a_decoder_written_from_the_specification_refuses_bad_rice_codes(name: str) -> None:
+    """With the same id: the order of checks in SPEC §5.9 is the package's."""
+    data, expect = load(VECTORS / "invalid" / name)
+    with pytest.raises(Refused) as caught:
+        Decoder(data)
+    assert str(caught.value) == expect["refusal"]

@@ -14,12 +14,12 @@ import pytest
 
 from conformance import integer_oracle, minimal_neural, worked_network
 from conformance.generate import VECTORS
+from conformance.minimal_fields import Payload
 from conformance.spec_tables import CODE, ROOT, SPEC, generated, is_tool_id, raised_ids
 from conformance.worked import field_rows
 from reference_decoder.decode import decode
 from scarfmt import bytefields, limits, model, rans, reader, symbols
 from scarfmt.codecs import codebooks, mlp, rice
-from scarfmt.codecs import network as network_codec
 from scarfmt.codecs import predictors as predictor_codec
 from scarfmt.neural import arithmetic, grid, network, predictors, tables
 from scarfmt.neural.evaluator import Evaluator
@@ -154,6 +154,7 @@ def _constants() -> dict[str, int]:
         "MAX_TABLES": symbols.MAX_TABLES,
         "MAX_TABLES_BYTES": reader.MAX_TABLES_BYTES,
         "MAX_CODEWORDS": codebooks.MAX_CODEWORDS,
+        "MAX_CODEWORD_COMPONENT": codebooks.MAX_VALUE,
         "MAX_LATENT": codebooks.MAX_LATENT,
         "MAX_NETWORKS": mlp.MAX_NETWORKS,
         "MAX_MLP_LAYERS": mlp.MAX_LAYERS,
@@ -163,11 +164,9 @@ def _constants() -> dict[str, int]:
         "MAX_RICE_PARAMETER": rice.MAX_PARAMETER,
         "MAX_RICE_QUOTIENT": rice.MAX_QUOTIENT,
         "MAX_PREDICTORS": predictor_codec.MAX_PREDICTORS,
-        "MAX_PREDICTOR_BYTES": predictor_codec.MAX_PREDICTOR_BYTES,
         "MAX_PREDICTOR_INPUTS": predictor_codec.MAX_INPUTS,
         "MAX_PREDICTOR_HIDDEN": predictors.MAX_HIDDEN,
         "MAX_PREDICTOR_CONTEXTS": predictors.MAX_CONTEXTS,
-        "MAX_NETWORK_BYTES": network_codec.MAX_NETWORK_BYTES,
         "MAX_NETWORK_INPUTS": network.MAX_INPUTS,
         "MAX_NETWORK_WIDTH": network.MAX_WIDTH,
         "MAX_GRID_LEVELS": grid.MAX_LEVELS,
@@ -217,6 +216,15 @@ def test_channel_table_is_the_codes() -> None:
         assert set(listed) == set(model.CHANNEL_STREAMS)
         sizes, needed = model._COMPONENTS[profile], model._NEEDED[profile]
         assert listed == {s: (sizes[s], s in needed) if s in sizes else None for s in model.CHANNEL_STREAMS}
+
+
+def test_the_worked_rice_code_is_the_codes() -> None:
+    """Section 5.9 prints four values and their bytes."""
+    found = re.search(r"^\*Note\.\* (.*?) have m = .*?`([0-9a-f ]+)` in", section("5.9"), re.MULTILINE | re.DOTALL)
+    assert found is not None
+    values, data = [int(word) for word in found[1].split(",")], bytes.fromhex(found[2])
+    assert rice.pack_rice(np.array(values)) == data
+    assert Payload(data).rice(len(values)) == values
 
 
 # ------------------------------------------------------------------------------------------------ integer networks

@@ -6,15 +6,13 @@ of the number of indices: from 8 for 75 thousand to 32 for a million.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from reference_encoder.entropy.model import NetworkShape
 from reference_encoder.entropy.train import TrainOptions
 
-PASSES_LOG2 = 3
-OCCUPANCIES = (32, 8)
 LATENTS = 16
 """Latent dimensions whose cell means are inputs."""
 
@@ -61,6 +59,12 @@ def shape_for(indices: int, dimension: int, attention: bool = False) -> NetworkS
         attention=attention,
         weight_bits=5 if hidden >= _FINE_WEIGHTS_FROM else 4,
     )
+
+
+def narrower(shape: NetworkShape) -> NetworkShape | None:
+    """A network of about three quarters of the width, for a bounded decoder; None below the narrowest."""
+    hidden = 2 * (shape.hidden * 3 // 8)
+    return None if hidden < _NARROWEST else replace(shape, hidden=hidden, middle=2 * hidden, mixer=2 * hidden)
 
 
 def training_for(rows: int, effort: int, seed: int) -> TrainOptions:

@@ -1,4 +1,4 @@
-"""Learning the bits of the hash grid (SPEC §10.4; paper §3.4, §3.5, §3.8).
+"""Learning the bits of the hash grid (SPEC §10.6; paper §3.4, §3.5, §3.8).
 
 Parameters are real numbers of which only the sign is sent; gradients pass the sign where a parameter is in
 -1..1 (clipped straight-through). The forward pass gives exactly the integers a decoder computes, so a

@@ -91,7 +91,7 @@ def exp2_weights(differences: torch.Tensor) -> torch.Tensor:
 
 
 def frequencies(logits: torch.Tensor) -> torch.Tensor:
-    """(n, k) int64 frequencies of integer (n, k) `logits` (SPEC §10.1), each row sums to 2^24."""
+    """(n, k) int64 frequencies of integer (n, k) `logits` (SPEC §10.5), each row sums to 2^24."""
     count = logits.shape[1]
     weights = exp2_weights(logits.max(1, keepdim=True).values - logits)
     sums = torch.cumsum(weights, 1)

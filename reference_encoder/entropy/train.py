@@ -70,6 +70,11 @@ class Trained:
     index_bits: float
     network_bits: float
 
+    @property
+    def bits(self) -> float:
+        """Estimated bits of indices and network."""
+        return self.index_bits + self.network_bits
+
 
 class Examples:
     """Rows as tensors, and a hash grid whose features are further inputs.

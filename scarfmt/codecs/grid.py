@@ -1,4 +1,4 @@
-"""HASH_GRID block: the bits of the hash grid of the entropy model (SPEC §10.4; paper §3.5, §3.8).
+"""HASH_GRID block: the bits of the hash grid of the entropy model (SPEC §10.6; paper §3.5, §3.8).
 
 All shapes come first, so that they are checked before a bit is decoded; then, a level, the probability of
 a one and a rANS stream of the table, entry by entry.
@@ -42,7 +42,7 @@ def unpack_grid(payload: bytes) -> HashGrid:
     """The inverse of :func:`pack_grid`.
 
     Raises:
-        Malformed: ``bad-grid`` for a payload that breaks SPEC §10.4, ``bad-varint``, ``payload-short``,
+        Malformed: ``bad-grid`` for a payload that breaks SPEC §10.6, ``bad-varint``, ``payload-short``,
             ``payload-long``, or the refusal of a damaged rANS stream.
         LimitExceeded: ``count-limit`` for more than 16 levels.
     """
@@ -62,7 +62,7 @@ def _read_level(reader: ByteReader) -> GridLevel:
 def _read_bits(reader: ByteReader, level: GridLevel) -> U8:
     ones = reader.take(1)[0]
     if ones == 0:
-        raise Malformed("bad-grid", "the probability of a one must not be 0 (SPEC §10.4)", field="grid")
+        raise Malformed("bad-grid", "the probability of a one must not be 0 (SPEC §10.6)", field="grid")
     decoder = RansDecoder(reader.take(int.from_bytes(reader.take(_LENGTH_BYTES), "little")))
     bits = decoder.decode(_table(ones), level.bits)
     decoder.finish()

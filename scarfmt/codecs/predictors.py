@@ -46,11 +46,14 @@ def unpack_predictors(payload: bytes) -> tuple[Predictor, ...]:
     """The inverse of :func:`pack_predictors`.
 
     Raises:
-        Malformed: ``bad-predictor`` for one that breaks SPEC §10.3 by itself; ``bad-rice``.
+        Malformed: ``bad-predictor`` for none, or one that breaks SPEC §10.3 by itself; ``bad-rice``.
         LimitExceeded: ``count-limit``.
     """
     reader = ByteReader(payload, "predictors")
-    predictors = tuple(_read(reader) for _ in range(reader.count(MAX_PREDICTORS)))
+    count = reader.count(MAX_PREDICTORS)
+    if not count:
+        raise bad_predictor("the block holds no predictor")
+    predictors = tuple(_read(reader) for _ in range(count))
     reader.finish()
     return predictors
 

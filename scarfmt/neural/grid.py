@@ -1,4 +1,4 @@
-"""Binarised multi-resolution hash grid: features of an anchor from its lattice position alone (SPEC §10.4).
+"""Binarised multi-resolution hash grid: features of an anchor from its lattice position alone (SPEC §10.6).
 
 The spatial embedding of the paper (§3.4, §3.8), as a hybrid of 3D levels, levels on the three coordinate
 planes and, beyond the paper, levels along one axis, which cost next to nothing. Every table entry is one bit
@@ -146,7 +146,7 @@ def _products(combine: Callable[[Any, Any], Any], ends: list[tuple[Any, Any]]) -
 
 
 def check_grid(box: GridBox, levels: tuple[GridLevel, ...]) -> None:
-    """Check the shape of a grid, before its bits are read (SPEC §10.4).
+    """Check the shape of a grid, before its bits are read (SPEC §10.6).
 
     Raises:
         Malformed: ``bad-grid``.
@@ -167,7 +167,7 @@ def check_grid(box: GridBox, levels: tuple[GridLevel, ...]) -> None:
 
 
 def _bad_grid(message: str) -> Malformed:
-    return Malformed("bad-grid", f"{message} (SPEC §10.4)", field="grid")
+    return Malformed("bad-grid", f"{message} (SPEC §10.6)", field="grid")
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ class HashGrid:
         return sum(level.features for level in self.levels)
 
     def check(self) -> None:
-        """Check SPEC §10.4.
+        """Check SPEC §10.6.
 
         Raises:
             Malformed: ``bad-grid``.

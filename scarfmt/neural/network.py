@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from scarfmt.codecs.codebooks import MAX_CODEWORDS, Codebooks
 from scarfmt.errors import Malformed
+from scarfmt.model import MAX_CLASSES
 from scarfmt.neural.arithmetic import (
     ACCUMULATOR_LIMIT,
     MAX_ACTIVATION_BITS,
@@ -49,7 +50,7 @@ class Inputs:
     """Which columns the embedding reads, in this order: classes, own, per depth (means, count), grid (SPEC §10.5).
 
     Attributes:
-        classes: columns of the class one-hot.
+        classes: columns of the class one-hot, at most 15.
         own: whether the anchor's own attribute components are read.
         attributes: A, components of the scene's attribute channels.
         depths: occupancy depths of the scene's decoded context.
@@ -271,6 +272,7 @@ def _require(condition: bool, message: str) -> None:
 def _check_inputs(inputs: Inputs) -> None:
     counts = (inputs.classes, inputs.attributes, inputs.depths, inputs.latents, inputs.grid)
     _require(min(counts) >= 0 and 1 <= inputs.width <= MAX_INPUTS, f"neither 1 nor up to {MAX_INPUTS} input columns")
+    _require(inputs.classes <= MAX_CLASSES, f"columns for more than {MAX_CLASSES} classes")
     _require(0 <= inputs.latent_shift <= MAX_SHIFT, "a latent shift outside 0..24")
 
 

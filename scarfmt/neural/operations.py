@@ -74,7 +74,7 @@ class Operations(Protocol):
         """(t, n) floor(256 w / sum w) with w = exp2w(max - score), of (t, n) integer scores. May use up `scores`."""
 
     def frequency_rows(self, logits: Array, exp2: Array) -> F64:
-        """(n, k) float64 NumPy array f - 1 of (k, n) integer logits (SPEC §8.1, §10.1). May use up `logits`."""
+        """(n, k) float64 NumPy array f - 1 of (k, n) integer logits (SPEC §8.1, §10.5). May use up `logits`."""
 
 
 class _Scratch(threading.local):

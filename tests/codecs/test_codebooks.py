@@ -1,4 +1,4 @@
-"""Codebooks: every width, every refusal, and latents as plain sums."""
+"""Codebooks: every size of component, every refusal, and latents as plain sums."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from scarfmt.bytefields import signed_varint, unsigned_varint
+from scarfmt.bytefields import unsigned_varint
 from scarfmt.codecs.codebooks import (
     MAX_CODEWORDS,
     MAX_LATENT,
+    MAX_VALUE,
     Codebooks,
     pack_codebooks,
     unpack_codebooks,
 )
+from scarfmt.codecs.rice import pack_rice
 from scarfmt.errors import LimitExceeded, ScarError
 
 I64 = NDArray[np.int64]
@@ -26,13 +28,13 @@ def same(found: dict[int, I64], wanted: dict[int, I64]) -> bool:
     return sorted(found) == sorted(wanted) and all(np.array_equal(found[n], wanted[n]) for n in wanted)
 
 
-@pytest.mark.parametrize("width", range(17))
-@pytest.mark.parametrize("low", [-(1 << 16), -1, 0, 5])
-def test_every_width_comes_back(width: int, low: int) -> None:
-    """A dimension of 2^width different values, from the lowest minimum on."""
-    rng = np.random.default_rng(width)
-    words = low + rng.integers(0, 1 << width, (37, 3))
-    words[:2, 1] = low, low + (1 << width) - 1
+@pytest.mark.parametrize("top", [0, 1, 2, 255, 4095, MAX_VALUE])
+def test_every_range_comes_back(top: int) -> None:
+    """With both ends of it, the largest allowed too; other dimensions stay near 0."""
+    rng = np.random.default_rng(top)
+    words = rng.integers(-1, 2, (37, 3))
+    words[:, 1] = rng.integers(-top, top + 1, 37)
+    words[:2, 1] = -top, top
     assert same(unpack_codebooks(pack_codebooks({0: words})), {0: words})
 
 
@@ -53,31 +55,36 @@ def test_the_largest_books_come_back() -> None:
     assert same(unpack_codebooks(pack_codebooks(books)), books)
 
 
-def payload(dimension: int = 1, books: int = 1, number: int = 0, size: int = 3, column: bytes = b"\0\2\x1b\0") -> bytes:
-    """One book of 3 codewords of 1 dimension; by default low 0, width 2, values 0, 1, 2 packed as 00 01 10."""
+# k = 1; quotients 0, 1, 0 as 0 10 0; low bits 0 0 1.
+GOOD = bytes([1, 0b01000000, 0b00100000])
+
+
+def payload(dimension: int = 1, books: int = 1, number: int = 0, size: int = 3, column: bytes = GOOD) -> bytes:
+    """One book of 3 codewords of 1 dimension; by default 0, 1, -1."""
     return unsigned_varint(dimension) + unsigned_varint(books) + bytes([number]) + unsigned_varint(size) + column
 
 
-GOOD = b"\0\2\x18"
-
-
 def test_the_hand_made_book_is_readable() -> None:
-    """Most significant bit first, padded to a byte: the layout, not only its inverse."""
-    assert unpack_codebooks(payload(column=GOOD))[0].tolist() == [[0], [1], [2]]
-    assert pack_codebooks({0: np.array([[0], [1], [2]])}) == payload(column=GOOD)
+    """The layout, not only its inverse: dimension by dimension, each in codeword order."""
+    assert unpack_codebooks(payload())[0].tolist() == [[0], [1], [-1]]
+    words = np.array([[0, 5], [1, 6], [-1, 7]])
+    columns = pack_rice(np.array([0, 1, -1])) + pack_rice(np.array([5, 6, 7]))
+    assert pack_codebooks({0: words}) == payload(dimension=2, column=columns)
 
 
 BAD = {
     "no book": (unsigned_varint(1) + unsigned_varint(0), "bad-codebook"),
     "no dimension": (payload(dimension=0, column=b""), "bad-codebook"),
-    "unknown book": (payload(number=2, column=GOOD), "bad-codebook"),
+    "unknown book": (payload(number=2), "bad-codebook"),
     "no codeword": (payload(size=0, column=b"\0\0"), "bad-codebook"),
-    "same book twice": (payload(books=2, column=GOOD) + b"\0\x03" + GOOD, "bad-codebook"),
-    "books descend": (payload(books=2, number=1, column=GOOD) + b"\0\x03" + GOOD, "bad-codebook"),
-    "width 17": (payload(column=b"\0\x11" + bytes(7)), "bad-codebook"),
-    "padding": (payload(column=b"\0\2\x19"), "bad-codebook"),
-    "minimum of 18 bits": (payload(column=signed_varint(1 << 16) + b"\0"), "bad-varint"),
-    "short": (payload(column=b"\0\2"), "payload-short"),
+    "same book twice": (payload(books=2) + b"\0\x03" + GOOD, "bad-codebook"),
+    "books descend": (payload(books=2, number=1) + b"\0\x03" + GOOD, "bad-codebook"),
+    "a component of 65536": (payload(size=1, column=pack_rice(np.array([MAX_VALUE + 1]))), "bad-codebook"),
+    "a component of -65536": (payload(size=1, column=pack_rice(np.array([-MAX_VALUE - 1]))), "bad-codebook"),
+    "the most negative number": (payload(size=1, column=b"\x1f\x80" + b"\xff" * 3 + b"\xfe"), "bad-codebook"),
+    "large, then short": (payload(2, column=pack_rice(np.array([0, 0, MAX_VALUE + 1]))), "bad-codebook"),
+    "parameter": (payload(column=b"\x20" + bytes(13)), "bad-rice"),
+    "short": (payload(column=GOOD[:2]), "payload-short"),
     "long": (payload(column=GOOD + b"\0"), "payload-long"),
 }
 

@@ -99,7 +99,7 @@ BAD = {
 
 @pytest.mark.parametrize("name", BAD)
 def test_payloads_that_break_the_rule_are_refused(name: str) -> None:
-    """Each rule of SPEC §10.4 by one payload."""
+    """Each rule of SPEC §10.6 by one payload."""
     data, refusal = BAD[name]
     refuses(refusal, lambda: unpack_grid(data))
 

@@ -10,8 +10,9 @@ from codec_samples import refuses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scarfmt.bytefields import compress, decompress, unsigned_varint
+from scarfmt.bytefields import unsigned_varint
 from scarfmt.codecs.predictors import MAX_PREDICTORS, pack_predictors, unpack_predictors
+from scarfmt.codecs.rice import pack_rice, pack_shifted
 from scarfmt.errors import LimitExceeded, ScarError
 from scarfmt.model import MAX_CLASSES
 from scarfmt.neural.arithmetic import Linear
@@ -47,43 +48,56 @@ def same(one: Predictor, two: Predictor) -> bool:
 
 @settings(deadline=None)
 @given(
-    st.lists(st.integers(0, 2**32 - 1), max_size=4),
+    st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=4),
     st.integers(1, 40),
     st.integers(0, 9),
     st.sampled_from([1, 127, 128, 300]),
     st.integers(0, MAX_CLASSES),
 )
 def test_predictors_come_back(seeds: list[int], rest: int, units: int, top: int, classes: int) -> None:
-    """Any shape, 8-bit and 16-bit weights, and whatever classes they look at."""
+    """Any shape, weights of any size, and whatever classes they look at."""
     made = [predictor(seed, rest, units, top, classes) for seed in seeds]
     found = unpack_predictors(pack_predictors(made))
     assert len(found) == len(made)
     assert all(same(a, b) for a, b in zip(found, made, strict=True))
 
 
-@pytest.mark.parametrize("extreme", [127, -127, 128, -128, 1000])
-def test_the_extremes_of_both_widths_come_back(extreme: int) -> None:
-    """A weight that does not fit a byte makes its record wide."""
+def with_weight(weight: int) -> Predictor:
+    """A predictor with this one weight and no biases."""
     made = predictor(1, units=0, top=1)
-    weights = made.output.weights.copy()
-    weights[0, 0] = extreme
-    made = replace(made, output=replace(made.output, weights=weights))
+    weights = 0 * made.output.weights
+    weights[0, 0] = weight
+    return replace(made, output=Linear(weights, 0 * made.output.biases, 0))
+
+
+@pytest.mark.parametrize("extreme", [32767, -32767])
+def test_the_largest_weights_come_back(extreme: int) -> None:
+    """Among zeros."""
+    made = with_weight(extreme)
     assert same(unpack_predictors(pack_predictors([made]))[0], made)
 
 
+@pytest.mark.parametrize("weight", [32768, -32768, 1 << 24, 2**31 - 1, -(2**31)])
+def test_weights_beyond_32767_are_refused(weight: int) -> None:
+    """32768 and its negative even stay within the bound of sums."""
+    refuses("bad-predictor", lambda: unpack_predictors(pack_predictors([with_weight(weight)])))
+
+
 def test_columns_of_unused_classes_cost_nothing() -> None:
-    """Eight classes more take eight columns more."""
-    sizes = [len(decompress(pack_predictors([predictor(2, classes=c)]), 1 << 16, "")) for c in (4, 12)]
-    assert sizes[1] - sizes[0] == 8 * 5
+    """The weights of used classes, and of all else, are what is coded."""
+    made = predictor(2, units=0, classes=4)
+    kept = np.delete(made.output.weights, np.s_[4:MAX_CLASSES], axis=1)
+    tail = pack_rice(kept.ravel()) + pack_shifted(made.output.biases)
+    assert pack_predictors([made])[10:] == tail
 
 
 def record(**changes: int) -> bytes:
     """One packed predictor with bytes of its head changed."""
-    content = bytearray(decompress(pack_predictors([predictor(3)]), 1 << 16, ""))
-    names = ["stream", "component", "step", "one", "two", "classes", "inputs", "units", "width"]
+    content = bytearray(pack_predictors([predictor(3)]))
+    names = ["stream", "component", "step", "one", "two", "classes", "inputs", "units"]
     for name, value in changes.items():
         content[1 + names.index(name)] = value
-    return compress(bytes(content))
+    return bytes(content)
 
 
 @pytest.mark.parametrize(
@@ -96,8 +110,6 @@ def record(**changes: int) -> bytes:
         {"classes": MAX_CLASSES + 1},
         {"inputs": MAX_CLASSES},
         {"units": 65},
-        {"width": 0},
-        {"width": 3},
     ],
     ids=str,
 )
@@ -116,19 +128,32 @@ def test_sums_beyond_binary32_are_refused() -> None:
 def test_too_many_predictors_are_refused() -> None:
     """Counted before they are read."""
     with pytest.raises(LimitExceeded):
-        unpack_predictors(compress(unsigned_varint(MAX_PREDICTORS + 1)))
+        unpack_predictors(unsigned_varint(MAX_PREDICTORS + 1))
+
+
+def test_an_empty_block_is_refused() -> None:
+    """A layer without predictors has none."""
+    refuses("bad-predictor", lambda: unpack_predictors(pack_predictors([])))
+
+
+def test_every_prefix_is_refused() -> None:
+    """No byte is spare."""
+    whole = pack_predictors([predictor(5), predictor(6, units=0)])
+    for end in range(len(whole)):
+        refuses("payload-short", lambda: unpack_predictors(whole[:end]))  # noqa: B023
+    refuses("payload-long", lambda: unpack_predictors(whole + b"\0"))
 
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.data())
 def test_damaged_blocks_are_refused_or_valid(seed: int, data: st.DataObject) -> None:
     """Nothing but the package's own errors, whatever the bytes; what is accepted keeps its rules."""
-    content = bytearray(decompress(pack_predictors([predictor(seed, rest=3)]), 1 << 16, ""))
+    content = bytearray(pack_predictors([predictor(seed, rest=3)]))
     at = data.draw(st.integers(0, len(content) - 1))
     content[at] = data.draw(st.integers(0, 255))
     cut = data.draw(st.integers(1, len(content)))
     try:
-        found = unpack_predictors(compress(bytes(content[:cut])))
+        found = unpack_predictors(bytes(content[:cut]))
     except ScarError:
         return
     for one in found:

@@ -114,7 +114,7 @@ def test_learnt_grid_bits_tell_places_apart() -> None:
     """The same regions, seen through a hash grid that is trained along."""
     draw, books = np.random.default_rng(5), _books()
     at = draw.integers(0, 64, (3000, 3))
-    rows = _rows(np.zeros((1000, 1)), (at // 32 @ np.array([1, 2, 4]))[:, None])
+    rows = _rows(np.zeros((3000, 1)), (at // 32 @ np.array([1, 2, 4]))[:, None])
     grid = BinaryGrid(GridBox((0, 0, 0), 6), (GridLevel(0, 8, 10, 2),), seed=1)
     lookup = grid.lookup(at)
     trained = _train(rows, books, replace(QUICK, epochs=12), grid=grid, lookup=lookup)

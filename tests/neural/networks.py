@@ -111,7 +111,8 @@ class _Maker:
         """Biases that fit, or that fill the limit."""
         room = limit - 1 - half_step(shift) - np.abs(weights.astype(np.int64)).sum(axis=1) * self.amax
         sign = self.rng.choice([-1, 1], len(room))
-        return sign * (room if self.edge else np.minimum(room, self.rng.integers(0, 8 << shift, len(room))))
+        size = room if self.edge else np.minimum(room, self.rng.integers(0, 8 << shift, len(room)))
+        return np.asarray(sign * size, np.int64)
 
     def linear(self, out: int, columns: int, target: float | None = None) -> Linear:
         weights, shift = self.rows(out, columns, ACCUMULATOR_LIMIT, self.amax / 2 if target is None else target)

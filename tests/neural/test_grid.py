@@ -1,4 +1,4 @@
-"""The hash grid: exactly the definition of SPEC §10.4, for any positions, in any order."""
+"""The hash grid: exactly the definition of SPEC §10.6, for any positions, in any order."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AXES = {0: "xyz", 1: "xy", 2: "xz", 3: "yz", 4: "x", 5: "y", 6: "z"}
 
 
 def literal_features(grid: HashGrid, position: list[int]) -> list[int]:
-    """SPEC §10.4 for one anchor, in Python integers."""
+    """SPEC §10.6 for one anchor, in Python integers."""
     k, found = grid.extent_bits, []
     inside = [min(max(p - o, 0), 2**k - 1) for p, o in zip(position, grid.origin, strict=True)]
     for level, bits in zip(grid.levels, grid.bits, strict=True):
@@ -147,7 +147,7 @@ BAD = {
 
 @pytest.mark.parametrize("name", BAD)
 def test_grids_that_break_a_rule_are_refused(name: str) -> None:
-    """Each rule of SPEC §10.4 by one grid, which differs from a good one in one place."""
+    """Each rule of SPEC §10.6 by one grid, which differs from a good one in one place."""
     GOOD.check()
     with pytest.raises(Malformed) as caught:
         BAD[name].check()
