@@ -44,6 +44,7 @@ bench: $(STAMP) ## short benchmark of the example scene, a minute or two; writes
 	$(BIN)/python -m benchmarks.quality --scenes plush-toys --effort 1 --qualities 45 --no-write
 	$(BIN)/python -m benchmarks.positions --scenes plush-toys --no-write
 	$(BIN)/python -m benchmarks.speed --scenes plush-toys --efforts 1 --no-write
+	$(BIN)/python -m benchmarks.entropy_speed
 
 bench-full: $(STAMP) ## every benchmark on every scene found, about an hour; rewrites docs/benchmarks.md
 	$(BIN)/python -m benchmarks.quality

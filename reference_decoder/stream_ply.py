@@ -45,7 +45,8 @@ def export_ply(
     """Write what a file holds as an INRIA PLY. An anchor model is baked, which loses its view dependence.
 
     Args:
-        source, layers, tiles, box, limits, threads, allow_truncated, backend: as for :func:`reference_decoder.decode.decode`.
+        source, layers, tiles, box, limits, threads, allow_truncated, backend: as for
+            :func:`reference_decoder.decode.decode`.
         destination: a path, written whole or not at all, or an open binary file.
         eyes: anchor profile: (E, 3) camera centres to fit at. Give those the scene was captured from: the default,
             a sphere round the scene, sees anchors as no training camera did.

@@ -21,7 +21,8 @@ class EncodeOptions:
 
     Attributes:
         quality: about the PSNR in dB, against the source, of pictures of the last layer; 20..80.
-        effort: 1 fast, 2 default, 3 slow: size of the training sample, epochs, codebooks, views.
+        effort: 1 fast, static tables alone; 2 default; 3 slow: size of the training sample, epochs, codebooks, views,
+            networks tried.
         layers: most layers, 1..16; the first takes about a quarter of the bytes.
         cameras: views that matter, e.g. those of the photos; None for rings round the core.
         frame: up axis, or UP:CENTRE_DEG:SPAN_DEG for a scene seen from one side.

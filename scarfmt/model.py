@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,7 +143,8 @@ class DecodedContext:
 
     Attributes:
         passes_log2: a group of symbols is coded in this many passes, plus one; 0..3.
-        occupancies: anchors a cell shall hold on average, one number a depth, coarse first: strictly descending, 1..65535.
+        occupancies: anchors a cell shall hold on average, one number a depth, coarse first: strictly descending,
+            1..65535.
     """
 
     passes_log2: int = 0
@@ -155,7 +157,7 @@ class DecodedContext:
             Malformed: ``bad-context``.
         """
         targets = self.occupancies
-        falls = all(a > b for a, b in zip(targets, targets[1:], strict=False))
+        falls = all(a > b for a, b in pairwise(targets))
         sane = 0 <= self.passes_log2 <= MAX_PASSES_LOG2 and len(targets) <= MAX_DEPTHS
         if not (sane and falls and all(1 <= target <= MAX_OCCUPANCY for target in targets)):
             message = f"{self.passes_log2} and {targets} are no passes and occupancies (SPEC §10.2)"

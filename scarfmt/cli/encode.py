@@ -47,7 +47,7 @@ def _refuse_constant(name: str) -> Any:
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
 @click.option("--quality", type=click.FloatRange(20, 80), help="About the PSNR of the last layer, dB [default: 45].")
-@click.option("--effort", type=click.IntRange(1, 3), help="1 is fast, 3 slow and a little smaller [default: 2].")
+@click.option("--effort", type=click.IntRange(1, 3), help="1 is fast and trains no networks, 3 is slow [default: 2].")
 @click.option(
     "--layers",
     type=click.IntRange(1, 16),

@@ -64,7 +64,7 @@ def unpack_rice(reader: ByteReader, count: int) -> I64:
 
 
 def pack_shifted(values: Ints) -> bytes:
-    """Numbers that may share trailing zero bits: their number u8, then :func:`pack_rice` of what is left (SPEC §5.9)."""
+    """Numbers that may share trailing zero bits: how many u8, then :func:`pack_rice` of the rest (SPEC §5.9)."""
     shared = int(np.bitwise_or.reduce(values.astype(np.int64).ravel(), initial=0))
     shift = min((shared & -shared).bit_length() - 1, MAX_PARAMETER) if shared else 0
     return bytes([shift]) + pack_rice(values.ravel() >> shift)
