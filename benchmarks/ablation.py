@@ -231,7 +231,7 @@ def _estimator(job: Job) -> Record:
     nothing = float((problem.weight[:, None] * ((problem.vectors - mean) @ root) ** 2).sum())
     bits = np.arange(2.0, 41.0, 0.5)
     decibels = 10 * (at_bits(curves, bits) - np.log10(nothing))
-    kept = {f"{b:g}": float(d) for b, d in zip(bits, decibels, strict=True) if np.isfinite(d)}
+    kept = {f"{b:g}": round(float(d), 3) for b, d in zip(bits, decibels, strict=True) if np.isfinite(d)}
     return {"decibels": kept, "floor_db": float(10 * np.log10(floor / nothing)), "seconds": seconds}
 
 
