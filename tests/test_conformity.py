@@ -121,7 +121,7 @@ def network(inputs: int, outputs: int) -> Network:
 
 
 def test_models_no_reader_would_accept_are_not_written() -> None:
-    """Missing or empty codebooks, codewords of more than 16 bits, networks that do not fit."""
+    """Missing or empty codebooks, codewords out of range, networks that do not fit."""
     books, decoder = SCENE.codebooks, SCENE.decoder
     assert books is not None
     assert decoder is not None
@@ -132,7 +132,7 @@ def test_models_no_reader_would_accept_are_not_written() -> None:
     refuses(replace(SCENE, codebooks=None), "codebook 0")
     refuses(replace(SCENE, codebooks=Codebooks(books.coarse, empty)), "codebook 1")
     refuses(replace(SCENE, codebooks=Codebooks(wide, books.residual)), "bad-codebook")
-    refuses(replace(SCENE, codebooks=Codebooks(far, books.residual)), "bad-varint")
+    refuses(replace(SCENE, codebooks=Codebooks(far, books.residual)), "bad-codebook")
     refuses(replace(SCENE, decoder=None), "missing-block")
     refuses(replace(SCENE, decoder=network(decoder.inputs + 1, decoder.outputs)), "bad-mlp")
     refuses(replace(SCENE, scene_mlps=SCENE.scene_mlps[:2]), "bad-mlp")

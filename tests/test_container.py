@@ -296,7 +296,7 @@ def test_the_deepest_last_cube_is_valid() -> None:
     assert list(Container.open(BytesSource(data)).tiles) == tiles
 
 
-@pytest.mark.parametrize("kind", [6, 7, 17, 100, PRIVATE_SAFE])
+@pytest.mark.parametrize("kind", [9, 15, 17, 100, PRIVATE_SAFE])
 def test_unknown_critical_blocks_refuse_the_file(kind: int) -> None:
     """A reader must not show a scene that it only partly understands."""
     block = Block(kind, 1, b"new", flags=BlockFlag.CRITICAL)

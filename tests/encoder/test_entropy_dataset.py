@@ -58,8 +58,8 @@ class _Recorder:
     def context(self, h: NDArray[Any], _state: int) -> NDArray[Any]:
         return h
 
-    def flat_rows(self, _book: int, y: NDArray[Any]) -> NDArray[Any]:
-        return y
+    def first_blocks(self, _book: int, _y: NDArray[Any]) -> list[Any]:
+        return []
 
 
 @dataclass(frozen=True)
