@@ -113,12 +113,6 @@ class CellMeans:
         """No anchors yet, `columns` values each."""
         return CellSums(self, columns)
 
-    def means(self, columns: Ints, earlier: NDArray[np.bool_], wanted: Ints) -> tuple[F64, F64]:
-        """Means of (n, f) `columns` over the rows that are `earlier` ((n,) bool), as :meth:`CellSums.around`."""
-        sums, rows = self.sums(columns.shape[1]), np.flatnonzero(earlier)
-        sums.add(rows, columns[rows])
-        return sums.around(wanted)
-
 
 class CellSums:
     """Sums per cell over anchors added so far: the set E of SPEC §10.2, which grows pass by pass."""

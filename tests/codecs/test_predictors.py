@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -140,7 +141,7 @@ def test_every_prefix_is_refused() -> None:
     """No byte is spare."""
     whole = pack_predictors([predictor(5), predictor(6, units=0)])
     for end in range(len(whole)):
-        refuses("payload-short", lambda: unpack_predictors(whole[:end]))  # noqa: B023
+        refuses("payload-short", partial(unpack_predictors, whole[:end]))
     refuses("payload-long", lambda: unpack_predictors(whole + b"\0"))
 
 
