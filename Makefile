@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types check example bench bench-full pictures clean
+.PHONY: help demo test test-slow lint types check example bench bench-full pictures ksy clean
 
 help:
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 22
@@ -54,6 +54,11 @@ bench-full: $(STAMP) ## every benchmark on every scene found, about an hour; rew
 
 pictures: $(STAMP) ## redraw docs/images/
 	$(BIN)/python -m benchmarks.pictures
+
+ksy: ## compile conformance/scar.ksy again (needs node and npm)
+	npm install --silent --no-save --prefix build/ksy kaitai-struct-compiler@0.11.0 js-yaml@4
+	cp conformance/compile_ksy.mjs build/ksy/
+	node build/ksy/compile_ksy.mjs conformance/scar.ksy tests/conformance/kaitai_scar.py
 
 clean: ## remove what make made, .venv included
 	rm -rf $(VENV) demo-out build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

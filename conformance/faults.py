@@ -6,6 +6,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
+from conformance.cases import Case, refused
 from conformance.files import (
     blocks_of,
     changed,
@@ -35,14 +36,22 @@ from scarfmt.substreams import pack_substreams
 Fault = tuple[str, str, str, str, bytes]
 
 
-def invalid_files(files: dict[str, bytes]) -> Iterator[Fault]:
-    """(name, what is wrong, rule, refusal id, file) of every invalid vector."""
-    base = files["explicit-refined"]
-    yield from _front_faults(base)
-    yield from _block_faults(base)
-    yield from _model_faults(base, files["anchors"])
-    yield from _symbol_faults(base, files["sh-from-network"])
-    yield from rice_faults(files["sh-from-network"], files["index-equal"])
+"""(name, what is wrong, rule, refusal id, file)."""
+
+
+def invalid_files(files: dict[str, bytes]) -> Iterator[Case]:
+    """Files that break a rule of each part of the format.
+
+    Args:
+        files: valid vectors by name.
+    """
+    base, small = files["explicit-refined"], files["sh-from-network"]
+    yield from (refused(*fault, stage="container") for fault in _front_faults(base))
+    yield from (refused(*fault, stage="tiles") for fault in _block_faults(base))
+    yield from (refused(*fault, stage="models") for fault in _payload_faults(base))
+    yield from (refused(*fault, stage="models") for fault in _model_faults(base, files["anchors"], small))
+    yield from (refused(*fault, stage="tiles") for fault in _symbol_faults(base, small))
+    yield from rice_faults(small, files["index-equal"])
     yield from neural_faults(files)
 
 
@@ -90,6 +99,9 @@ def _block_faults(base: bytes) -> Iterator[Fault]:
            changed(base, BlockKind.TILE, 1, _wrong_crc))
     yield ("idle-substream", "a sub-stream of a kind the layer does not code", "R-7.1-4", "bad-substream-table",
            changed(base, BlockKind.TILE, 1, _with_masks))
+
+
+def _payload_faults(base: bytes) -> Iterator[Fault]:
     cut = changed(base, BlockKind.LAYER, 2, lambda payload: payload[:-1])
     yield "layer-cut", "a LAYER block ends early", "R-5.7-2", "payload-short", cut
     yield ("layer-long", "a LAYER block has a byte too many", "R-5.7-2", "payload-long",
@@ -131,7 +143,7 @@ def _larger_size(frame: bytes) -> bytes:
     return frame[:5] + (int.from_bytes(frame[5:7], "little") + 1).to_bytes(2, "little") + frame[7:]
 
 
-def _model_faults(base: bytes, anchors: bytes) -> Iterator[Fault]:
+def _model_faults(base: bytes, anchors: bytes, small: bytes) -> Iterator[Fault]:
     yield ("channels-descend", "POSITION_RESIDUAL became COLOUR, before SCALE", "R-6.4-1", "bad-channel",
            changed(base, BlockKind.LAYER, 1, lambda p: p[:2] + bytes([Stream.COLOUR]) + p[3:]))
     yield ("steps-taken-back", "a class has fewer steps than in the layer before", "R-6.5-2", "bad-layer-table",
@@ -146,7 +158,8 @@ def _model_faults(base: bytes, anchors: bytes) -> Iterator[Fault]:
     books[0][0, 0] = MAX_VALUE + 1
     yield ("codeword-large", "a component of 65536", "R-7.8-1", "bad-codebook",
            changed(base, BlockKind.CODEBOOKS, 1, lambda _: pack_codebooks(books)))
-    yield "no-table", "a group without a table", "R-8.3-3", "missing-table", without(base, BlockKind.TABLES, 1)
+    yield ("weight-zero", "a weight of 0", "R-8.3-1", "bad-table",
+           changed(small, BlockKind.TABLES, 1, lambda content: content[:-1] + b"\0"))
 
 
 def _idle_codebook(base: bytes) -> bytes:
@@ -156,8 +169,7 @@ def _idle_codebook(base: bytes) -> bytes:
 
 
 def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:
-    yield ("weight-zero", "a weight of 0", "R-8.3-1", "bad-table",
-           changed(small, BlockKind.TABLES, 1, lambda content: content[:-1] + b"\0"))
+    yield "no-table", "a group without a table", "R-8.3-3", "missing-table", without(base, BlockKind.TABLES, 1)
     yield ("stream-flipped", "a rANS stream that does not end in the empty state", "R-8.2-2", "rans-seal",
            changed(small, BlockKind.TILE, 1, _one_word_more))
     yield ("last-word-zero", "the last word of a rANS stream is 0", "R-8.2-1", "rans-last-word",

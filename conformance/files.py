@@ -1,4 +1,4 @@
-"""Whole files for the vectors: stored Zstandard frames, and faults put in with all checksums right."""
+"""Whole files for the vectors, and faults put in with all checksums right."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+from conformance.writer import FrameStyle, WriteOptions, write_container, write_file
 from scarfmt.bytefields import decompress
-from scarfmt.container import Block, Container, write_container
+from scarfmt.container import Block, Container
 from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.schema import (
     CHECKSUM_SIZE,
@@ -19,27 +20,15 @@ from scarfmt.schema import (
 )
 from scarfmt.source import BytesSource
 from scarfmt.substreams import unpack_table
-from scarfmt.writer import QuantisedScene, write_scene
+from scarfmt.writer import QuantisedScene
 
 COMPRESSED = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
-_BLOCK_BYTES = 1 << 17
+_PLAIN = WriteOptions()
 
 
 def stored_frame(content: bytes) -> bytes:
     """One single-segment Zstandard frame of raw blocks (RFC 8878): the same with every version of libzstd."""
-    size = len(content)
-    if size < 256:
-        head = bytes([0x20, size])
-    elif size < 65536 + 256:
-        head = bytes([0x60]) + (size - 256).to_bytes(2, "little")
-    else:
-        head = bytes([0xA0]) + size.to_bytes(4, "little")
-    out = [bytes.fromhex("28b52ffd"), head]
-    for start in range(0, size, _BLOCK_BYTES):
-        part = content[start : start + _BLOCK_BYTES]
-        last = start + _BLOCK_BYTES >= size
-        out += [(len(part) << 3 | last).to_bytes(3, "little"), part]
-    return b"".join(out)
+    return FrameStyle()(content)
 
 
 def content_of(block: Block) -> bytes:
@@ -66,14 +55,9 @@ def rebuilt(data: bytes, blocks: Iterable[Block]) -> bytes:
     return write_container(container.header.fields, container.tiles, blocks, counts)
 
 
-def vector_file(scene: QuantisedScene, extra: Iterable[Block] = ()) -> bytes:
-    """The file of a scene, every Zstandard frame stored; `extra` blocks are added."""
-    data = write_scene(scene)
-    blocks = [
-        replace(block, payload=stored_frame(content_of(block))) if block.kind in COMPRESSED else block
-        for block in blocks_of(data)
-    ]
-    return rebuilt(data, [*blocks, *extra])
+def vector_file(scene: QuantisedScene, extra: Iterable[Block] = (), options: WriteOptions = _PLAIN) -> bytes:
+    """The file of a scene, by the writer of the suite; `extra` blocks are added."""
+    return write_file(scene, replace(options, blocks=(*options.blocks, *extra)))
 
 
 def changed(data: bytes, kind: BlockKind, layer: int, change: Callable[[bytes], bytes], count: int = 0) -> bytes:

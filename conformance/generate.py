@@ -1,126 +1,158 @@
-"""Writes the conformance vectors: ``python -m conformance.generate [--check]``.
+"""Writes the conformance vectors: ``python -m conformance.generate [--check] [--only ID ...]``.
 
-Every vector is a folder with ``input.scar`` and ``expect.json``. Valid files come from scenes made here, their
-expectations from the same scenes (:mod:`conformance.expectations`), not from a decoder. An invalid file is a valid one
-with exactly one rule broken and every checksum right that is not itself the fault. Running twice gives equal bytes.
+Every vector is a folder with ``input.scar``, ``expect.json`` and, of small scenes, references of activated values.
+Valid files come from scenes made here, their expectations from the same scenes (:mod:`conformance.expect`), not from a
+decoder of this package. An invalid file is a valid one with exactly one rule broken and every checksum right that is
+not itself the fault. ``manifest.json`` and the two schemas are written too. Running twice gives equal bytes.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
+import argparse
+import fnmatch
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from conformance.expectations import expected_layers, pinned
+import numpy as np
+
+from conformance.cases import Case
+from conformance.container_faults import container_faults
+from conformance.edge_scenes import edge_cases
+from conformance.either_cases import either_cases
+from conformance.expect import BITSTREAM, FORMAT, expectation
 from conformance.faults import invalid_files
-from conformance.files import vector_file
-from conformance.neural_scenes import neural_plans
-from conformance.scenes import build, static_plans, worked_scene
-from scarfmt.container import Block
-from scarfmt.schema import BlockFlag
-from scarfmt.source import BytesSource
-from scarfmt.truncate import truncate
-from scarfmt.writer import QuantisedScene
+from conformance.json_text import json_text
+from conformance.limit_faults import limit_faults
+from conformance.model_faults import model_faults
+from conformance.schemas import LICENCE, expect_schema, manifest_schema
+from conformance.stream_faults import stream_faults
+from conformance.truncated_cases import truncated_cases
+from conformance.valid_cases import named, valid_cases, with_origin
 
-VECTORS = Path(__file__).resolve().parent / "vectors"
-FORMAT = "scar-conformance 1"
-_ANNOTATIONS = (
-    Block(65, 1, b"unknown annotation", flags=int(BlockFlag.SAFE_TO_COPY)),
-    Block(130, 1, b"private, bound to a tile", tile=0, flags=0),
-    Block(200, 2, b"private", flags=0),
-)
-# Among them files cut where the index network is there, but not the residual codebook that one of its heads is for.
-_TRUNCATED = (
-    ("explicit-refined", 1),
-    ("explicit-refined", 2),
-    ("annotations", 1),
-    ("predictors", 1),
-    ("predictors", 2),
-    ("index-flat", 1),
-    ("index-edge", 1),
-    ("index-modes", 1),
-    ("index-modes", 3),
-    ("anchors-neural", 1),
-)
+ROOT = Path(__file__).resolve().parent
+VECTORS = ROOT / "vectors"
+Files = dict[str, bytes]
+_CLOSE = 1e-12
+"""Relative difference of two references of an activated value that another machine's exp or tanh may make."""
 
 
-def _file_facts(data: bytes) -> dict[str, Any]:
-    return {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+def cases() -> Iterator[Case]:
+    """Every vector, each id once.
+
+    Raises:
+        ValueError: two have the same id.
+    """
+    seen: set[str] = set()
+    for case in _all_cases():
+        if case.id in seen:
+            raise ValueError(f"two vectors have the id {case.id}")
+        seen.add(case.id)
+        yield case
 
 
-def accepted(purpose: str, data: bytes, scene: QuantisedScene, layers: int | None = None) -> dict[str, Any]:
-    """The expectation of a valid file that holds the first `layers` layers of `scene`."""
-    states = expected_layers(scene)[:layers]
-    return {
-        "format": FORMAT,
-        "purpose": purpose,
-        "file": _file_facts(data),
-        "result": "decoded",
-        "layers": [
-            {"layer": number, "anchors": len(arrays["code"]), "arrays": pinned(arrays)}
-            for number, arrays in enumerate(states, start=1)
-        ],
+def _all_cases() -> Iterator[Case]:
+    valid = list(valid_cases())
+    yield from valid
+    yield from edge_cases()
+    by_name = named(valid)
+    files = {name: (case.data, case.scene) for name, case in by_name.items() if case.scene is not None}
+    plain = {name: data for name, (data, _) in files.items()}
+    yield from invalid_files(plain)
+    yield from container_faults(plain)
+    yield from stream_faults(files)
+    yield from model_faults(files)
+    yield from limit_faults()
+    yield from either_cases(files)
+    yield from (with_origin(case, by_name) for case in truncated_cases(files))
+
+
+def vector_files(case: Case) -> tuple[dict[str, Any], Files]:
+    """The row of the manifest, and the files of a vector by their path below ``conformance/``."""
+    expect, extra = expectation(case)
+    folder = f"vectors/{case.id}"
+    row = {
+        "id": case.id,
+        "class": expect["class"],
+        "file": f"{folder}/input.scar",
+        "expect": f"{folder}/expect.json",
+        **expect["file"],
+        **{name: expect[name] for name in ("profile", "features", "rules", "result")},
+        **{name: expect[name] for name in ("refusal", "refusals") if name in expect},
+        "layers": len(expect.get("layers", [])),
+        "since": BITSTREAM,
     }
+    files = {row["file"]: case.data, row["expect"]: json_text(expect).encode()}
+    return row, {**files, **{f"{folder}/{path}": data for path, data in extra.items()}}
 
 
-def refused(purpose: str, data: bytes, rule: str, refusal: str) -> dict[str, Any]:
-    """The expectation of a file that breaks `rule`."""
-    return {
-        "format": FORMAT,
-        "purpose": purpose,
-        "file": _file_facts(data),
-        "result": "refused",
-        "rule": rule,
-        "refusal": refusal,
-    }
+def generated(only: list[str]) -> tuple[Files, list[str]]:
+    """Every file by its path below ``conformance/``, and the ids; with patterns `only`, just those vectors."""
+    files: Files = {}
+    rows = []
+    for case in cases():
+        if not only or any(fnmatch.fnmatchcase(case.id, pattern) for pattern in only):
+            row, made = vector_files(case)
+            rows.append(row)
+            files |= made
+    rows.sort(key=lambda row: str(row["id"]))
+    if not only:
+        manifest = {"format": FORMAT, "bitstream": BITSTREAM, "licence": LICENCE, "vectors": rows}
+        files["manifest.json"] = json_text(manifest).encode()
+        files["manifest.schema.json"] = json_text(manifest_schema()).encode()
+        files["expect.schema.json"] = json_text(expect_schema()).encode()
+    return files, [row["id"] for row in rows]
 
 
-def vectors() -> Iterator[tuple[str, bytes, dict[str, Any]]]:
-    """(folder below vectors/, file, expectation) of every vector."""
-    worked = worked_scene()
-    data = vector_file(worked)
-    yield "worked", data, accepted("the worked file of SPEC.md, appendix B", data, worked)
-    files: dict[str, tuple[bytes, QuantisedScene]] = {}
-    for name, (purpose, plan) in {**static_plans(), **neural_plans()}.items():
-        scene = build(plan)
-        data = vector_file(scene, _ANNOTATIONS if name == "annotations" else ())
-        files[name] = data, scene
-        yield f"valid/{name}", data, accepted(purpose, data, scene)
-    for name, layers in _TRUNCATED:
-        whole, scene = files[name]
-        data = truncate(BytesSource(whole), layers)
-        purpose = f"{name} truncated to layer {layers}: equals what an editor makes of it (SPEC §14)"
-        yield f"truncated/{name}-{layers}", data, {
-            **accepted(purpose, data, scene, layers), "from": f"valid/{name}", "to_layer": layers,
-        }
-    for name, purpose, rule, refusal, data in invalid_files({name: file for name, (file, _) in files.items()}):
-        yield f"invalid/{name}", data, refused(purpose, data, rule, refusal)
+def same(path: Path, content: bytes) -> bool:
+    """Whether a file is there and as it should be: references of activated values but for rounding of another libm."""
+    if not path.exists():
+        return False
+    found = path.read_bytes()
+    if found == content or path.suffix != ".bin" or len(found) != len(content):
+        return found == content
+    there, here = np.frombuffer(found, "<f8"), np.frombuffer(content, "<f8")
+    return bool(np.allclose(there, here, rtol=_CLOSE, atol=_CLOSE, equal_nan=True))
+
+
+def _left_over(files: Files) -> list[Path]:
+    """Files below ``vectors/`` that are no longer made."""
+    return sorted(p for p in VECTORS.rglob("*") if p.is_file() and str(p.relative_to(ROOT)) not in files)
+
+
+def _write(files: Files, stale: list[str], left: list[Path]) -> None:
+    for name in stale:
+        path = ROOT / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(files[name])
+    for path in left:
+        path.unlink()
+    for folder in sorted((p for p in VECTORS.rglob("*") if p.is_dir()), reverse=True):
+        if not any(folder.iterdir()):
+            shutil.rmtree(folder)
 
 
 def main(arguments: list[str]) -> int:
     """Write all vectors, or with ``--check`` compare them; returns the exit status."""
-    check = arguments == ["--check"]
-    stale, names = [], set()
-    for name, data, expectation in vectors():
-        folder = VECTORS / name
-        names.add(name)
-        text = (json.dumps(expectation, indent=1) + "\n").encode()
-        for path, content in ((folder / "input.scar", data), (folder / "expect.json", text)):
-            if path.exists() and path.read_bytes() == content:
-                continue
-            stale.append(str(path.relative_to(VECTORS)))
-            if not check:
-                folder.mkdir(parents=True, exist_ok=True)
-                path.write_bytes(content)
-    found = {str(path.parent.relative_to(VECTORS)) for path in VECTORS.glob("**/expect.json")}
-    stale += [f"{name} (no longer made)" for name in sorted(found - names)]
-    print(f"{len(names)} vectors, {len(stale)} files {'differ' if check else 'changed'}")
-    for name in stale if check else []:
+    parser = argparse.ArgumentParser(prog="python -m conformance.generate")
+    parser.add_argument("--check", action="store_true", help="compare, write nothing")
+    parser.add_argument("--only", nargs="+", default=[], metavar="ID", help="patterns of ids; without the manifest")
+    options = parser.parse_args(arguments)
+    files, ids = generated(options.only)
+    if not ids:
+        parser.error("no vector has such an id")
+    stale = [name for name, content in files.items() if not same(ROOT / name, content)]
+    left = [] if options.only else _left_over(files)
+    if not options.check:
+        _write(files, stale, left)
+    done = "differ" if options.check else "changed"
+    size = sum(map(len, files.values()))
+    print(f"{len(ids)} vectors, {size:,} bytes, {len(stale) + len(left)} files {done}")
+    for name in [*stale, *(f"{path.relative_to(ROOT)} (no longer made)" for path in left)] if options.check else []:
         print(f"  {name}")
-    return 1 if check and stale else 0
+    return 1 if options.check and (stale or left) else 0
 
 
 if __name__ == "__main__":

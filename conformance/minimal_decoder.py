@@ -2,17 +2,15 @@
 
 It shows that the text suffices, and is a start for a port. It decodes the exact class (SPEC §5-§8, §9.1, §9.2, §10) of
 valid files whose Zstandard frames are stored, as in the vectors; of the refusals it makes only those the pseudo-code
-spells out. ``python -m conformance.minimal_decoder FILE [LAYER]`` prints the arrays' SHA-256, as expect.json pins them.
+spells out. ``python -m conformance.minimal_decoder FILE --layers K --stage STAGE`` answers as PROTOCOL.md says.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
+import itertools
 import struct
 import sys
 import zlib
-from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from conformance.minimal_fields import (
@@ -25,7 +23,6 @@ from conformance.minimal_fields import (
     POSITIONS,
     Payload,
     Rans,
-    Refused,
     Table,
     key,
     parse_tables,
@@ -47,10 +44,10 @@ from conformance.minimal_neural import (
     parse_predictors,
 )
 
-NAMES = {4: "POSITION_RESIDUAL", 5: "SCALE", 6: "ROTATION", 7: "OPACITY", 8: "COLOUR", 10: "LATENT", 11: "OFFSETS"}
-
-Array = dict[str, Any]
-
+NAMES = {
+    1: "POSITIONS", 2: "CLASSES", 3: "MASKS", 4: "POSITION_RESIDUAL", 5: "SCALE", 6: "ROTATION", 7: "OPACITY",
+    8: "COLOUR", 9: "INDICES", 10: "LATENT", 11: "OFFSETS",
+}
 
 
 # ---------------------------------------------------------------------------------------------- 7.2 positions
@@ -225,8 +222,31 @@ class Tile:
             self.first[i].append(list(zeros))
 
 
+class Trace:
+    """What one layer's decoding went through, for the stages ``context`` and ``frequencies`` of PROTOCOL.md.
+
+    Attributes:
+        frequencies: of the table of the first symbol of a sub-stream, or of a stage, by its name.
+        contexts: the context numbers of each predictor, in coding order.
+        embedded: h of each anchor that the index network coded, in coding order.
+        used: keys of the tables that coded symbols.
+        unwritten: whether a sub-stream without a record coded symbols.
+    """
+
+    def __init__(self) -> None:
+        self.frequencies: dict[str, list[int]] = {}
+        self.contexts: dict[Key, list[int]] = {}
+        self.embedded: list[list[int]] = []
+        self.used: set[int] = set()
+        self.unwritten = False
+
+    def see(self, name: str, table: Table | None) -> None:
+        if table and name not in self.frequencies:
+            self.frequencies[name] = [b - a for a, b in itertools.pairwise(table.cumulative)]
+
+
 class Decoder:
-    """A file's first layers (SPEC §4, steps 1 to 11)."""
+    """A file's first layers (SPEC §4, steps 1 to 11). `traces` has one element a layer."""
 
     def __init__(self, data: bytes, layers: int | None = None) -> None:
         head = Payload(data)
@@ -246,9 +266,11 @@ class Decoder:
         for kind, flags, layer, _, tile, offset, size, count, crc in entries:
             require(kind in (*range(1, 9), 16, 64) or not flags & 1, "unknown-critical-block")
             block = data[offset : offset + size]
-            require(zlib.crc32(block) == crc, "crc-mismatch")
+            # A block it has no need of is no reason to refuse (R-5.6-3): neither METADATA nor an unknown one.
+            require(kind > 16 or zlib.crc32(block) == crc, "crc-mismatch")
             self.blocks[layer, kind, tile] = block, count
         self.k = layers or layer_count
+        self.traces = [Trace() for _ in range(self.k)]
         self._models()
 
     def _model(self, layer: int, kind: int) -> bytes | None:
@@ -303,24 +325,32 @@ class Decoder:
     def _layer(self, tile: Tile, k: int, parts: dict[int, bytes], new: int, number: int) -> None:
         depth, shift = self.tiles[number][:2]
         b = self.lattice_bits - depth - shift
+        trace = self.traces[k - 1]
 
         def opened(stream: int) -> Rans:
             return Rans(parts.get(stream, b""), self.tables[k - 1])
 
+        def close(stream: int, rans: Rans) -> None:
+            rans.seal()
+            trace.used |= rans.used
+            trace.unwritten |= rans.first is not None and stream not in parts
+            if stream != INDICES:
+                trace.see(NAMES[stream], rans.first)
+
         if new:
             rans = opened(POSITIONS)
             codes = read_positions(rans, new, b)
-            rans.seal()
+            close(POSITIONS, rans)
             rans, f, p = opened(CLASSES), self.classes(k - 1), self.classes(k)
             classes = [f + v for v in rans.read(key(CLASSES, 0, 0, 0), new)] if p - f > 1 else [f] * new
-            rans.seal()
+            close(CLASSES, rans)
             require(all(f <= c < p for c in classes), "bad-class")
             for code, klass in zip(codes, classes, strict=True):
                 tile.append(code, klass)
         if self.profile:
             rans = opened(MASKS)
             read_masks(rans, tile, k)
-            rans.seal()
+            close(MASKS, rans)
         context = Context(tile.code, b, self.opening.targets, self.opening.passes_log2)
         for i, channel in enumerate(self.channels):
             rans = opened(channel.stream)
@@ -328,13 +358,13 @@ class Decoder:
                 read_offsets(rans, tile, k, i)
             else:
                 self._channel(rans, tile, k, i, context)
-            rans.seal()
+            close(channel.stream, rans)
         rans = opened(INDICES)
         if self.rows[k - 1].mode == 1:
             self._neural_indices(rans, tile, k, context, number)
         else:
             self._indices(rans, tile, k)
-        rans.seal()
+        close(INDICES, rans)
 
     def _channel(self, rans: Rans, tile: Tile, k: int, i: int, context: Context) -> None:
         channel = self.channels[i]
@@ -392,6 +422,7 @@ class Decoder:
                 if predictor:
                     inputs = [StepInputs(tile.klass[a], before[a], own[a], tile.first[i][a], n) for a in part]
                     contexts = [predictor.context(x.of(j, around[a])) for a, x in zip(part, inputs, strict=True)]
+                    self.traces[k - 1].contexts.setdefault((stream, j, n), []).extend(contexts)
                 self._refine(rans, tile, (i, j, n), part, contexts)
             for a in part:
                 sums.add(a, [fine(x, n) for x in v[a]])
@@ -404,17 +435,13 @@ class Decoder:
         grid = self.grid
 
         def features(a: int) -> list[int]:
-            return grid.features(self._middle(number, tile.code[a])) if grid else []
+            return grid.features(self.middle(number, tile.code[a])) if grid else []
 
-        IndexReader(self.network, self.books, context, tile.klass, settled, features).read(
-            rans, tile.index, before, after
-        )
-
-    def _middle(self, number: int, code: int) -> list[int]:
-        """The lattice point in the middle of an anchor's cell."""
-        depth, shift, _, prefix = self.tiles[number]
-        corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
-        return [c + (x << shift) + (1 << shift >> 1) for c, x in zip(corner, deinterleaved(code), strict=True)]
+        reader = IndexReader(self.network, self.books, context, tile.klass, settled, features)
+        reader.read(rans, tile.index, before, after)
+        self.traces[k - 1].embedded += reader.embedded
+        for stage, table in sorted(reader.tables.items()):
+            self.traces[k - 1].see(f"INDICES.{stage}", table)
 
     def _indices(self, rans: Rans, tile: Tile, k: int) -> None:
         before = [self.stages(k - 1, c) for c in tile.klass]
@@ -422,9 +449,11 @@ class Decoder:
         for stage in range(1, 9):
             chosen = [a for a in range(len(before)) if before[a] < stage <= after[a]]
             contexts = [16 * tile.klass[a] + (stage > 1 and tile.index[a][stage - 1] == 0) for a in chosen]
+            rans.forget()
             for a, value in zip(chosen, rans.read_by_context(key(INDICES, stage, 0, 0), contexts), strict=True):
                 require(0 <= value < len(self.books[min(stage - 1, 1)]), "bad-index")
                 tile.index[a][stage] = value
+            self.traces[k - 1].see(f"INDICES.{stage}", rans.first)
 
     # ------------------------------------------------------------------------------------------ 9 reconstruction
 
@@ -452,46 +481,25 @@ class Decoder:
         n = 1 if self.channels[i].stream == OFFSETS else self.steps(self.k, i, c)
         return [f32(float(v) * self.width(i, j, n)) for j, v in enumerate(values)]
 
-    def latent(self, tile: Tile, a: int) -> list[float]:
+    def codeword_sum(self, tile: Tile, a: int) -> list[int]:
         z = [0] * self.dimension
         for stage in range(1, self.stages(self.k, tile.klass[a]) + 1):
             z = [x + y for x, y in zip(z, self.books[min(stage - 1, 1)][tile.index[a][stage]], strict=True)]
+        return z
+
+    def latent(self, tile: Tile, a: int) -> list[float]:
+        z = self.codeword_sum(tile, a)
         refined = next((i for i, channel in enumerate(self.channels) if channel.stream == LATENT), None)
         if refined is None:
             return [float(x) for x in z]
         more = self.value(refined, tile.klass[a], tile.v[refined][a])
         return [f32(float(x) + y) for x, y in zip(z, more, strict=True)]
 
-    def arrays(self) -> dict[str, Array]:
-        """Type, shape and SHA-256 of every array of expect.json."""
-        tiles = [self.tile(number) for number in range(len(self.tiles))]
-        stages = max((stages for stages, _ in self.rows[-1].classes), default=0)
-        n = sum(len(tile.code) for tile in tiles)
-        out = {
-            "tile": pin("<u4", (n,), (number for number, tile in enumerate(tiles) for _ in tile.code)),
-            "code": pin("<u8", (n,), (c for tile in tiles for c in tile.code)),
-            "class": pin("|u1", (n,), (c for tile in tiles for c in tile.klass)),
-            "index": pin("<u2", (n, stages), (x for t in tiles for row in t.index for x in row[1 : stages + 1])),
-            "position": pin(
-                "<f8", (n, 3), (x for i, t in enumerate(tiles) for row in self.positions(i, t) for x in row)
-            ),
-        }
-        if self.profile:
-            shown = (x for tile in tiles for row in tile.slot_layer for x in row)
-            out["slot_layer"] = pin("|u1", (n, self.slots), shown)
-        for i, channel in enumerate(self.channels):
-            name, shape = NAMES[channel.stream], [n, len(channel.rules)]
-            rows = [(t.klass[a], row) for t in tiles for a, row in enumerate(t.v[i])]
-            if channel.stream == OFFSETS:
-                shape.insert(1, self.slots)
-                rows = [(c, row) for c, slots in rows for row in slots]
-            out[f"v.{name}"] = pin("<i4", shape, (x for _, row in rows for x in row))
-            if channel.stream != POSITION_RESIDUAL:
-                out[f"value.{name}"] = pin("<f4", shape, (x for c, row in rows for x in self.value(i, c, row)))
-        if self.dimension:
-            latents = (x for tile in tiles for a in range(len(tile.code)) for x in self.latent(tile, a))
-            out["latent"] = pin("<f4", (n, self.dimension), latents)
-        return dict(sorted(out.items()))
+    def middle(self, number: int, code: int) -> list[int]:
+        """The lattice point in the middle of an anchor's cell."""
+        depth, shift, _, prefix = self.tiles[number]
+        corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
+        return [c + (x << shift) + (1 << shift >> 1) for c, x in zip(corner, deinterleaved(code), strict=True)]
 
 
 def substreams(block: bytes) -> dict[int, bytes]:
@@ -547,25 +555,7 @@ def f32(x: float) -> float:
     return float(struct.unpack("<f", struct.pack("<f", x))[0])
 
 
-def pin(dtype: str, shape: Sequence[int], values: Iterable[Any]) -> Array:
-    code = {"<u4": "I", "<u8": "Q", "|u1": "B", "<u2": "H", "<i4": "i", "<f8": "d", "<f4": "f"}[dtype]
-    flat = list(values)
-    data = struct.pack(f"<{len(flat)}{code}", *flat)
-    return {"dtype": dtype, "shape": list(shape), "sha256": hashlib.sha256(data).hexdigest()}
-
-
-def main(arguments: list[str]) -> int:
-    """Print the arrays of a file to a layer."""
-    with open(arguments[0], "rb") as file:
-        data = file.read()
-    try:
-        arrays = Decoder(data, int(arguments[1]) if len(arguments) > 1 else None).arrays()
-    except Refused as refusal:
-        print(json.dumps({"refused": str(refusal)}))
-        return 0
-    print(json.dumps(arrays, indent=1))
-    return 0
-
-
 if __name__ == "__main__":
+    from conformance.minimal_answers import main
+
     sys.exit(main(sys.argv[1:]))

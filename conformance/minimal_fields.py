@@ -6,6 +6,8 @@ import struct
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from conformance.minimal_zstd import BadFrame, frame_content
+
 POSITIONS, CLASSES, MASKS, POSITION_RESIDUAL, INDICES, LATENT, OFFSETS = 1, 2, 3, 4, 9, 10, 11
 TOTAL = 1 << 24
 
@@ -107,19 +109,11 @@ class Payload:
 
 
 def stored(frame: bytes) -> bytes:
-    """The content of a Zstandard frame of raw blocks; a real decoder has a Zstandard library here (SPEC §5.8)."""
-    reader = Payload(frame)
-    require(reader.take(4) == bytes.fromhex("28b52ffd"), "bad-zstd")
-    size = {0x20: 1, 0x60: 2, 0xA0: 4}[reader.u8()]
-    length = int.from_bytes(reader.take(size), "little") + (256 if size == 2 else 0)
-    content, last = b"", False
-    while not last:
-        head = int.from_bytes(reader.take(3), "little")
-        last = bool(head & 1)
-        assert head >> 1 & 3 == 0, "not a stored frame"
-        content += reader.take(head >> 3)
-    require(reader.at == len(frame) and len(content) == length, "bad-zstd")
-    return content
+    """The content of a Zstandard frame (SPEC §5.8)."""
+    try:
+        return frame_content(frame)
+    except BadFrame as error:
+        raise Refused("bad-zstd") from error
 
 
 # ---------------------------------------------------------------------------------------------- 8 entropy coding
@@ -166,9 +160,16 @@ def parse_tables(block: bytes) -> dict[int, Table]:
 
 
 class Rans:
-    """One sub-stream (SPEC §8.2)."""
+    """One sub-stream (SPEC §8.2). `first` is the table of the first symbol read, or read since it was forgotten.
+
+    `used` has the keys of all tables that symbols were read with.
+    """
+
+    first: Table | None
 
     def __init__(self, data: bytes, tables: dict[int, Table]) -> None:
+        self.forget()
+        self.used: set[int] = set()
         self.words = list(struct.unpack(f"<{len(data) // 4}I", data))
         require(not self.words or self.words[-1] != 0, "rans-last-word")
         self.tables = tables
@@ -176,11 +177,15 @@ class Rans:
         self.refill()
         self.refill()
 
+    def forget(self) -> None:
+        self.first = None
+
     def refill(self) -> None:
         if self.state < 1 << 32 and self.words:
             self.state = self.state << 32 | self.words.pop()
 
     def symbol(self, table: Table) -> int:
+        self.first = self.first or table
         c = table.cumulative
         if len(c) == 2:
             return table.values[0]
@@ -197,6 +202,7 @@ class Rans:
         if n == 0:
             return []
         require(number in self.tables, "missing-table")
+        self.used.add(number)
         return [self.symbol(self.tables[number]) for _ in range(n)]
 
     def uniform(self, m: int, n: int) -> list[int]:

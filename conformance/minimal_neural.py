@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from conformance.minimal_fields import Payload, Rans, Table, cumulative, require
@@ -435,6 +435,8 @@ class IndexReader:
         classes: of the anchors.
         fine: per anchor, fine values of the attribute channels after this layer.
         grid: features of an anchor; none without a grid.
+        embedded: h of every anchor coded, in coding order, once they are read.
+        tables: of the first symbol of each stage, once they are read.
     """
 
     network: Network
@@ -443,6 +445,8 @@ class IndexReader:
     classes: Vector
     fine: Matrix
     grid: Callable[[int], Vector] | None
+    embedded: Matrix = field(default_factory=list)
+    tables: dict[int, Table] = field(default_factory=dict)
 
     def read(self, rans: Rans, index: Matrix, before: Vector, after: Vector) -> None:
         """Into index[a][stage], stages from 1."""
@@ -454,10 +458,14 @@ class IndexReader:
                 sums.add(a, self._row(index[a], a, stages))
         for part in self.context.passes([a for a in range(len(before)) if before[a] < after[a]]):
             h = {a: net.embedding(self._inputs(sums, a)) for a in part}
+            self.embedded += h.values()
             for stage in range(1, 9):
                 chosen = [a for a in part if before[a] < stage <= after[a]]
                 ys = [net.mixed(h[a], self._words(coders, index[a], stage)) for a in chosen]
+                rans.forget()
                 values = coders[min(stage - 1, 1)].read(rans, ys) if chosen else []
+                if rans.first:
+                    self.tables.setdefault(stage, rans.first)
                 for a, value in zip(chosen, values, strict=True):
                     index[a][stage] = value
             for a in part:

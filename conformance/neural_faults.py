@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from conformance.cases import Case, refused
 from conformance.files import blocks_of, changed, rebuilt, tile_parts, without
 from scarfmt.bytefields import unsigned_varint
 from scarfmt.codecs.network import pack_network, unpack_network
@@ -20,18 +21,29 @@ from scarfmt.schema import BlockKind, Stream
 from scarfmt.substreams import pack_substreams
 
 Fault = tuple[str, str, str, str, bytes]
+"""(name, what is wrong, rule, refusal id, file)."""
 _OCCUPANCY_TARGETS = bytes([2, 2, 40, 5])
 """passes_log2, target_count and targets of the vector `predictors`."""
 
 
-def neural_faults(files: dict[str, bytes]) -> Iterator[Fault]:
-    """(name, what is wrong, rule, refusal id, file) of every invalid vector."""
-    yield from _layer_faults(files["predictors"], files["predictors-alone"])
-    yield from _place_faults(files["index-grid"], files["index-flat"])
-    yield from _header_faults(files["index-two-level"])
-    yield from _bound_faults(files["index-edge"], files["index-equal"])
-    yield from _predictor_faults(files["predictors"], files["predictors-edge"])
-    yield from _grid_faults(files["index-grid-small"])
+def neural_faults(files: dict[str, bytes]) -> Iterator[Case]:
+    """Files that break a rule of §10, one each.
+
+    Args:
+        files: valid vectors by name.
+    """
+    for faults in (
+        _layer_faults(files["predictors"], files["predictors-alone"]),
+        _place_faults(files["index-grid"], files["index-flat"]),
+        _header_faults(files["index-two-level"]),
+        _bound_faults(files["index-edge"], files["index-equal"]),
+        _predictor_faults(files["predictors"], files["predictors-edge"]),
+        _grid_faults(files["index-grid-small"]),
+    ):
+        yield from (refused(*fault, stage="models") for fault in faults)
+    seal = changed(files["index-flat"], BlockKind.TILE, 1, _word_before_indices)
+    purpose = "INDICES in entropy mode 1 does not end in the empty state"
+    yield refused("neural-seal", purpose, "R-8.2-2", "rans-seal", seal)
 
 
 def _layer_faults(predictors: bytes, stageless: bytes) -> Iterator[Fault]:
@@ -65,8 +77,6 @@ def _place_faults(grid: bytes, flat: bytes) -> Iterator[Fault]:
     block = next(block for block in blocks_of(grid) if block.kind == kinds.HASH_GRID)
     yield ("grid-not-read", "the file has a HASH_GRID, the network no grid inputs", "R-10.5-6", "bad-network",
            rebuilt(flat, [*blocks_of(flat), block]))
-    yield ("neural-seal", "INDICES in entropy mode 1 does not end in the empty state", "R-8.2-2", "rans-seal",
-           changed(flat, kinds.TILE, 1, _word_before_indices))
 
 
 def _copied(data: bytes, kind: BlockKind) -> bytes:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from conformance.cases import Case, refused
 from conformance.files import blocks_of, changed
 from scarfmt.codecs.codebooks import pack_codebooks, unpack_codebooks
 from scarfmt.codecs.network import unpack_network
@@ -18,19 +19,20 @@ from scarfmt.schema import BlockKind
 
 I64 = NDArray[np.int64]
 Fault = tuple[str, str, str, str, bytes]
+"""(name, what is wrong, rule, refusal id, file)."""
 _RULE = "R-5.9-1", "bad-rice"
 _SHIFT_RULE = "R-5.9-2", "bad-rice"
+_ORDER = "R-5.9-3"
 
 
-def rice_faults(coded: bytes, equal: bytes) -> Iterator[Fault]:
-    """(name, what is wrong, rule, refusal id, file) of every invalid vector.
+def rice_faults(coded: bytes, equal: bytes) -> Iterator[Case]:
+    """Files with broken Rice codes.
 
     Args:
         coded: a file with a codebook in layer 1.
         equal: one whose network ends in biases of 0.
     """
-    yield from _codebook_faults(coded)
-    yield from _shift_faults(equal)
+    yield from (refused(*fault, stage="models") for fault in (*_codebook_faults(coded), *_shift_faults(equal)))
 
 
 def _codebook_faults(data: bytes) -> Iterator[Fault]:
@@ -54,12 +56,12 @@ def _codebook_faults(data: bytes) -> Iterator[Fault]:
     odd = next(k for k in range(1, 32) if max(mapped) >> k <= 8 and _fill(k * len(words)))
     yield "rice-fill-low", "a fill bit of 1 after the low bits", *_RULE, ending(_coded(mapped, odd, low_fill=1))
     yield "rice-wide", "a number of 33 bits", *_RULE, ending(_coded([1 << 32, *mapped[1:]], MAX_PARAMETER))
-    yield ("rice-ones", "bits 1 all through as many bytes as the quotients can take", *_RULE,
+    yield ("rice-ones", "bits 1 all through as many bytes as the quotients can take", _ORDER, "bad-rice",
            ending(b"\0" + b"\xff" * (32 * len(words))))
-    yield ("rice-ones-short", "as rice-ones, but one byte less: the payload ends first", "R-5.7-2", "payload-short",
+    yield ("rice-ones-short", "as rice-ones, but one byte less: the payload ends first", _ORDER, "payload-short",
            ending(b"\0" + b"\xff" * (32 * len(words) - 1)))
     # The last quotient is only half there; that the first is too large is not looked at before.
-    yield ("rice-short", "a quotient of 256, then the payload ends before the last zero", "R-5.7-2", "payload-short",
+    yield ("rice-short", "a quotient of 256, then the payload ends before the last zero", _ORDER, "payload-short",
            ending(_coded([MAX_QUOTIENT + 1, *[0] * (len(words) - 2), 8], 0)[:-1]))
 
 

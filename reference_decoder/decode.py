@@ -192,7 +192,7 @@ def decode(
     """
     with opened(source) as stream:
         request = _Request(stream, layers, tiles, box, attributes, limits, threads, allow_truncated, backend)
-        return _joined(request.parts(), request.empty, request.most_anchors)
+        return joined(request.parts(), request.empty, request.most_anchors)
 
 
 def iter_tiles(
@@ -292,38 +292,57 @@ class _Request:
                 yield part
 
     def _part(self, tile: int, content: TileContent) -> Decoded:
-        model = self.models.model
-        values: dict[Stream, F32] = {}
-        residuals: F64 | None = None
-        for index, channel in enumerate(model.channels):
-            if channel.stream not in self.streams:
-                continue
-            steps = model.steps(len(model.layers), index, content.classes)
-            if channel.stream == Stream.OFFSETS:
-                values[channel.stream] = offset_values(content.values[index], channel.step)
-            elif channel.stream == Stream.POSITION_RESIDUAL:
-                residuals = content.values[index] * cell_widths(channel.step, steps)
-            else:
-                values[channel.stream] = channel_values(content.values[index], channel.step, steps)
-        at = None
-        if "positions" in self.attributes:
-            at = self._positions(tile, content, residuals)
-        return Decoded(
-            self.reader.header.fields,
-            self.models,
-            self.attributes,
-            np.full(len(content), tile, np.int32),
-            content.classes.astype(np.uint8),
-            at,
-            values,
-            content.indices if "latents" in self.attributes else None,
-            content.slot_layers > 0,
-        )
+        return tile_part(self.reader, self.models, tile, content, self.attributes, self.streams)
 
-    def _positions(self, tile: int, content: TileContent, residuals: F64 | None) -> F64:
-        if not len(content):
-            return np.zeros((0, 3))
-        return positions(self.reader.lattice, self.reader.container.tiles[tile], content.codes, residuals)
+
+def tile_part(
+    reader: SceneReader,
+    models: SceneModels,
+    tile: int,
+    content: TileContent,
+    attributes: frozenset[str] = frozenset(ATTRIBUTES),
+    streams: frozenset[Stream] = ALL_STREAMS,
+) -> Decoded:
+    """The values of one tile, from its integers.
+
+    Args:
+        reader: of the file.
+        models: those it was read with.
+        tile: its number; any where it holds no anchors.
+        content: as the reader gives it.
+        attributes: names to give values of.
+        streams: the sub-streams that were read for them.
+    """
+    model = models.model
+    values: dict[Stream, F32] = {}
+    residuals: F64 | None = None
+    for index, channel in enumerate(model.channels):
+        if channel.stream not in streams:
+            continue
+        steps = model.steps(len(model.layers), index, content.classes)
+        if channel.stream == Stream.OFFSETS:
+            values[channel.stream] = offset_values(content.values[index], channel.step)
+        elif channel.stream == Stream.POSITION_RESIDUAL:
+            residuals = content.values[index] * cell_widths(channel.step, steps)
+        else:
+            values[channel.stream] = channel_values(content.values[index], channel.step, steps)
+    return Decoded(
+        reader.header.fields,
+        models,
+        attributes,
+        np.full(len(content), tile, np.int32),
+        content.classes.astype(np.uint8),
+        _positions(reader, tile, content, residuals) if "positions" in attributes else None,
+        values,
+        content.indices if "latents" in attributes else None,
+        content.slot_layers > 0,
+    )
+
+
+def _positions(reader: SceneReader, tile: int, content: TileContent, residuals: F64 | None) -> F64:
+    if not len(content):
+        return np.zeros((0, 3))
+    return positions(reader.lattice, reader.container.tiles[tile], content.codes, residuals)
 
 
 def _names(attributes: Collection[str] | None, with_positions: bool) -> frozenset[str]:
@@ -341,7 +360,7 @@ def _corners(box: Box) -> tuple[F64, F64]:
     return low, high
 
 
-def _joined(parts: Iterator[Decoded], empty: Decoded, count: int) -> Decoded:
+def joined(parts: Iterator[Decoded], empty: Decoded, count: int) -> Decoded:
     """All parts as one, in order.
 
     Args:

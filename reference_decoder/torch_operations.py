@@ -57,6 +57,10 @@ class TorchOperations:
     def lift(self, x: Numbers, amax: int) -> Tensor:
         return torch.as_tensor(x.astype(np.float32), device=self._device).clamp_(-amax, amax)
 
+    def lower(self, x: Tensor) -> NDArray[np.float32]:
+        lowered: NDArray[np.float32] = x.cpu().numpy()
+        return lowered
+
     def index(self, rows: Ints) -> Tensor:
         return torch.as_tensor(rows.astype(np.int64), device=self._device)
 

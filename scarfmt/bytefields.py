@@ -12,8 +12,12 @@ from numpy.typing import NDArray
 
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
 
+I64 = NDArray[np.int64]
+
 MAX_ZSTD_WINDOW = 8 << 20
 _ZSTD_LEVEL = 19
+# So few integers are read faster one by one.
+_FEW = 12
 
 
 def unsigned_varint(value: int) -> bytes:
@@ -75,6 +79,23 @@ class ByteReader:
         if value >> bits or (byte == 0 and shift > 7):
             raise Malformed("bad-varint", f"over-long integer or above {bits} bits (SPEC §5.7)", field=self._field)
         return value
+
+    def unsigned_array(self, bits: int, count: int) -> I64:
+        """(count,) int64: `count` times :meth:`unsigned`, all at once where they are many; `bits` at most 56."""
+        most = -(-bits // 7)
+        window = np.frombuffer(self.rest(count * most), np.uint8)
+        ends = np.flatnonzero(window < 0x80)[:count]
+        lengths = np.diff(ends, prepend=-1)
+        if count < _FEW or len(ends) < count or int(lengths.max()) > most:
+            return np.array([self.unsigned(bits) for _ in range(count)], np.int64)
+        values = np.zeros(count, np.int64)
+        for place in range(int(lengths.max())):
+            there = np.flatnonzero(lengths > place)
+            values[there] |= (window[ends[there] - lengths[there] + 1 + place] & 0x7F).astype(np.int64) << (7 * place)
+        if int(values.max()) >> bits or bool(((window[ends] == 0) & (lengths > 1)).any()):
+            return np.array([self.unsigned(bits) for _ in range(count)], np.int64)  # to refuse the first that is wrong
+        self.take(int(ends[-1]) + 1)
+        return values
 
     def signed(self, bits: int) -> int:
         """A zigzag LEB128 integer whose mapped value is below 2^bits."""

@@ -55,6 +55,12 @@ FREE_ANCHORS = 1 << 16
 FREE_SLOTS = 1 << 19
 """The same for Gaussian slots, which the anchor profile multiplies by."""
 
+FREE_CONTENT = 1 << 20
+"""Bytes that the Zstandard frames of any file may unfold to together."""
+
+FREE_WORK = 1 << 32
+"""Multiply-adds, or what takes as long, that any file may ask for: about a second."""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -70,6 +76,10 @@ class Limits:
         anchors_per_byte: anchors per byte of the whole file, beyond `FREE_ANCHORS`. Real scenes stay below 0.2; only
             made-up ones, such as a full cube of one colour, need more than 1.
         slots_per_byte: anchors times slots per byte of the whole file, beyond `FREE_SLOTS`. Real models: about 0.5.
+        content_per_byte: bytes of content of Zstandard frames per byte of the whole file, beyond `FREE_CONTENT`. Tables
+            shrink to a half or a third.
+        work_per_byte: multiply-adds of decoding, counted as in :mod:`scarfmt.work`, per byte of the whole file, beyond
+            `FREE_WORK`. Real scenes need up to 8,000.
         metadata_bytes: bytes of the METADATA block, when it is parsed.
     """
 
@@ -81,6 +91,8 @@ class Limits:
     block_bytes: int = 1 << 28
     anchors_per_byte: int = 1
     slots_per_byte: int = 8
+    content_per_byte: int = 8
+    work_per_byte: int = 1 << 15
     metadata_bytes: int = 1 << 20
 
 
@@ -92,6 +104,8 @@ FORMAT_LIMITS = Limits(
     block_bytes=MAX_BLOCK_BYTES,
     anchors_per_byte=MAX_ANCHORS_PER_TILE,
     slots_per_byte=MAX_ANCHORS_PER_TILE * MAX_SLOTS,
+    content_per_byte=MAX_FILE_LENGTH,
+    work_per_byte=MAX_FILE_LENGTH,
     metadata_bytes=MAX_METADATA_BYTES,
 )
 """The format's own maxima: what a writer must respect."""

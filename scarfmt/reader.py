@@ -34,6 +34,7 @@ from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.predictors import Predictor, check_predictors
+from scarfmt.observe import LayerObserver, Observe, ObservedReader
 from scarfmt.requirements import check_index_network, check_networks
 from scarfmt.schema import BlockKind, Profile, Stream
 from scarfmt.source import ByteSource
@@ -225,6 +226,7 @@ class SceneReader:
         tiles: Sequence[int] | None = None,
         streams: Collection[Stream] = ALL_STREAMS,
         threads: int = 1,
+        observe: Observe | None = None,
     ) -> Iterator[tuple[int, TileContent]]:
         """(tile index, content after the models' last layer) of each tile asked for, in that order.
 
@@ -233,11 +235,12 @@ class SceneReader:
             tiles: tile indices, None for all. Tiles without anchors are yielded empty.
             streams: attribute streams wanted; others are not read and their values stay 0.
             threads: tiles decoded side by side; the result does not depend on it.
+            observe: gives the observers of what is computed on the way.
 
         Raises:
             InvalidInput: ``input-tiles`` for an index the file does not have; at once, before anything is read.
         """
-        return self._decoded(models, self.check_tiles(tiles), frozenset(streams), threads)
+        return self._decoded(models, self.check_tiles(tiles), frozenset(streams), threads, observe)
 
     def check_tiles(self, tiles: Sequence[int] | None) -> list[int]:
         """`tiles` checked against the file; None means all.
@@ -252,14 +255,19 @@ class SceneReader:
         return chosen
 
     def _decoded(
-        self, models: SceneModels, tiles: list[int], streams: frozenset[Stream], threads: int
+        self,
+        models: SceneModels,
+        tiles: list[int],
+        streams: frozenset[Stream],
+        threads: int,
+        observe: Observe | None,
     ) -> Iterator[tuple[int, TileContent]]:
         neural = models.neural(self._operations)
         # A layer's predictors may look at what only earlier layers send: what is needed last is needed first.
         needed = streams | needed_streams(models.model, streams, neural[-1])
 
         def one(tile: int, blocks: TileBlocks) -> TileContent:
-            return self._tile(models, neural, tile, blocks, needed)
+            return self._tile(models, neural, tile, blocks, needed, observe)
 
         supply = zip(tiles, self._supply(models, tiles, streams), strict=True)
         if threads <= 1:
@@ -301,6 +309,7 @@ class SceneReader:
         tile: int,
         blocks: TileBlocks,
         streams: frozenset[Stream],
+        observe: Observe | None,
     ) -> TileContent:
         model = models.model
         frame = tile_frame(self.header.fields, self.container.tiles[tile])
@@ -314,8 +323,9 @@ class SceneReader:
             if entry is None and not known:
                 continue
             parts = self._substreams(entry, payload, model, streams) if entry else {}
-            here, opener = content.head(known), _opener(parts, tables)
-            decode = partial(get_layer, model, layer, frame, here, new, opener, streams, sizes, beside)
+            observer = observe(tile, layer) if observe is not None else None
+            here, opener = content.head(known), _opener(parts, tables, observer)
+            decode = partial(get_layer, model, layer, frame, here, new, opener, streams, sizes, beside, observer)
             if entry is None:
                 decode()
             else:
@@ -421,8 +431,12 @@ def _checked(entry: Entry, kind: Stream, part: Substream, data: bytes) -> bytes:
     return _placed(entry, lambda: check_substream(kind, part, data))
 
 
-def _opener(parts: dict[Stream, bytes], tables: dict[TableKey, SymbolTable]) -> Callable[[Stream], SymbolReader]:
-    return lambda stream: SymbolReader(parts.get(stream, b""), tables)
+def _opener(
+    parts: dict[Stream, bytes], tables: dict[TableKey, SymbolTable], observer: LayerObserver | None
+) -> Callable[[Stream], SymbolReader]:
+    if observer is None:
+        return lambda stream: SymbolReader(parts.get(stream, b""), tables)
+    return lambda stream: ObservedReader(parts.get(stream, b""), tables, stream, observer)
 
 
 def _tables_from(payload: bytes) -> dict[TableKey, SymbolTable]:

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint
-from scarfmt.errors import InvalidInput, Malformed, ScarError
+from scarfmt.errors import InvalidInput, Malformed
 from scarfmt.rans import MAX_ALPHABET, PRECISION, FrequencyTable, RansDecoder, RansEncoder, SymbolSource, uniform_table
 
 Values = NDArray[np.integer[Any]]
@@ -54,17 +54,20 @@ class SymbolTable:
 
     Attributes:
         alphabet: (n,) int64, strictly ascending values.
-        weights: (n,) int64, each >= 1.
-        table: the frequency table of the weights (SPEC §8.1).
+        weights: (n,) int64, each >= 1, their sum below 2^39.
     """
 
     alphabet: I64
     weights: I64
-    table: FrequencyTable
 
     @classmethod
     def from_weights(cls, alphabet: I64, weights: I64) -> SymbolTable:
-        return cls(alphabet, weights, FrequencyTable.from_weights(weights))
+        return cls(alphabet, weights)
+
+    @cached_property
+    def table(self) -> FrequencyTable:
+        """The frequency table of the weights (SPEC §8.1); made when something is coded with it."""
+        return FrequencyTable.from_weights(self.weights)
 
     def cost_of_counts(self, alphabet: I64, counts: I64) -> float:
         """Bits to code `counts` symbols of each value of `alphabet`; infinite if one is not codable."""
@@ -201,8 +204,8 @@ class SymbolReader:
         """The next `count` values of a uniform alphabet 0..size-1."""
         return self._rans.decode(cached_uniform(size), count).astype(np.int64)
 
-    def read_rows(self, weights: F64) -> I64:
-        """The next (n,) values, each with its own row of (n, k) `weights`: frequencies less 1 (SPEC §10.5)."""
+    def read_rows(self, weights: F64, stage: int) -> I64:
+        """The next (n,) values of a stage, each with its own row of (n, k) `weights`: f - 1 (SPEC §10.5)."""
         return self._rans.decode_rows(weights).astype(np.int64)
 
     def finish(self) -> None:
@@ -273,17 +276,15 @@ def _read_table(reader: ByteReader) -> SymbolTable:
     if size == 0:
         raise Malformed("bad-table", "a table needs at least one symbol (SPEC §8.3)", field="tables")
     first = reader.signed(33)
-    gaps = [reader.unsigned(32) + 1 for _ in range(size - 1)]
-    alphabet = first + np.concatenate(([0], np.cumsum(gaps))).astype(np.int64)
+    alphabet = np.full(size, first, np.int64)
+    alphabet[1:] += np.cumsum(reader.unsigned_array(32, size - 1) + 1)
     if abs(first) >= 1 << 31 or int(alphabet[-1]) >= 1 << 31:
         raise Malformed("bad-table", "alphabet values must fit 32 bits (SPEC §8.3)", field="tables")
-    weights = np.array([reader.unsigned(24) for _ in range(size)], dtype=np.int64)
+    weights = reader.unsigned_array(24, size)
     if int(weights.min()) < 1:
         raise Malformed("bad-table", "weights must be 1 or more (SPEC §8.3)", field="tables")
-    try:
-        return SymbolTable.from_weights(alphabet, weights)
-    except ScarError as error:
-        raise Malformed("bad-table", error.message, field="tables") from error
+    # Sums of weights so small need no further check.
+    return SymbolTable.from_weights(alphabet, weights)
 
 
 def by_context(contexts: Values) -> tuple[I64, list[tuple[int, int, int]]]:

@@ -25,6 +25,7 @@ from scarfmt.directory import TileFrame
 from scarfmt.model import SceneModel
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predicted import PredictedChannel, Predictors, PredictorSet
+from scarfmt.observe import LayerObserver
 from scarfmt.schema import Profile, Stream
 from scarfmt.symbols import Emitter, SymbolReader
 
@@ -194,12 +195,17 @@ def _at(values: I32, at: I64, steps: I64) -> I64:
 
 
 def _context(
-    model: SceneModel, frame: TileFrame, content: TileContent, predictors: PredictorSet, coder: IndexCoder | None
+    model: SceneModel,
+    frame: TileFrame,
+    content: TileContent,
+    predictors: PredictorSet,
+    coder: IndexCoder | None,
+    observer: LayerObserver | None = None,
 ) -> LayerContext | None:
     """The decoded context of a tile-layer, None where nothing looks at it."""
     if coder is None and not predictors:
         return None
-    return LayerContext(model, frame, content.codes, content.classes)
+    return LayerContext(model, frame, content.codes, content.classes, observer)
 
 
 def _predicted(
@@ -246,6 +252,7 @@ def get_layer(
     wanted: Collection[Stream],
     book_sizes: tuple[int, int],
     neural: NeuralModels = STATIC,
+    observer: LayerObserver | None = None,
 ) -> None:
     """Read one layer of one tile, in place: the inverse of :func:`put_layer`.
 
@@ -256,6 +263,7 @@ def get_layer(
         wanted: channel streams to decode (positions, classes and masks always are); others stay 0.
         book_sizes: codewords in the coarse and the residual codebook.
         neural: predictors and index network.
+        observer: told what they compute.
     """
     known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
     classes = content.classes
@@ -272,7 +280,7 @@ def get_layer(
         content.slot_layers[turned_on] = layer
     need = needed_streams(model, wanted, neural)
     coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
-    context = _context(model, frame, content, neural.sets, coder)
+    context = _context(model, frame, content, neural.sets, coder, observer)
     for index, channel in enumerate(model.channels):
         if channel.stream not in need:
             continue

@@ -171,6 +171,7 @@ class _Check:
         self._report = report
         self._last = result.layers_checked
         self._broken: list[Entry] = []
+        self._miscounted: list[ScarError] = []
         self._opening: Opening = ((), DecodedContext())
         self._tables: list[dict[TableKey, SymbolTable]] = [{} for _ in range(self._last)]
         self._used: list[set[TableKey]] = [set() for _ in range(self._last)]
@@ -178,11 +179,13 @@ class _Check:
         self._gaussians = np.zeros(self._last + 1, np.int64)
 
     def run(self) -> None:
-        """All checks; later ones leave out what earlier ones found broken."""
+        """All checks; later ones leave out what earlier ones found broken. Rules marked (V) come last (SPEC §12.2)."""
         self._check_blocks()
-        self._check_stream_bytes()
         models = list(self._models())
         complete = self._check_tiles(models)
+        for error in self._miscounted:
+            self._add(error)
+        self._check_stream_bytes()
         if complete and len(models) == self._last:
             self._check_gaussians()
             self._check_tables_used()
@@ -221,7 +224,8 @@ class _Check:
         count = self._element_count(entry, payload)
         if count is not None and count != entry.count:
             message = f"the block holds {count} elements, the directory says {entry.count}"
-            raise Malformed("entry-count", message, field=f"{block_name(entry)} count")
+            field = f"{block_name(entry)} count"
+            self._miscounted.append(Malformed("entry-count", message, offset=entry.offset, field=field))
 
     def _element_count(self, entry: Entry, payload: bytes) -> int | None:
         """Elements of a model block, parsed; None for kinds without a count."""

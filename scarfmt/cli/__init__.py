@@ -15,6 +15,7 @@ import click
 from scarfmt import __version__
 from scarfmt.cli.compare import compare
 from scarfmt.cli.completion import completion
+from scarfmt.cli.conformance import conformance
 from scarfmt.cli.decode import decode
 from scarfmt.cli.encode import encode
 from scarfmt.cli.failures import FailureGroup
@@ -46,7 +47,7 @@ def cli() -> None:
     """
 
 
-for _command in (encode, decode, inspect, truncate, validate, compare, render, completion):
+for _command in (encode, decode, inspect, truncate, validate, compare, render, conformance, completion):
     cli.add_command(_command)
 
 

@@ -26,6 +26,7 @@ ARGUMENT_REFUSALS = frozenset(
         "input-frame",
         "input-layers",
         "input-options",
+        "input-suite",
         "input-tiles",
         "output-exists",
         "output-path",

@@ -85,7 +85,7 @@ def get_neural_indices(
     """Read stages before+1..after into `indices`, (n, stages) int16, in place; the rest as for the emitter."""
 
     def get(stage: int, anchors: I64, mixed: Any) -> I64:
-        chosen = _get_symbols(reader, coder, int(stage > 1), mixed, len(anchors))
+        chosen = _get_symbols(reader, coder, stage, mixed, len(anchors))
         indices[anchors, stage - 1] = chosen
         return chosen
 
@@ -144,9 +144,10 @@ def _code_pass(
     exchange: Exchange,
 ) -> None:
     """All stages of the anchors of one pass; the recurrent state runs over stages received earlier, too."""
-    evaluator = coder.evaluator
+    evaluator, observer = coder.evaluator, around.context.observer
     before, after = stages
-    embedded = evaluator.embed(embedding_inputs(coder, around, part))
+    watch = None if observer is None else observer.embedding
+    embedded = evaluator.embed(embedding_inputs(coder, around, part), watch)
     state = evaluator.start(len(part))
     for stage in range(1, int(after.max(initial=0)) + 1):
         coded = np.flatnonzero((before < stage) & (after >= stage))
@@ -198,14 +199,15 @@ def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: Any, sym
         emitter.emit_rows(block.weights, members[block.rows])
 
 
-def _get_symbols(reader: SymbolReader, coder: IndexCoder, book: int, mixed: Any, count: int) -> I64:
-    head, evaluator = coder.network.heads[book], coder.evaluator
+def _get_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any, count: int) -> I64:
+    book, evaluator = int(stage > 1), coder.evaluator
+    head = coder.network.heads[book]
     first = np.empty(count, np.int64)
     for block in evaluator.first_blocks(book, mixed):
-        first[block.rows] = reader.read_rows(block.weights)
+        first[block.rows] = reader.read_rows(block.weights, stage)
     if not head.two_level:
         return first
     out: I64 = head.starts[first]
     for block in evaluator.member_blocks(book, mixed, first):
-        out[block.rows] += reader.read_rows(block.weights)
+        out[block.rows] += reader.read_rows(block.weights, stage)
     return out

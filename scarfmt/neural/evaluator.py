@@ -7,7 +7,7 @@ and every state after the first token) is a table made once; rounding shifts are
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +21,7 @@ from scarfmt.neural.operations import NUMPY, Array, Operations
 from scarfmt.neural.parts import GATES, Attending, Logits, Predicting, Recurrence, Rounded
 from scarfmt.neural.tables import exp2_table
 
+F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 Ints = NDArray[np.integer[Any]]
@@ -108,19 +109,22 @@ class Evaluator:
         step = max(1, min(self._do.chunk, self._do.elements // columns))
         return (slice(first, min(first + step, count)) for first in range(0, count, step))
 
-    def embed(self, x: Numbers) -> Array:
+    def embed(self, x: Numbers, observe: Callable[[F32], None] | None = None) -> Array:
         """What the network keeps of the decoded context of n anchors: (n, Y), or (n, Y + H) with attention.
 
         The columns are h's share of the mixer and the query; rows may be selected by indexing.
 
         Args:
             x: (n, width) integers of any dtype, the columns of SPEC §10.5; clamped here.
+            observe: shown the embeddings h, (m, H), in order.
         """
         width = self._mix_embedding.shape[1]
         queries = 0 if self._attend is None else self._mix_embedding.shape[0]
         out = self._do.empty(len(x), width + queries)
         for part in self._chunks(len(x), x.shape[1]):
             h = self._embed[1](self._embed[0](self._do.lift(x[part], self._amax)))
+            if observe is not None:
+                observe(self._do.lower(h))
             out[part, :width] = self._do.product(h, self._mix_embedding)
             out[part, :width] += self._mix_biases
             if self._attend is not None:

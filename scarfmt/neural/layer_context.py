@@ -14,6 +14,7 @@ from scarfmt.directory import TileFrame
 from scarfmt.model import SceneModel
 from scarfmt.morton import deinterleave
 from scarfmt.neural.context import CellMeans, depth_shifts, fine, passes
+from scarfmt.observe import LayerObserver
 
 I64 = NDArray[np.int64]
 U64 = NDArray[np.uint64]
@@ -28,11 +29,20 @@ class LayerContext:
         frame: the tile's.
         codes: (n,) uint64 local Morton codes.
         classes: (n,) int64.
+        observer: of the tile-layer, if there is one.
     """
 
-    def __init__(self, model: SceneModel, frame: TileFrame, codes: U64, classes: I64) -> None:
+    def __init__(
+        self,
+        model: SceneModel,
+        frame: TileFrame,
+        codes: U64,
+        classes: I64,
+        observer: LayerObserver | None = None,
+    ) -> None:
         self.model = model
         self.classes = classes
+        self.observer = observer
         self._frame = frame
         self._codes = codes
         # Rows of `cells` are anchors by (code, index).
@@ -66,6 +76,10 @@ class LayerContext:
 
     def lattice_positions(self, anchors: I64) -> I64:
         """(m, 3) int64 lattice coordinates of the cell centres of some anchors (SPEC §10.6)."""
-        shift = self._frame.shift
-        local = deinterleave(self._codes[anchors]).astype(np.int64)
-        return np.asarray(np.array(self._frame.corner, np.int64) + (local << shift) + ((1 << shift) >> 1))
+        return cell_centres(self._frame, self._codes[anchors])
+
+
+def cell_centres(frame: TileFrame, codes: U64) -> I64:
+    """(n, 3) int64 lattice coordinates of the centres of the cells with (n,) local `codes` (SPEC §10.6)."""
+    local = deinterleave(codes).astype(np.int64)
+    return np.asarray(np.array(frame.corner, np.int64) + (local << frame.shift) + ((1 << frame.shift) >> 1))

@@ -46,6 +46,9 @@ class Operations(Protocol):
     def lift(self, x: Numbers, amax: int) -> Array:
         """Integers (n, k), clamped to -amax..amax."""
 
+    def lower(self, x: Array) -> F32:
+        """A NumPy array of `x`, for a look at it: it may share its memory."""
+
     def index(self, rows: Ints) -> Array:
         """Row numbers (n,), to be used by :meth:`take`."""
 
@@ -107,6 +110,9 @@ class NumpyOperations:
     def lift(self, x: Numbers, amax: int) -> F32:
         out = x.astype(np.float32)
         return np.clip(out, -amax, amax, out=out)
+
+    def lower(self, x: F32) -> F32:
+        return x
 
     def index(self, rows: Ints) -> NDArray[np.intp]:
         return rows.astype(np.intp, copy=False)

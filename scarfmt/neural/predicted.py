@@ -114,6 +114,12 @@ class PredictedChannel:
         predictor = self._predictors.step(self._stream, self._step).get(component)
         if predictor is None:
             return None
+        found = self._evaluated(component, predictor)
+        if self._context.observer is not None:
+            self._context.observer.contexts(self._stream, component, self._step, found)
+        return found
+
+    def _evaluated(self, component: int, predictor: Contexts) -> I64:
         assert self._inputs is not None
         depths = len(self._context.model.context.occupancies)
         groups = self._predictors.groups(self._stream, self._step, self._values.shape[1], depths)

@@ -1,0 +1,219 @@
+/** FILE_HEADER and LAYER_SUMMARY (SPEC §5.1 to §5.3). */
+
+import { MAX_LAYERS, PROFILE } from "./constants.js";
+import { crc32 } from "./crc32.js";
+import { Refused, require } from "./errors.js";
+
+/**
+ * @typedef {import("./constants.js").Limits} Limits
+ * @typedef {import("./source.js").Source} Source
+ * @typedef {{signature: Uint8Array, major: number, minor: number, version_reserved: number, header_length: number,
+ *   file_length: number, profile: number, sh_degree: number, layer_count: number, slots: number,
+ *   lattice_bits: number, coordinate_frame: number, colour_space: number, reserved: number, tile_count: number,
+ *   entry_count: number, anchor_count: number, gaussian_count: number, origin: number[], voxel: number,
+ *   source_count: number, directory_crc32: number, header_crc32: number}} Header
+ * @typedef {{anchor_count: number, gaussian_count: number, byte_count: number, end_offset: number,
+ *   stream_bytes: number[]}} Summary
+ */
+
+const SIGNATURE = [0x89, 0x53, 0x43, 0x41, 0x52, 0x0d, 0x0a, 0x1a, 0x0a];
+const NAME = [0x53, 0x43, 0x41, 0x52];
+const FIXED = 100;
+const SUMMARY = 136;
+const CHECKSUM = 4;
+const MAX_INTEGER = 2n ** 53n - 1n;
+
+/** Bytes of one TILE_RECORD and one DIRECTORY_ENTRY. */
+export const RECORD_BYTES = Object.freeze({ tile: 12, entry: 32 });
+
+/**
+ * Rules R-5.1-1 to R-5.3-8 in their order.
+ * @param {Source} source
+ * @param {Limits} limits
+ * @param {boolean} allowTruncated accept a source shorter than the file (R-5.3-8)
+ * @returns {{header: Header, layers: Summary[]}}
+ */
+export function readHeader(source, limits, allowTruncated) {
+  checkSignature(source.read(0, Math.min(11, source.length)));
+  require(source.length >= 16, "truncated-header", "less than 16 bytes", source.length);
+  const length = view(source.read(12, 4)).getUint32(0, true);
+  const declared = (length - FIXED - CHECKSUM) / SUMMARY;
+  const possible = Number.isInteger(declared) && declared >= 1 && declared <= MAX_LAYERS;
+  require(possible, "bad-header-length", `header length ${length}`, 12);
+  require(source.length >= length, "truncated-header", `less than the ${length} bytes of the header`, source.length);
+  const bytes = source.read(0, length);
+  const data = view(bytes);
+  const stored = data.getUint32(length - CHECKSUM, true);
+  require(stored === crc32(bytes.subarray(0, length - CHECKSUM)), "header-crc-mismatch", "header CRC", length - 4);
+  const raw = rawHeader(bytes, data, length);
+  checkHeader(raw, limits);
+  const layers = checkSummaries(data, raw);
+  checkFileLength(raw, layers, source.length, allowTruncated);
+  const numbers = Object.fromEntries(
+    Object.entries(raw).map(([name, value]) => [name, typeof value === "bigint" ? Number(value) : value]),
+  );
+  return { header: /** @type {Header} */ (numbers), layers: layers.map(summaryNumbers) };
+}
+
+/** @param {Uint8Array} bytes */
+function view(bytes) {
+  return new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+}
+
+/** R-5.1-1, R-5.1-2. @param {Uint8Array} start up to 11 bytes */
+function checkSignature(start) {
+  const agree = SIGNATURE.slice(0, start.length).every((byte, i) => start[i] === byte);
+  if (!agree) {
+    const named = [0, 1, 2, 3, 4].some((at) => NAME.every((byte, i) => start[at + i] === byte));
+    throw new Refused(named ? "damaged-signature" : "bad-signature", "not the signature of a .scar file", 0);
+  }
+  require(start.length >= 11, "truncated-header", "the version is cut", start.length);
+  require(start[9] === 0 && start[10] === 1, "unsupported-version", `version ${start[9]}.${start[10]}`, 9);
+}
+
+/**
+ * @param {Uint8Array} bytes
+ * @param {DataView} data
+ * @param {number} length of the header
+ */
+function rawHeader(bytes, data, length) {
+  const u64 = (/** @type {number} */ at) => data.getBigUint64(at, true);
+  return {
+    signature: bytes.slice(0, 9),
+    major: bytes[9],
+    minor: bytes[10],
+    version_reserved: bytes[11],
+    header_length: length,
+    file_length: u64(16),
+    profile: bytes[24],
+    sh_degree: bytes[25],
+    layer_count: bytes[26],
+    slots: bytes[27],
+    lattice_bits: bytes[28],
+    coordinate_frame: bytes[29],
+    colour_space: bytes[30],
+    reserved: bytes[31],
+    tile_count: data.getUint32(32, true),
+    entry_count: data.getUint32(36, true),
+    anchor_count: u64(40),
+    gaussian_count: u64(48),
+    origin: [56, 64, 72].map((at) => data.getFloat64(at, true)),
+    voxel: data.getFloat64(80, true),
+    source_count: u64(88),
+    directory_crc32: data.getUint32(96, true),
+    header_crc32: data.getUint32(length - CHECKSUM, true),
+  };
+}
+
+/**
+ * R-5.2-5 to R-5.2-19.
+ * @param {ReturnType<typeof rawHeader>} h
+ * @param {Limits} limits
+ */
+function checkHeader(h, limits) {
+  const anchor = h.profile === PROFILE.ANCHOR;
+  require(h.version_reserved === 0, "bad-reserved", "version_reserved is not 0", 11);
+  require(h.file_length <= MAX_INTEGER, "bad-file-length", `file length ${h.file_length}`, 16);
+  require(h.profile <= 1, "bad-profile", `profile ${h.profile}`, 24);
+  require(h.sh_degree <= (anchor ? 0 : 3), "bad-sh-degree", `degree ${h.sh_degree}`, 25);
+  const implied = FIXED + CHECKSUM + SUMMARY * h.layer_count;
+  require(implied === h.header_length, "bad-layer-count", `${h.layer_count} layers`, 26);
+  require(h.slots >= 1 && h.slots <= (anchor ? 32 : 1), "bad-slots", `${h.slots} slots`, 27);
+  require(h.lattice_bits >= 1 && h.lattice_bits <= 32, "bad-lattice-bits", `${h.lattice_bits} lattice bits`, 28);
+  require(h.coordinate_frame <= 2, "bad-coordinate-frame", `coordinate frame ${h.coordinate_frame}`, 29);
+  require(h.colour_space <= 2, "bad-colour-space", `colour space ${h.colour_space}`, 30);
+  require(h.reserved === 0, "bad-reserved", "reserved is not 0", 31);
+  require(h.origin.every(Number.isFinite), "bad-origin", `origin ${h.origin}`, 56);
+  require(Number.isFinite(h.voxel) && h.voxel > 0, "bad-voxel", `voxel ${h.voxel}`, 80);
+  const reach = Math.max(...h.origin.map(Math.abs)) + h.voxel * 2 ** (h.lattice_bits + 1);
+  require(Number.isFinite(reach), "bad-voxel", `positions reach ${reach}`, 80);
+  require(h.source_count <= MAX_INTEGER, "bad-source-count", `source count ${h.source_count}`, 88);
+  require(h.tile_count <= limits.tiles, "limit-tiles", `${h.tile_count} tiles`, 32);
+  require(h.entry_count <= limits.entries, "limit-entries", `${h.entry_count} entries`, 36);
+  require(h.anchor_count <= limits.anchors, "limit-anchors", `${h.anchor_count} anchors`, 40);
+  require(h.gaussian_count <= limits.gaussians, "limit-gaussians", `${h.gaussian_count} Gaussians`, 48);
+  const anchors = Number(h.anchor_count);
+  const length = Number(h.file_length);
+  const expands = anchors > 2 ** 16 + limits.anchors_per_byte * length;
+  const slotsExpand = anchors * h.slots > 2 ** 19 + limits.slots_per_byte * length;
+  require(!expands && !slotsExpand, "limit-expansion", `${anchors} anchors of ${h.slots} slots`, 40);
+}
+
+/**
+ * @param {DataView} data
+ * @param {number} at
+ */
+function rawSummary(data, at) {
+  const u64 = (/** @type {number} */ i) => data.getBigUint64(at + 8 * i, true);
+  return {
+    anchor_count: u64(0),
+    gaussian_count: u64(1),
+    byte_count: u64(2),
+    end_offset: u64(3),
+    stream_bytes: Array.from({ length: 13 }, (_, i) => u64(4 + i)),
+  };
+}
+
+/** @typedef {ReturnType<typeof rawSummary>} RawSummary */
+
+/** @param {RawSummary} raw @returns {Summary} */
+function summaryNumbers(raw) {
+  return {
+    anchor_count: Number(raw.anchor_count),
+    gaussian_count: Number(raw.gaussian_count),
+    byte_count: Number(raw.byte_count),
+    end_offset: Number(raw.end_offset),
+    stream_bytes: raw.stream_bytes.map(Number),
+  };
+}
+
+/**
+ * R-5.3-1 to R-5.3-5.
+ * @param {DataView} data
+ * @param {ReturnType<typeof rawHeader>} h
+ * @returns {RawSummary[]}
+ */
+function checkSummaries(data, h) {
+  let end = BigInt(directoryEnd(h));
+  let anchors = 0n;
+  let gaussians = 0n;
+  /** @type {RawSummary[]} */
+  const layers = [];
+  for (let i = 0; i < h.layer_count; i++) {
+    const at = FIXED + SUMMARY * i;
+    const s = rawSummary(data, at);
+    const grows = s.anchor_count >= anchors && s.gaussian_count >= gaussians;
+    require(grows, "layer-counts", `layer ${i + 1} has fewer anchors or Gaussians than the one before`, at);
+    const most = s.anchor_count * BigInt(h.slots);
+    const fits = h.profile === PROFILE.EXPLICIT ? s.gaussian_count === most : s.gaussian_count <= most;
+    require(fits, "layer-counts", `layer ${i + 1} has ${s.gaussian_count} Gaussians`, at + 8);
+    const sum = s.stream_bytes.reduce((a, b) => a + b, 0n);
+    require(sum === s.byte_count, "layer-bytes", `stream bytes of layer ${i + 1}`, at + 32);
+    end += s.byte_count;
+    require(s.end_offset === end, "layer-offset", `end of layer ${i + 1}`, at + 24);
+    ({ anchor_count: anchors, gaussian_count: gaussians } = s);
+    layers.push(s);
+  }
+  const agree = h.anchor_count === anchors && h.gaussian_count === gaussians;
+  require(agree, "layer-counts", "the counts of the header are not those of the last layer", 40);
+  return layers;
+}
+
+/**
+ * R-5.3-6 to R-5.3-8.
+ * @param {ReturnType<typeof rawHeader>} h
+ * @param {RawSummary[]} layers
+ * @param {number} length of the source
+ * @param {boolean} allowTruncated
+ */
+function checkFileLength(h, layers, length, allowTruncated) {
+  const end = layers[layers.length - 1].end_offset;
+  require(h.file_length === end, "bad-file-length", `file length ${h.file_length}, layers end at ${end}`, 16);
+  require(length <= h.file_length, "trailing-bytes", "bytes after the end of the file", Number(end));
+  require(allowTruncated || length >= h.file_length, "truncated-file", `${length} bytes of ${end}`, length);
+}
+
+/** @param {{header_length: number, tile_count: number, entry_count: number}} header @returns {number} */
+export function directoryEnd(header) {
+  return header.header_length + RECORD_BYTES.tile * header.tile_count + RECORD_BYTES.entry * header.entry_count;
+}

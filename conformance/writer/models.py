@@ -1,0 +1,70 @@
+"""LAYER, CODEBOOKS, DECODER_MLP and SCENE_MLP blocks (SPEC §7.8, §7.9, §7.11)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from conformance.writer.fields import RiceStyle, rice, svarint, varint
+from scarfmt.codecs.mlp import Linear, Network
+from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
+
+Ints = NDArray[np.integer[Any]]
+
+
+def layer_block(model: SceneModel, layer: int) -> bytes:
+    """The LAYER block of a layer (1-based)."""
+    row = model.layers[layer - 1]
+    opening = _opening(model) if layer == 1 else b""
+    return bytes([row.neural]) + opening + _classes(row)
+
+
+def _opening(model: SceneModel) -> bytes:
+    targets = model.context.occupancies
+    parts = [varint(len(model.channels)), *map(_channel, model.channels), bytes([model.context.passes_log2])]
+    return b"".join([*parts, varint(len(targets)), *map(varint, targets)])
+
+
+def _channel(channel: Channel) -> bytes:
+    rules = (struct.pack("<d", step) + _rule(rule) for step, rule in zip(channel.step, channel.rules, strict=True))
+    return bytes([channel.stream, len(channel.rules)]) + b"".join(rules)
+
+
+def _rule(rule: ContextRule) -> bytes:
+    return bytes([rule.by_class, rule.source_channel, rule.source_component, rule.shift]) + svarint(rule.low)
+
+
+def _classes(row: LayerRow) -> bytes:
+    states = (bytes([stages, *steps]) for stages, steps in zip(row.stages, row.steps, strict=True))
+    return varint(len(row.stages)) + b"".join(states)
+
+
+def codebooks_block(books: Mapping[int, Ints], style: RiceStyle) -> bytes:
+    """A CODEBOOKS block of (size, d) codewords by number of the book."""
+    dimension = max(book.shape[1] for book in books.values())
+    out = [varint(dimension), varint(len(books))]
+    for number, book in sorted(books.items()):
+        out += [bytes([number]), varint(len(book)), *(rice(column, style) for column in book.T.tolist())]
+    return b"".join(out)
+
+
+def networks_content(networks: Sequence[Network], *, wide: bool) -> bytes:
+    """The content of a DECODER_MLP or SCENE_MLP block; `wide`: two bytes a weight always."""
+    return varint(len(networks)) + b"".join(_network(network, wide) for network in networks)
+
+
+def _network(network: Network, wide: bool) -> bytes:
+    return varint(len(network.layers)) + b"".join(_linear(layer, wide) for layer in network.layers)
+
+
+def _linear(layer: Linear, wide: bool) -> bytes:
+    rows, columns = layer.weights.shape
+    weights = [int(weight) for weight in layer.weights.ravel()]
+    width = 2 if wide or min(weights) < -128 or max(weights) > 127 else 1
+    packed = struct.pack(f"<{len(weights)}{'bh'[width - 1]}", *weights)
+    scales, biases = (struct.pack(f"<{rows}f", *numbers) for numbers in (layer.scales, layer.biases))
+    return b"".join([varint(rows), varint(columns), bytes([width]), packed, scales, biases])

@@ -1,0 +1,76 @@
+"""What a file may be like that SPEC.md leaves to the encoder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+from conformance.writer.entropy import Tables
+from conformance.writer.fields import RiceStyle
+from conformance.writer.frames import Frame, FrameStyle
+from scarfmt.container import Block
+from scarfmt.schema import BlockKind
+
+
+class Weights(Enum):
+    """The weights of tables made from the symbols of a layer; with more than one symbol they change every stream."""
+
+    COUNTS = "counts"
+    """How often each value occurs; scaled up where none occurs 7 times, see :mod:`conformance.writer.tables`."""
+    UNIFORM = "uniform"
+    """All 1."""
+    REVERSED = "reversed"
+    """The counts in reverse order."""
+    STEEP = "steep"
+    """2^24 - 1 for the last value, 1 for all others: frequencies of 1."""
+
+
+class Renewal(Enum):
+    """When a layer sends a table for symbols it codes, where one of an earlier layer is in force."""
+
+    NEEDED = "needed"
+    """When that one lacks a value."""
+    ALWAYS = "always"
+    """A new one, of this layer's symbols."""
+    REPEATED = "repeated"
+    """As NEEDED; besides, all that are in force are sent again, unchanged."""
+
+
+@dataclass(frozen=True)
+class WriteOptions:
+    """The default is a plain file: raw frames, tables of the values that occur, nothing that codes nothing.
+
+    Attributes:
+        frames: what makes the Zstandard frame of TABLES, DECODER_MLP or SCENE_MLP blocks: a :class:`FrameStyle` or any
+            other function; raw by default.
+        rice: how Rice codes are chosen.
+        fitted: whether tables are made from the symbols.
+        tables: by layer; tables sent besides, and in place of those made from the symbols.
+        weights, unused: of the tables made from the symbols: their weights; values added to each alphabet.
+        renewal: when later layers send tables.
+        empty_tiles: whether there is a TILE block for every tile and layer, also of neither anchors nor records.
+        wide_weights: whether the weights of DECODER_MLP and SCENE_MLP take two bytes even where one would do.
+        class_columns: class columns that predictors store at least, also without weights; 0..15.
+        grid_ones: `ones` of every level of the hash grid; None: the share of bits that are 1.
+        metadata: bytes of the METADATA block; None: the scene's, as R-7.10-2 recommends, or no block.
+        blocks: further blocks.
+    """
+
+    frames: Mapping[BlockKind, Frame] = field(default_factory=dict)
+    rice: RiceStyle = field(default_factory=RiceStyle)
+    fitted: bool = True
+    tables: Mapping[int, Tables] = field(default_factory=dict)
+    weights: Weights = Weights.COUNTS
+    unused: tuple[int, ...] = ()
+    renewal: Renewal = Renewal.NEEDED
+    empty_tiles: bool = False
+    wide_weights: bool = False
+    class_columns: int = 0
+    grid_ones: int | None = None
+    metadata: bytes | None = None
+    blocks: tuple[Block, ...] = ()
+
+    def frame(self, kind: BlockKind, content: bytes) -> bytes:
+        """The Zstandard frame of a block."""
+        return self.frames.get(kind, FrameStyle())(content)

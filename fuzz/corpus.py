@@ -1,0 +1,52 @@
+"""The files that are mutated: conformance vectors and tiny scenes, small ones more often."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+from scarfmt.schema import Profile
+from scarfmt.testing.neural_scenes import neural_scene
+from scarfmt.testing.parts import is_file, take_apart
+from scarfmt.testing.scenes import random_scene
+from scarfmt.writer import write_scene
+
+VECTORS = Path(__file__).resolve().parents[1] / "conformance" / "vectors"
+MAX_BYTES = 20_000
+
+
+@dataclass(frozen=True)
+class Seed:
+    """A file to be mutated: its id, bytes and whether its parts can be taken (a damaged vector's cannot always)."""
+
+    name: str
+    data: bytes
+
+
+def vectors() -> list[Seed]:
+    """Conformance vectors of every class, except those that are cut inside their tables."""
+    found = []
+    for path in sorted(VECTORS.rglob("input.scar")):
+        data = path.read_bytes()
+        if len(data) <= MAX_BYTES and is_file(data):
+            found.append(Seed(str(path.parent.relative_to(VECTORS)), data))
+    return found
+
+
+def encoded() -> list[Seed]:
+    """Tiny random scenes of both profiles, with and without networks."""
+    found = []
+    for profile in Profile:
+        for seed, anchors, layers, tiles in ((1, 3, 1, 1), (2, 6, 2, 2), (3, 20, 3, 2), (4, 60, 2, 1), (5, 0, 2, 3)):
+            scene = random_scene(seed, profile, anchors=anchors, layers=layers, tiles=tiles)
+            found.append(Seed(f"scene-{profile.name.lower()}-{seed}", write_scene(scene)))
+            neural = neural_scene(seed, profile, anchors=anchors, layers=layers, tiles=tiles)
+            found.append(Seed(f"neural-{profile.name.lower()}-{seed}", write_scene(neural)))
+    return found
+
+
+def corpus() -> list[Seed]:
+    """All files to mutate, always in the same order."""
+    return vectors() + encoded()

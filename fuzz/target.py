@@ -1,0 +1,51 @@
+"""What is fuzzed: everything a caller can make of untrusted bytes. Only ScarError may come out."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+from reference_decoder.anchors import gaussians
+from reference_decoder.decode import decode
+from scarfmt.errors import ScarError
+from scarfmt.inspection import read_metadata
+from scarfmt.container import Container
+from scarfmt.scene import AnchorModel
+from scarfmt.source import BytesSource
+from scarfmt.truncate import truncate
+from scarfmt.validate import validate
+
+MAX_DRAWN = 2000
+"""Anchors of which Gaussians are made for a camera, too."""
+
+
+def decoded(data: bytes) -> str:
+    """Decode all layers to arrays and reconstruct what they stand for; the refusal id, or ``""``."""
+    try:
+        result = decode(data)
+        scene = result.scene
+        assert len(scene) == len(result)
+        if isinstance(scene, AnchorModel) and len(scene) <= MAX_DRAWN:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)
+                gaussians(scene, np.zeros(3))
+        read_metadata(Container.open(BytesSource(data)))
+    except ScarError as error:
+        return error.refusal
+    return ""
+
+
+def validated(data: bytes) -> str:
+    """The first error that validation finds, or ``""``."""
+    result = validate(BytesSource(data))
+    return "" if result.valid else next(f.refusal for f in result.findings if f.severity == "error")
+
+
+def truncated(data: bytes) -> str:
+    """Keep the first layer; the refusal id, or ``""``."""
+    try:
+        truncate(BytesSource(data), 1)
+    except ScarError as error:
+        return error.refusal
+    return ""

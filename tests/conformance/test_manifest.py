@@ -1,0 +1,161 @@
+"""Manifest, schemas and files of the vectors: they agree with one another and with the generator."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator, ValidationError
+
+from conformance.features import RULES
+from conformance.generate import ROOT, VECTORS, generated, same, vector_files
+from conformance.schemas import CLASSES
+from conformance.stages import EXACT
+from conformance.valid_cases import valid_cases
+from tests.conformance.vector_files import FOLDERS, expectation_of, manifest, name_of
+
+MOST_BYTES = 10_000_000
+SAMPLE = {"worked", "valid/explicit-refined", "valid/index-modes", "valid/anchors-neural", "edge/no-anchors"}
+
+
+def validator(name: str) -> Draft202012Validator:
+    schema = json.loads((ROOT / name).read_text())
+    Draft202012Validator.check_schema(schema)
+    return Draft202012Validator(schema)
+
+
+def test_the_manifest_keeps_its_schema() -> None:
+    """And the schema is one."""
+    validator("manifest.schema.json").validate(manifest())
+
+
+def test_every_expectation_keeps_its_schema() -> None:
+    """And its id is that of its folder."""
+    schema = validator("expect.schema.json")
+    for folder in FOLDERS:
+        expect = expectation_of(folder)
+        schema.validate(expect)
+        assert expect["id"] == name_of(folder)
+
+
+def _set(*path: str | int, value: Any) -> Callable[[Any], None]:
+    def change(expect: Any) -> None:
+        for step in path[:-1]:
+            expect = expect[step]
+        expect[path[-1]] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        _set("comment", value="unknown key"),
+        _set("id", value="valid/../worked"),
+        _set("file", "sha256", value="AB" * 32),
+        _set("rules", value=["5.1-1"]),
+        _set("result", value="refused"),
+        _set("refusal", value="bad-zstd"),
+        _set("layers", value=[]),
+        _set("layers", 0, "stages", "values", "arrays", value={"v.SCALE": {}}),
+        _set("layers", 0, "stages", "indices", "arrays", "index", "sha256", value=""),
+        _set("layers", 1, "stages", "container", "container", "header", "minor", value=1),
+        _set("layers", 1, "stages", "activated", "arrays", "sh", "reference", value="../../README.md"),
+    ],
+)
+def test_the_schema_of_expectations_is_tight(change: Callable[[Any], None]) -> None:
+    """Each of these would mislead a runner."""
+    expect = expectation_of(VECTORS / "worked")
+    schema = validator("expect.schema.json")
+    changed = copy.deepcopy(expect)
+    change(changed)
+    assert changed != expect
+    with pytest.raises(ValidationError):
+        schema.validate(changed)
+
+
+def test_the_manifest_agrees_with_the_files() -> None:
+    """Every vector, once, sorted; bytes, hash and what its expectation says."""
+    rows = manifest()["vectors"]
+    ids = [row["id"] for row in rows]
+    assert ids == sorted(set(ids)) == sorted(map(name_of, FOLDERS))
+    for row in rows:
+        data, expect = (ROOT / row["file"]).read_bytes(), json.loads((ROOT / row["expect"]).read_text())
+        assert (row["bytes"], row["sha256"]) == (len(data), hashlib.sha256(data).hexdigest())
+        assert expect["file"] == {"bytes": row["bytes"], "sha256": row["sha256"]}
+        assert row["layers"] == len(expect.get("layers", []))
+        for name in ("id", "class", "profile", "features", "rules", "result", "refusal", "refusals"):
+            assert row.get(name) == expect.get(name)
+
+
+def test_there_are_vectors_of_every_class_and_not_too_many_bytes() -> None:
+    counts = Counter(row["class"] for row in manifest()["vectors"])
+    assert set(counts) == set(CLASSES)
+    assert sum(counts.values()) >= 150
+    assert sum(path.stat().st_size for path in VECTORS.rglob("*") if path.is_file()) < MOST_BYTES
+
+
+def test_layers_are_pinned_from_the_first_on() -> None:
+    """Cumulative after every layer; the container and activated values with the last only."""
+    for folder in FOLDERS:
+        layers = expectation_of(folder).get("layers", [])
+        assert [layer["layer"] for layer in layers] == list(range(1, len(layers) + 1))
+        for layer in layers:
+            assert ("container" in layer["stages"]) == (layer is layers[-1])
+            assert "activated" not in layer["stages"] or layer is layers[-1]
+
+
+def test_the_generator_makes_the_same_bytes_twice() -> None:
+    """Of a sample, made anew from its plan each time."""
+    first, second = ([vector_files(case) for case in valid_cases(SAMPLE)] for _ in range(2))
+    assert len(first) == len(SAMPLE)
+    assert first == second
+
+
+def test_the_generator_makes_exactly_the_files_committed() -> None:
+    """Nothing is edited by hand, nothing is left over."""
+    files, _ = generated([])
+    assert [name for name, content in files.items() if not same(ROOT / name, content)] == []
+    assert {path.relative_to(ROOT).as_posix() for path in VECTORS.rglob("*") if path.is_file()} <= set(files)
+
+
+def test_features_that_stand_for_rules_occur() -> None:
+    """Else a rule without a refusal id would have no vector, unnoticed."""
+    found = {feature for row in manifest()["vectors"] for feature in row["features"]}
+    assert set(RULES) <= found
+
+
+def _readme_program() -> str:
+    text = (ROOT / "README.md").read_text()
+    start = text.index("```python\n") + len("```python\n")
+    return text[start : text.index("```", start)]
+
+
+def _all_right(file: str, layer: int, _stage: str) -> dict[str, Any]:
+    """The answer that is expected of a vector."""
+    expect = json.loads((ROOT / file).with_name("expect.json").read_text())
+    if expect["result"] == "decoded":
+        return {"stages": expect["layers"][layer - 1]["stages"]}
+    return {"refused": expect.get("refusal") or expect["refusals"][0]}
+
+
+def test_the_program_of_the_readme_scores(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Nothing to say of a right decoder, one line for one wrong array, one for a file taken that is to be refused."""
+    monkeypatch.chdir(ROOT)
+    names = {"json": json, "EXACT": EXACT}
+    exec(_readme_program(), {**names, "ask": _all_right})
+    assert capsys.readouterr().out == ""
+
+    def ask(file: str, layer: int, stage: str) -> dict[str, Any]:
+        found = _all_right("vectors/worked/input.scar" if "invalid/cut/" in file else file, layer, stage)
+        if "valid/index-flat/" in file and layer == 2:
+            found["stages"]["context"]["arrays"]["embedding"]["sha256"] = "0" * 64
+        return found
+
+    exec(_readme_program(), {**names, "ask": ask})
+    assert capsys.readouterr().out.splitlines() == ["FAIL invalid/cut 0", "FAIL valid/index-flat 2"]
