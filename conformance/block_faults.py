@@ -50,6 +50,7 @@ def table_faults(static: bytes) -> Iterator[Fault]:
     yield "keys-equal", "two tables of one key", *_TABLE, records(lambda r: [r[0], *r])
     yield "keys-descend", "tables whose keys do not ascend", *_TABLE, records(lambda r: [r[1], r[0], *r[2:]])
     yield "table-empty", "a table of no symbols", *_TABLE, _with_record(static, unsigned_varint(0) + signed_varint(0))
+    yield ("alphabet-first-34-bits", "an alphabet from 2^32: a number of 34 bits", *_VARINT, last(1 << 32))
     yield "alphabet-first-low", "an alphabet from -2^31", *_TABLE, last(-top - 1)
     yield "alphabet-first-high", "an alphabet from 2^31", *_TABLE, last(top + 1)
     yield "alphabet-last-high", "an alphabet up to 2^31", *_TABLE, last(0, top + 1, weights=(1, 1))
@@ -94,6 +95,8 @@ def codebook_faults(static: bytes, refined: bytes) -> Iterator[Fault]:
     twice = columns + bytes([0]) + unsigned_varint(size) + columns
     yield "books-equal", "codebook 0 twice", *_BOOK, block((dimension, 2, 0, size), twice, 1)
     yield "codeword-low", "a component of -65536", *_BOOK, _with_component(static, -65536)
+    yield ("codeword-lowest", "a component of -2^31, whose magnitude 32 bits do not hold", *_BOOK,
+           _with_component(static, -(1 << 31)))
     yield "books-three", "three codebooks", *_LIMIT, block((dimension, 3, 0, size), columns, 2)
     yield "book-dimensions-65", "65 dimensions", *_LIMIT, block((65, 1, 0, size))
     yield "book-4097", "4097 codewords", *_LIMIT, block((dimension, 1, 0, 4097))
@@ -125,7 +128,7 @@ def _book_places(static: bytes, refined: bytes, words: np.ndarray) -> Iterator[F
 def _with_component(data: bytes, value: int) -> bytes:
     def edit(payload: bytes) -> bytes:
         books = unpack_codebooks(payload)
-        books[0][1, 0] = value
+        books[0][1, -1] = value
         return pack_codebooks(books)
 
     return changed(data, BlockKind.CODEBOOKS, 1, edit)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from conformance.cases import Case
 from conformance.files import vector_file
@@ -18,9 +19,11 @@ from scarfmt.model import ContextRule, DecodedContext, LayerRow
 from scarfmt.neural.arithmetic import MAX_SHIFT, Linear
 from scarfmt.neural.grid import GridLevel
 from scarfmt.neural.network import Attention, GruLayer, IndexNetwork
+from scarfmt.neural.predictors import Predictor
 from scarfmt.schema import Profile, Stream
 from scarfmt.writer import QuantisedScene
 
+Ints = NDArray[np.int32]
 _WHOLE = (Tile(0, 0, 0),)
 _SCALE3 = channel(Stream.SCALE, 0.5, BY_CLASS, ContextRule(True, 0, 0, -3, 0), PLAIN)
 _COLOURED = (_SCALE3, channel(Stream.COLOUR, 0.1, PLAIN, BY_CLASS, PLAIN))
@@ -80,9 +83,51 @@ def predictor_cases() -> Iterator[Case]:
         yield _edge(f"predictors-passes-{log2}-depths-{len(targets)}", (
             f"passes_log2 {log2} and {len(targets)} depths; tiles of 0, 1, 3 and 17 anchors: passes may be empty"),
             _passes(log2, targets), _PASSES)
+    yield _edge("predictors-exact", "contexts that tell inputs near their ends apart, each input by itself", _exact(),
+                (*rules, "R-10.1-1"))
+    yield _edge("predictors-largest", "weights of 32767 and -32767", _largest(), ("R-10.1-1", "R-10.3-2"))
     style = WriteOptions(class_columns=15, rice=RiceStyle(raised=4, most_shift=0, zero_shift=31))
     yield _edge("predictors-stored", "class columns without weights, larger Rice parameters, zeros shifted by 31",
                 _passes(1, (5,)), ("R-5.9-1", "R-5.9-2", "R-10.3-1"), style)
+
+
+def _exact_predictor(stream: Stream, component: int, step: int, inputs: int, column: int, near: int) -> Predictor:
+    """One whose context tells values of an input apart: near `near` and its negative, or, if that is 0, -128..127."""
+    weights = np.zeros((2, inputs), np.int32)
+    weights[:, column] = 1, -1
+    if not near:
+        return Predictor(stream, component, step, None, Linear(weights, np.array([128, 0]), 0), (256, 1))
+    return Predictor(stream, component, step, None, Linear(weights, np.array([8 - near] * 2), 0), (16, 16))
+
+
+def _exact() -> QuantisedScene:
+    """Two depths. Inputs of SCALE: 15 class columns, 3 values, 6 means, 2 counts, 2 differences; COLOUR has 3 more."""
+    scene = build(Plan(
+        "edge exact", _COLOURED, (LayerRow((0,), ((2, 2),)),), _WHOLE, (60,), bits=5, spread=22,
+        context=DecodedContext(2, (20, 3))))
+    wanted = (
+        (Stream.SCALE, 0, 1, 18, 0), (Stream.SCALE, 0, 2, 15, 511), (Stream.SCALE, 1, 1, 15, 511),
+        (Stream.SCALE, 1, 2, 22, 0), (Stream.SCALE, 2, 1, 25, 96), (Stream.SCALE, 2, 2, 26, 511),
+        (Stream.COLOUR, 0, 1, 17, 511), (Stream.COLOUR, 0, 2, 29, 511), (Stream.COLOUR, 1, 1, 18, 511),
+        (Stream.COLOUR, 1, 2, 30, 0), (Stream.COLOUR, 2, 1, 0, 64), (Stream.COLOUR, 2, 2, 27, 160),
+    )
+    widths = {Stream.SCALE: 28, Stream.COLOUR: 31}
+    predictors = tuple(_exact_predictor(s, c, step, widths[s], column, near) for s, c, step, column, near in wanted)
+    return replace(scene, predictors={1: predictors})
+
+
+def _largest() -> QuantisedScene:
+    """Weights of 32767 and -32767, and accumulators that they bring near 2^24."""
+    scene = build(replace(_passes(1, (5,)), seed="edge largest"))
+
+    def largest(predictor: Predictor) -> Predictor:
+        weights = np.zeros((2, predictor.inputs), np.int32)
+        weights[0, -1], weights[1, 15] = 32767, -32767
+        return replace(predictor, hidden=None, output=Linear(weights, np.array([9, 16894]), 15), buckets=(16, 16))
+
+    return replace(scene, predictors={
+        layer: tuple(map(largest, group)) for layer, group in scene.predictors.items()
+    })
 
 
 def _every() -> Plan:
@@ -135,10 +180,33 @@ def _width_cases() -> Iterator[Case]:
     state = NetworkPlan(bits=12, widths=(2, 40, 2), dims=2, layers=4, attention=True)
     yield _edge("index-state", "a state of 40 units in four recurrent layers, attention", _plan(
         "state", state, _rows((True, (3,), 1)), counts=(9,)), rules)
+    yield _edge("index-widest", "widths of 256, one weight in 64", _sparse(_plan(
+        "widest", NetworkPlan(bits=9, widths=(256, 256, 256)), _rows((True, (2,), 1)), counts=(4,))), rules)
     many = NetworkPlan(widths=(4, 4, 4), dims=64, classes=15, latents=64, own=True)
     latent = _plan("many inputs", many, _rows((True, (2,), 1)), counts=(8,), dimension=64,
                    context=DecodedContext(0, (8, 5, 3, 1)))
     yield _edge("index-codeword-dims", "64 codeword dimensions, and means of 64 latents at four depths", latent, rules)
+
+
+def _sparse(plan: Plan) -> QuantisedScene:
+    """The scene, of the weights of its network one in 64 left, as 3 or -3; shifts smaller to match."""
+    scene = build(plan)
+    network = scene.network
+    assert network is not None
+
+    def thinned(weights: Ints) -> Ints:
+        rows, columns = np.indices(weights.shape)
+        return np.asarray(3 * np.sign(weights) * ((13 * rows + columns) % 64 == 5), np.int32)
+
+    def thin(layer: Linear) -> Linear:
+        return Linear(thinned(layer.weights), layer.biases >> 10, max(layer.shift - 10, 0))
+
+    (gru,) = network.gru
+    first, second = network.embed
+    gru = replace(gru, inputs=tuple(map(np.sign, gru.inputs)), recurrent=thinned(gru.recurrent),
+                  biases=gru.biases >> 10, recurrent_biases=gru.recurrent_biases >> 10, shift=max(gru.shift - 10, 0))
+    return replace(scene, network=replace(
+        network, embed=(thin(first), thin(second)), gru=(gru,), mixer=thin(network.mixer)))
 
 
 def _mixed_cases() -> Iterator[Case]:
@@ -211,17 +279,63 @@ def _with_shift(network: IndexNetwork, shift: int) -> IndexNetwork:
     first, second = network.embed
     attention = network.attention
     assert attention is not None
-    layers = (_plain(layer, shift) for layer in (attention.query, attention.key, attention.value))
+    query, key, value = (_plain(layer, shift) for layer in (attention.query, attention.key, attention.value))
     return replace(
         network, embed=(_plain(first, shift), _plain(second, shift)), mixer=_plain(network.mixer, shift),
         gru=tuple(_plain_gru(layer, min(shift, MAX_SHIFT - 1)) for layer in network.gru),
         heads=tuple(replace(head, projections=tuple(_plain(p, shift) for p in head.projections), shift=shift)
                     for head in network.heads),
-        attention=Attention(*layers, shift),
+        attention=Attention(query, key, value, shift),
     )
 
 
+def _exact_network() -> QuantisedScene:
+    """An embedding that shows each of 17 inputs, and its negative, above 10."""
+    scene = build(_plan("exact", NetworkPlan(bits=8, widths=(34, 34, 4), latents=2, latent_shift=0), _rows(
+        (True, (2,), 1)), counts=(30,), context=DecodedContext(1, (7,)), spread=3, loudness=3))
+    network = scene.network
+    assert network is not None
+    both = np.concatenate([np.eye(17, dtype=np.int32), -np.eye(17, dtype=np.int32)])
+    first = Linear(both, np.full(34, -10), 0)
+    second = Linear(np.eye(34, dtype=np.int32), np.zeros(34, np.int64), 0)
+    return replace(scene, network=replace(network, embed=(first, second)))
+
+
+def _largest_network() -> QuantisedScene:
+    """Each row of the embedding has weights of 32767 and -32767 at two inputs."""
+    scene = build(_plan("largest", NetworkPlan(bits=8), _rows((True, (2,), 1))))
+    network = scene.network
+    assert network is not None
+    first, second = network.embed
+    weights = np.zeros_like(first.weights)
+    for row, values in enumerate(weights):
+        values[[row % first.inputs, (row + 3) % first.inputs]] = 32767, -32767
+    return replace(scene, network=replace(network, embed=(Linear(weights, 0 * first.biases, 14), second)))
+
+
+def _opposed_network() -> QuantisedScene:
+    """Candidates whose recurrent part is clamped to 2047 or -2047 before the input's part nearly cancels it."""
+    scene = build(_plan("opposed", NetworkPlan(widths=(4, 8, 8)), _rows((True, (4,), 1))))
+    network = scene.network
+    assert network is not None
+    (gru,) = network.gru
+    width = len(gru.start)
+    sign = np.where(np.arange(width) % 2, 1, -1)
+    tokens = np.arange(len(gru.biases))[:, None]
+    biases = np.concatenate([0 * tokens + 0 * sign, 0 * tokens + 0 * sign, -sign * (2040 + 3 * tokens)], axis=1)
+    # z opens half, r all.
+    recurrent = np.concatenate([0 * sign, 0 * sign + 4000, sign * (2048 + 500 * np.arange(width))])
+    opposed = replace(gru, inputs=tuple(0 * matrix for matrix in gru.inputs), recurrent=0 * gru.recurrent,
+                      biases=biases, recurrent_biases=recurrent, start=0 * gru.start, shift=0)
+    return replace(scene, network=replace(network, gru=(opposed,)))
+
+
 def _number_cases() -> Iterator[Case]:
+    yield _edge("index-opposed", "the two parts of a candidate state nearly cancel, one of them clamped",
+                _opposed_network(), ("R-10.5-8",))
+    yield _edge("index-exact", "an embedding that shows every input as it is, near its ends", _exact_network(),
+                ("R-10.2-5", "R-10.5-8"))
+    yield _edge("index-largest", "weights of 32767 and -32767", _largest_network(), ("R-10.1-1", "R-10.5-1"))
     attended = _plan("shifts", NetworkPlan(attention=True), _rows((True, (3,), 1)))
     for shift in (0, MAX_SHIFT):
         scene = build(replace(attended, seed=f"edge shift {shift}"))

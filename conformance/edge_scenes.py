@@ -128,7 +128,7 @@ def _scale_key(component: int) -> int:
 
 
 def _table_cases() -> Iterator[Case]:
-    table, inherit = ("R-8.3-1",), ("R-8.3-2", "R-8.3-4")
+    table = ("R-8.3-1",)
     values = tuple(range(-2048, 2048))
     steep = Table(values, (1,) * 4095 + (_MOST_WEIGHT,))
     heavy = Table(values, (_MOST_WEIGHT,) * 4096)
@@ -139,6 +139,20 @@ def _table_cases() -> Iterator[Case]:
     extremes = {1: {_scale_key(c): Table((-_LIMIT, 0, _LIMIT), (1, 2, 1)) for c in range(3)}}
     yield _edge("alphabet-extremes", "a table of -(2^31 - 1), 0 and 2^31 - 1, and values of all three", _with_values(
         _plan("extremes", (12,)), [_LIMIT, 0, -_LIMIT, 0]), ("R-8.3-1", "R-7.5-2"), WriteOptions(tables=extremes))
+    idle = {key: Table((-3, 900), (5, 1)) for key in (
+        0, number(Stream.POSITIONS, 0, 0, 1), number(Stream.SCALE, 3, 1, 0), number(Stream.OPACITY, 0, 21, 255),
+        number(Stream.LATENT, 0, 1, 0), number(255, 255, 255, 255))}
+    yield _edge("tables-idle", "tables that code nothing: of streams, components, steps and contexts there are not",
+                _plan("idle", (9,)), ("R-8.3-4", "R-11-2"), WriteOptions(tables={1: idle}))
+    yield from _renewed_cases()
+    first = replace(_plan("first symbols", (16,), 3), constant=True, rows=(
+        LayerRow((1,), ((1,),)), LayerRow((3,), ((3,),))), dimension=2, codewords=(3, 3))
+    yield _edge("first-symbols", "all symbols are the first of tables of two: no sub-stream has bytes",
+                _placed(first, [511] * 16), ("R-7.1-6", "R-8.2-3"), WriteOptions(unused=(70000,)), ("empty-streams",))
+
+
+def _renewed_cases() -> Iterator[Case]:
+    inherit = "R-8.3-2", "R-8.3-4"
     rich = Plan("edge weights", EVERY_CHANNEL, REFINED_ROWS, SPREAD_TILES[:2], (20, 14), degree=1, dimension=5)
     for weights in (Weights.UNIFORM, Weights.REVERSED, Weights.STEEP):
         yield _edge(f"weights-{weights.value}", f"tables with {weights.value} weights of their symbols", rich,
@@ -147,18 +161,8 @@ def _table_cases() -> Iterator[Case]:
                 WriteOptions(renewal=Renewal.ALWAYS))
     yield _edge("tables-repeated", "every layer repeats all tables in force", rich, inherit,
                 WriteOptions(renewal=Renewal.REPEATED))
-    idle = {key: Table((-3, 900), (5, 1)) for key in (
-        0, number(Stream.POSITIONS, 0, 0, 1), number(Stream.SCALE, 3, 1, 0), number(Stream.OPACITY, 0, 21, 255),
-        number(Stream.LATENT, 0, 1, 0), number(255, 255, 255, 255))}
-    yield _edge("tables-idle", "tables that code nothing: of streams, components, steps and contexts there are not",
-                _plan("idle", (9,)), ("R-8.3-4", "R-11-2"), WriteOptions(tables={1: idle}))
     yield _edge("tables-wider", "alphabets with symbols that no anchor has, some of which would be refused", rich,
                 ("R-8.3-4", "R-7.5-1", "R-7.6-1"), WriteOptions(unused=(-70000, 5000)))
-    first = replace(_plan("first symbols", (16,), 3), constant=True, rows=(
-        LayerRow((1,), ((1,),)), LayerRow((3,), ((3,),))), dimension=2, codewords=(3, 3))
-    scene = _placed(first, [511] * 16)
-    yield _edge("first-symbols", "all symbols are the first of tables of two: no sub-stream has bytes", scene,
-                ("R-7.1-6", "R-8.2-3"), WriteOptions(unused=(70000,)), ("empty-streams",))
 
 
 # ---------------------------------------------------------------------------------------------- values
@@ -217,6 +221,10 @@ def _latent_cases() -> Iterator[Case]:
     three = (LayerRow((0,), ((1,),)), LayerRow((0, 1), ((1,), (1,))), LayerRow((3, 1), ((1,), (1,))))
     yield _edge("codebooks-late", "codebook 0 first needed in layer 2, codebook 1 in layer 3", _plan(
         "late books", (30,), rows=three, dimension=3, degree=1), ("R-7.8-2", "R-9.2-3"))
+    deep = build(_plan("deep", (5,), rows=steady(1, 1, (1,)), dimension=64, degree=3))
+    widest = mlp(Prng("edge widest"), 64, 1, 1024, 3, 48)
+    yield _edge("mlp-widest", "DECODER_MLP of four layers, one of 1024 rows, the next of 1024 columns", replace(
+        deep, decoder=widest), ("R-7.9-1", "R-9.5-1"))
     yield _edge("codewords-extreme", "codewords of 65535 and -65535, eight stages", _loud(_plan(
         "loud", (20,), rows=steady(1, 8, (1,)), dimension=2, degree=0)), ("R-7.8-1", "R-9.2-2"))
     yield _edge("codebook-4096", "a codebook of 4096 codewords, a residual one of 1", _plan(

@@ -90,7 +90,7 @@ def _models(decoder: Decoder) -> Iterator[str]:
         yield "residual-codebook"
     if decoder.dimension:
         yield "decoder-network"
-    for (_, kind, _), _block in decoder.blocks.items():
+    for _, kind, _ in decoder.blocks:
         if kind == _METADATA:
             yield "metadata"
         elif kind not in _KNOWN_KINDS:
@@ -98,10 +98,8 @@ def _models(decoder: Decoder) -> Iterator[str]:
 
 
 def _entropy(decoder: Decoder) -> Iterator[str]:
-    for before, row in zip([None, *decoder.rows], decoder.rows, strict=False):
-        grown = before is None or [s for s, _ in row.classes] != [s for s, _ in before.classes]
-        if any(stages for stages, _ in row.classes) and (grown or row.mode):
-            yield f"entropy-mode-{row.mode}"
+    coded = [any(name.startswith("INDICES") for name in trace.frequencies) for trace in decoder.traces]
+    yield from (f"entropy-mode-{row.mode}" for row, any_index in zip(decoder.rows, coded, strict=True) if any_index)
     if decoder.opening.passes_log2:
         yield "passes"
     if decoder.opening.targets:

@@ -1,7 +1,7 @@
 """A second decoder, written from SPEC.md alone: standard library, plain loops, its pseudo-code function by function.
 
 It shows that the text suffices, and is a start for a port. It decodes the exact class (SPEC §5-§8, §9.1, §9.2, §10) of
-valid files whose Zstandard frames are stored, as in the vectors; of the refusals it makes only those the pseudo-code
+valid files whose Zstandard frames are like those of the vectors; of the refusals it makes only those the pseudo-code
 spells out. ``python -m conformance.minimal_decoder FILE --layers K --stage STAGE`` answers as PROTOCOL.md says.
 """
 

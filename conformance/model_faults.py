@@ -28,7 +28,7 @@ def model_faults(files: Files) -> Iterator[Case]:
         decoder_faults(static[0], data["explicit-refined"]),
         idle_faults(static[0], data["duplicates"]),
         scene_faults(data["anchors"], data["explicit-refined"]),
-        network_faults(data["index-two-level"], data["index-flat"], data["index-equal"]),
+        network_faults(data["index-two-level"], data["index-flat"], data["index-equal"], data["predictors"]),
         grid_faults(data["index-grid-small"], static[0], data["index-modes"]),
         predictor_faults(data["predictors"], data["predictors-edge"], data["predictors-alone"]),
     ):

@@ -39,11 +39,12 @@ def _with_network(data: bytes, network: IndexNetwork) -> bytes:
     return changed(data, _NETWORK, 1, lambda _: pack_network(network))
 
 
-def network_faults(deep: bytes, flat: bytes, equal: bytes) -> Iterator[Fault]:
-    """Of a network with attention and two-level heads, one with flat heads, one as wide as its latent."""
+def network_faults(deep: bytes, flat: bytes, equal: bytes, predictors: bytes) -> Iterator[Fault]:
+    """Of networks with attention and two-level heads, with flat heads, as wide as its latent; and of predictors."""
     yield from _width_faults(flat)
     yield from _shift_faults(deep, flat)
     yield from _reach_faults(deep)
+    yield from _wide_faults(deep, predictors)
     yield from _head_faults(deep)
     yield from _fit_faults(deep, flat, equal)
     yield from _limit_faults(flat)
@@ -157,6 +158,32 @@ def _reach_faults(deep: bytes) -> Iterator[Fault]:
            _with_network(deep, replace(network, gru=(network.gru[0], top))))
 
 
+def _wide_faults(deep: bytes, predictors: bytes) -> Iterator[Fault]:
+    """Numbers near the ends of 32 bits, where a check in too narrow a type fails to see them."""
+    network = network_of(deep)
+    for name, what, value in (("lowest", "-2^31", -(1 << 31)), ("wraps", "2^16 + 1", (1 << 16) + 1)):
+        weights = network.mixer.weights.astype(np.int64)
+        weights[0, 0] = value
+        mixer = Linear(weights, network.mixer.biases, network.mixer.shift)  # type: ignore[arg-type]
+        yield (f"mixer-weight-{name}", f"a weight of {what}", "R-10.5-1", "bad-network",
+               _with_network(deep, replace(network, mixer=mixer)))
+    biases = network.mixer.biases.copy()
+    for name, value in (("highest", (1 << 31) - 1), ("lowest", 1 - (1 << 31))):
+        biases[0] = value
+        yield (f"mixer-bias-{name}", f"a bias of {value}", *_ROWS,
+               _with_network(deep, replace(network, mixer=replace(network.mixer, biases=biases.copy()))))
+
+    def edit(payload: bytes) -> bytes:
+        first, *others = unpack_predictors(payload)
+        weights = first.output.weights.astype(np.int64)
+        weights[1, -1] = -(1 << 31)
+        output = Linear(weights, first.output.biases, first.output.shift)  # type: ignore[arg-type]
+        return pack_predictors((replace(first, output=output), *others))
+
+    yield ("predictor-weight-lowest", "a weight of -2^31", "R-10.3-2", "bad-predictor",
+           changed(predictors, _PREDICTORS, 1, edit))
+
+
 def _loud(layer: Linear, sign: int) -> Linear:
     biases = layer.biases.copy()
     biases[-1] = sign << 24
@@ -219,8 +246,6 @@ def _limit_faults(flat: bytes) -> Iterator[Fault]:
              "gru_count", "tokens", "head_count")
     limits = (512,) * 5 + (64, 256, 256, 256, 4, 7, 2)
     for place, (name, limit) in enumerate(zip(names, limits, strict=True)):
-        if name in ("attributes", "depths", "latents", "grid", "hidden", "mixed"):
-            continue
         yield (f"network-many-{name.replace('_', '-')}", f"{name} is {limit + 1}", *_LIMIT,
                changed(flat, _NETWORK, 1, partial(_with_count, place=place, value=limit + 1)))
     yield "network-long", "a byte after the last head", *_LONG, changed(flat, _NETWORK, 1, lambda p: p + b"\0")
@@ -255,37 +280,52 @@ def _head_bytes(network: IndexNetwork) -> int:
 # ---------------------------------------------------------------------------------------------- HASH_GRID
 
 
+Numbers = Callable[[list[int]], None]
+"""Changes the numbers of a grid: origin, extent, level count; plane, resolution, table_log2, features of each level."""
+
+
+def _with_grid(small: bytes, numbers: Numbers, rest: Callable[[bytes], bytes] = bytes, growth: int = 0) -> bytes:
+    """The file with other numbers of its grid, and other streams after them."""
+    return changed(small, _GRID, 1, lambda p: _with_numbers(p, numbers, rest), growth)
+
+
+def _put(place: int, value: int) -> Numbers:
+    return lambda numbers: numbers.__setitem__(place, value)
+
+
 def grid_faults(small: bytes, static: bytes, modes: bytes) -> Iterator[Fault]:
     """Of a grid of few levels, of a file without a network, and of one whose first layer is of entropy mode 0."""
     rule = "R-10.6-1", "bad-grid"
-
-    def grid(numbers: Callable[[list[int]], None], rest: Callable[[bytes], bytes] = bytes, growth: int = 0) -> bytes:
-        return changed(small, _GRID, 1, lambda p: _with_numbers(p, numbers, rest), growth)
-
-    def put(place: int, value: int) -> Callable[[list[int]], None]:
-        """Origin 0..2, extent 3, level count 4; then plane, resolution, table_log2 and features of each level."""
-        return lambda numbers: numbers.__setitem__(place, value)
-
     levels = len(_numbers(small)) // 4 - 1
     yield ("grid-no-level", "a grid of no levels", *rule, _no_level(small, -levels))
-    yield "grid-resolution", "a resolution of 65536", *rule, grid(put(6, 65536))
-    yield "grid-table-0", "a table_log2 of 0", *rule, grid(put(7, 0))
-    yield "grid-table-20", "a table_log2 of 20", *rule, grid(put(7, 20))
-    yield "grid-no-feature", "a level without features", *rule, grid(put(8, 0))
-    yield "grid-features-9", "a level of nine features", *rule, grid(put(8, 9))
+    for name, what, place, value in (
+        ("resolution", "a resolution of 65536", 6, 65536), ("table-0", "a table_log2 of 0", 7, 0),
+        ("table-20", "a table_log2 of 20", 7, 20), ("no-feature", "a level without features", 8, 0),
+        ("features-9", "a level of nine features", 8, 9),
+    ):
+        yield f"grid-{name}", what, *rule, _with_grid(small, _put(place, value))
     yield ("grid-bits", "tables of more than 2^24 bits together", *rule,
-           grid(_large_tables, growth=5 - levels))
-    yield ("grid-origin", "an origin of 2^32", "R-5.7-1", "bad-varint", grid(put(0, 1 << 32)))
-    yield "grid-levels-17", "17 levels", *_LIMIT, grid(put(4, 17), growth=17 - levels)
-    yield "grid-short", "a grid that ends in its last stream", *_SHORT, changed(small, _GRID, 1, lambda p: p[:-1])
-    yield "grid-long", "a byte after the last stream", *_LONG, changed(small, _GRID, 1, lambda p: p + b"\0")
-    keep = put(0, _numbers(small)[0])
+           _with_grid(small, _large_tables, growth=5 - levels))
+    yield "grid-origin", "an origin of 2^32", "R-5.7-1", "bad-varint", _with_grid(small, _put(0, 1 << 32))
+    yield "grid-levels-17", "17 levels", *_LIMIT, _with_grid(small, _put(4, 17), growth=17 - levels)
+    yield from _grid_stream_faults(small)
+    yield from _place_faults(small, static, modes)
+
+
+def _grid_stream_faults(small: bytes) -> Iterator[Fault]:
+    def streams(rest: Callable[[bytes], bytes]) -> bytes:
+        return _with_grid(small, _put(0, _numbers(small)[0]), rest)
+
+    yield "grid-short", "a grid that ends in its last stream", *_SHORT, streams(lambda rest: rest[:-1])
+    yield "grid-long", "a byte after the last stream", *_LONG, streams(lambda rest: rest + b"\0")
     yield ("grid-stream-long", "a stream of 2^32 - 1 bytes", *_SHORT,
-           grid(keep, lambda rest: rest[:1] + b"\xff\xff\xff\xff" + rest[5:]))
+           streams(lambda rest: rest[:1] + b"\xff\xff\xff\xff" + rest[5:]))
     yield ("grid-last-word", "a stream of the grid whose last word is 0", "R-8.2-1", "rans-last-word",
-           grid(keep, lambda rest: rest[:1] + bytes([4, 0, 0, 0]) + bytes(4) + _after_stream(rest)))
-    yield ("grid-word-more", "a word more than the bits of a level take", "R-8.2-2", "rans-seal",
-           grid(keep, _word_more))
+           streams(lambda rest: rest[:1] + bytes([4, 0, 0, 0]) + bytes(4) + _after_stream(rest)))
+    yield "grid-word-more", "a word more than the bits of a level take", "R-8.2-2", "rans-seal", streams(_word_more)
+
+
+def _place_faults(small: bytes, static: bytes, modes: bytes) -> Iterator[Fault]:
     block = next(block for block in blocks_of(small) if block.kind == _GRID)
     yield ("grid-without-mode", "HASH_GRID in a file without entropy mode 1", "R-10.4-3", _UNEXPECTED,
            rebuilt(static, [*blocks_of(static), block]))
@@ -297,6 +337,9 @@ def grid_faults(small: bytes, static: bytes, modes: bytes) -> Iterator[Fault]:
     blocks = [block for block in blocks_of(modes) if block.kind != _NETWORK]
     yield ("network-early", "ENTROPY_NETWORK in layer 1, the first of entropy mode 1 is layer 2", "R-10.4-2",
            _UNEXPECTED, rebuilt(modes, [*blocks, replace(network, layer=1)]))
+    # Without other flags: no own inputs, no attention.
+    yield ("network-flag-only", "the flag 4, and no other", "R-10.5-1", "bad-network",
+           changed(small, _NETWORK, 1, lambda p: p[:1] + b"\4" + p[2:]))
 
 
 def _numbers(data: bytes) -> list[int]:
@@ -306,7 +349,7 @@ def _numbers(data: bytes) -> list[int]:
     return numbers + [reader.unsigned(63) for _ in range(4 * numbers[4])]
 
 
-def _with_numbers(payload: bytes, change: Callable[[list[int]], None], rest: Callable[[bytes], bytes]) -> bytes:
+def _with_numbers(payload: bytes, change: Numbers, rest: Callable[[bytes], bytes]) -> bytes:
     reader = ByteReader(payload, "grid")
     numbers = [reader.unsigned(63) for _ in range(5)]
     numbers += [reader.unsigned(63) for _ in range(4 * numbers[4])]

@@ -121,7 +121,7 @@ class BitFlips(Inputs):
             return Input(number, file.name, Mutant(file.data + rng.randbytes(rng.randint(1, 9)), ("extended",), False))
         bit = rng.randrange(8 * len(out))
         out[bit // 8] ^= 1 << bit % 8
-        return Input(number, file.name, Mutant(bytes(out), (f"bit",), False))
+        return Input(number, file.name, Mutant(bytes(out), ("bit",), False))
 
 
 def _on_alarm(_signal: int, _frame: FrameType | None) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
-from random import Random
 
 from scarfmt.schema import Profile
 from scarfmt.testing.neural_scenes import neural_scene
-from scarfmt.testing.parts import is_file, take_apart
+from scarfmt.testing.parts import is_file
 from scarfmt.testing.scenes import random_scene
 from scarfmt.writer import write_scene
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from reference_decoder.anchors import gaussians
 from reference_decoder.decode import decode
+from scarfmt.container import Container
 from scarfmt.errors import ScarError
 from scarfmt.inspection import read_metadata
-from scarfmt.container import Container
 from scarfmt.scene import AnchorModel
 from scarfmt.source import BytesSource
 from scarfmt.truncate import truncate

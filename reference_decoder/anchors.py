@@ -75,10 +75,9 @@ def decoded_model(
 
 def _perceptron(network: Network, dtype: type) -> Mlp:
     first, second = network.layers
-    return Mlp(
-        (first.matrix.astype(dtype), second.matrix.astype(dtype)),
-        (first.biases.astype(dtype), second.biases.astype(dtype)),
-    )
+    with np.errstate(over="ignore"):  # a weight may be any product of two finite numbers
+        matrices = first.matrix.astype(dtype), second.matrix.astype(dtype)
+    return Mlp(matrices, (first.biases.astype(dtype), second.biases.astype(dtype)))
 
 
 def gaussians(model: AnchorModel, camera_centre: Floats, dtype: type = np.float32) -> CameraGaussians:

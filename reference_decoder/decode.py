@@ -284,6 +284,8 @@ class _Request:
     def parts(self) -> Iterator[Decoded]:
         """What was asked for, a tile at a time; never an empty part."""
         for tile, content in self.reader.tiles(self.models, self.tiles, self.streams, self.threads):
+            if not len(content):
+                continue
             part = self._part(tile, content)
             if self.box is not None and part.positions is not None:
                 inside = np.asarray(((part.positions >= self.box[0]) & (part.positions <= self.box[1])).all(axis=1))

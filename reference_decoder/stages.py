@@ -57,7 +57,8 @@ class Decoding:
     @cached_property
     def decoded(self) -> Decoded:
         """The values of all anchors."""
-        parts = (tile_part(self.reader, self.models, number, content) for number, content in enumerate(self.contents))
+        filled = ((number, content) for number, content in enumerate(self.contents) if len(content))
+        parts = (tile_part(self.reader, self.models, number, content) for number, content in filled)
         empty = tile_part(self.reader, self.models, -1, TileContent.empty(self.models.model))
         return joined(parts, empty, sum(map(len, self.contents)))
 
@@ -131,7 +132,8 @@ def context(found: Decoding) -> Arrays:
     if grid is not None:
         fields = found.reader.header.fields
         places = zip(found.reader.container.tiles, found.contents, strict=True)
-        parts = [grid.features(cell_centres(tile_frame(fields, tile), content.codes)) for tile, content in places]
+        filled = ((tile_frame(fields, tile), content.codes) for tile, content in places if len(content))
+        parts = [grid.features(cell_centres(frame, codes)) for frame, codes in filled]
         out["grid.features"] = _stacked(parts, (grid.width,), "<i4")
     return out
 

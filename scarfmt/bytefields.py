@@ -11,6 +11,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
+from scarfmt.zstd_frame import frame_header
 
 I64 = NDArray[np.int64]
 
@@ -57,6 +58,15 @@ class ByteReader:
         self._at += length
         return self._data[self._at - length : self._at]
 
+    @property
+    def position(self) -> int:
+        """Bytes taken so far."""
+        return self._at
+
+    def rewind(self, position: int) -> None:
+        """Go back to an earlier :attr:`position`."""
+        self._at = position
+
     def rest(self, most: int) -> bytes:
         """The bytes not yet taken, at most `most` of them, without taking them."""
         return self._data[self._at : self._at + most]
@@ -82,11 +92,13 @@ class ByteReader:
 
     def unsigned_array(self, bits: int, count: int) -> I64:
         """(count,) int64: `count` times :meth:`unsigned`, all at once where they are many; `bits` at most 56."""
+        if count < _FEW:
+            return np.array([self.unsigned(bits) for _ in range(count)], np.int64)
         most = -(-bits // 7)
         window = np.frombuffer(self.rest(count * most), np.uint8)
         ends = np.flatnonzero(window < 0x80)[:count]
         lengths = np.diff(ends, prepend=-1)
-        if count < _FEW or len(ends) < count or int(lengths.max()) > most:
+        if len(ends) < count or int(lengths.max()) > most:
             return np.array([self.unsigned(bits) for _ in range(count)], np.int64)
         values = np.zeros(count, np.int64)
         for place in range(int(lengths.max())):
@@ -137,32 +149,37 @@ def compress(payload: bytes) -> bytes:
     return zstandard.ZstdCompressor(compression_params=parameters).compress(payload)
 
 
-def decompress(frame: bytes, limit: int, field: str) -> bytes:
+def decompress(frame: bytes, limit: int, field: str, allowance: int | None = None) -> bytes:
     """The content of exactly one zstd frame (SPEC §5.8).
 
     Args:
         limit: most bytes the content may have.
+        allowance: most bytes this reader accepts.
 
     Raises:
-        LimitExceeded: ``content-limit``.
+        LimitExceeded: ``content-limit``; ``limit-expansion`` beyond the allowance.
         Malformed: ``bad-zstd`` for anything that is not one whole frame with its content size, at least 1, a window
             of at most 8 MiB, and neither dictionary nor checksum.
     """
+    header = frame_header(frame, field)
+    size = header.content_size
+    # Size 0 too: zstandard then looks at nothing after the frame header, and no structure here is empty.
+    if not size or header.dictionary:
+        raise Malformed("bad-zstd", "a zstd frame must state its content size, without dictionary", field=field)
+    # The block's CRC-32 covers the same bytes, and a decoder of its own is then simpler.
+    if header.checksum:
+        raise Malformed("bad-zstd", "a zstd frame must not carry a checksum (SPEC §5.8)", field=field)
+    if size > limit:
+        raise LimitExceeded("content-limit", f"{size} bytes of content, at most {limit} allowed", field=field)
+    # Checked here: zstandard applies its own window limit only when it streams.
+    if header.window_size > MAX_ZSTD_WINDOW:
+        message = f"a window of {header.window_size} bytes, at most 8 MiB allowed (SPEC §5.8)"
+        raise Malformed("bad-zstd", message, field=field)
+    # After the rules of the format: what a reader may refuse by itself hides no fault of a frame header.
+    if allowance is not None and size > allowance:
+        message = f"{size} bytes of content from {len(frame)}: raise this reader's limit if you trust the file"
+        raise LimitExceeded("limit-expansion", message, field=field)
     try:
-        parameters = zstandard.get_frame_parameters(frame)
-        size = parameters.content_size
-        # Size 0 too: zstandard then looks at nothing after the frame header, and no structure here is empty.
-        if size in (0, zstandard.CONTENTSIZE_UNKNOWN, zstandard.CONTENTSIZE_ERROR) or parameters.dict_id:
-            raise Malformed("bad-zstd", "a zstd frame must state its content size, without dictionary", field=field)
-        # The block's CRC-32 covers the same bytes, and a decoder of its own is then simpler.
-        if parameters.has_checksum:
-            raise Malformed("bad-zstd", "a zstd frame must not carry a checksum (SPEC §5.8)", field=field)
-        if size > limit:
-            raise LimitExceeded("content-limit", f"{size} bytes of content, at most {limit} allowed", field=field)
-        # Checked here: zstandard applies its own window limit only when it streams.
-        if parameters.window_size > MAX_ZSTD_WINDOW:
-            message = f"a window of {parameters.window_size} bytes, at most 8 MiB allowed (SPEC §5.8)"
-            raise Malformed("bad-zstd", message, field=field)
         decoder = zstandard.ZstdDecompressor()
         content = decoder.decompress(frame, max_output_size=size, allow_extra_data=False)
     except zstandard.ZstdError as error:

@@ -284,6 +284,25 @@ class Container:
             return None
         return entry_from_row(self.directory[row].tolist())
 
+    @cached_property
+    def _tile_rows(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Directory rows of TILE blocks by (tile, layer), and where those of each tile start, (T + 1,)."""
+        rows = np.flatnonzero(self.directory["kind"] == BlockKind.TILE)
+        tiles = self.directory["tile"][rows]
+        # Stable: rows ascend by layer.
+        order = np.argsort(tiles, kind="stable")
+        return rows[order], np.searchsorted(tiles[order], np.arange(self.header.tile_count + 1))
+
+    def tile_entries(self, tile: int, layers: int) -> list[Entry | None]:
+        """The TILE block of a tile in each of the first `layers` layers, None where it has none."""
+        rows, starts = self._tile_rows
+        out: list[Entry | None] = [None] * layers
+        for row in rows[starts[tile] : starts[tile + 1]].tolist():
+            entry = entry_from_row(self.directory[row].tolist())
+            if entry.layer <= layers:
+                out[entry.layer - 1] = entry
+        return out
+
     @property
     def available_layers(self) -> int:
         """Number of layers, from the first, whose blocks are all in the source."""

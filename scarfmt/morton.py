@@ -18,6 +18,7 @@ _SPREAD = (
     (2, 0x1249249249249249),
 )
 _GATHERED = (0x10C30C30C30C30C3, 0x100F00F00F00F00F, 0x001F0000FF0000FF, 0x001F00000000FFFF, 0x1FFFFF)
+_AXES = np.arange(3, dtype=np.uint64)
 
 
 def interleave(coordinates: NDArray[np.generic]) -> U64:
@@ -33,10 +34,8 @@ def interleave(coordinates: NDArray[np.generic]) -> U64:
 
 def deinterleave(codes: U64) -> U64:
     """(N, 3) uint64 coordinates of (N,) Morton codes: the inverse of :func:`interleave`."""
-    out = np.empty((len(codes), 3), np.uint64)
-    for axis in range(3):
-        x = (codes >> np.uint64(axis)) & np.uint64(0x1249249249249249)
-        for shift, mask in zip((2, 4, 8, 16, 32), _GATHERED, strict=True):
-            x = (x | (x >> np.uint64(shift))) & np.uint64(mask)
-        out[:, axis] = x
-    return out
+    x: U64 = (codes[:, None] >> _AXES) & np.uint64(0x1249249249249249)
+    for shift, mask in zip((2, 4, 8, 16, 32), _GATHERED, strict=True):
+        x |= x >> np.uint64(shift)
+        x &= np.uint64(mask)
+    return x

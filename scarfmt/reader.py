@@ -17,7 +17,6 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.bytefields import decompress
 from scarfmt.codecs.codebooks import Codebooks, unpack_codebooks
 from scarfmt.codecs.grid import unpack_grid
 from scarfmt.codecs.layer import Opening, unpack_layer
@@ -41,6 +40,7 @@ from scarfmt.source import ByteSource
 from scarfmt.substreams import MAX_TABLE_SIZE, Substream, check_substream, unpack_table
 from scarfmt.symbols import SymbolReader, SymbolTable, TableKey, unpack_tables
 from scarfmt.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
+from scarfmt.work import Contents, DeclaredWork, check_work, extent
 
 ALL_STREAMS = frozenset(Stream) - {Stream.MODELS, Stream.FRAMING}
 MAX_TABLES_BYTES = 64 << 20
@@ -119,6 +119,14 @@ class SceneModels:
     network: IndexNetwork | None = None
     grid: HashGrid | None = None
 
+    @property
+    def work(self) -> DeclaredWork:
+        """What decoding with these models takes."""
+        networks = (*(() if self.decoder is None else (self.decoder,)), *self.scene_mlps)
+        return DeclaredWork(
+            self.model, self.tables, self.predictors, self.network, self.codebooks, self.grid, networks
+        )
+
     def neural(self, operations: Operations = NUMPY) -> tuple[NeuralModels, ...]:
         """What codes symbols beside static tables, per layer; `operations` does the network's arithmetic."""
         coder = None
@@ -146,6 +154,7 @@ class SceneReader:
         operations: Operations = NUMPY,
     ) -> None:
         self._operations = operations
+        self._prepared: tuple[SceneModels, tuple[NeuralModels, ...]] | None = None
         self.container = Container.open(source, limits=limits, allow_truncated=allow_truncated)
         self.header = self.container.header
         self.lattice = Lattice(self.header.fields.origin, self.header.fields.voxel, self.header.fields.lattice_bits)
@@ -181,6 +190,7 @@ class SceneReader:
 
         Raises:
             Malformed: a block is missing or breaks its rules.
+            LimitExceeded: ``limit-work``, ``limit-expansion`` beside the limits of blocks.
         """
         count = self.layer_number(layers)
         fields = self.header.fields
@@ -188,12 +198,13 @@ class SceneReader:
         opening: Opening = ((), DecodedContext())
         tables: list[dict[TableKey, SymbolTable]] = []
         blocks = self._model_blocks(count)
+        contents = Contents(self.header.file_length, self.container.limits)
         for layer in range(1, count + 1):
             row, opening = blocks.required(
                 BlockKind.LAYER, layer, partial(unpack_layer, layer=layer, opening=opening)
             )
             rows.append(row)
-            new = blocks.optional(BlockKind.TABLES, layer, _tables_from)
+            new = blocks.optional(BlockKind.TABLES, layer, partial(_tables_from, contents))
             tables.append({**(tables[-1] if tables else {}), **(new or {})})
         channels, context = opening
         model = SceneModel(fields.profile, fields.slots, channels, tuple(rows), context)
@@ -203,7 +214,10 @@ class SceneReader:
         mlps = blocks.optional(BlockKind.SCENE_MLP, 1, unpack_networks) or ()
         check_networks(fields, model, decoder, mlps)
         network, grid = _index_models(model, blocks, books)
-        return SceneModels(model, tuple(tables), books, decoder, mlps, _predictors(model, blocks), network, grid)
+        models = SceneModels(model, tuple(tables), books, decoder, mlps, _predictors(model, blocks), network, grid)
+        declared = extent(self.container.directory, self.container.tile_table, fields.lattice_bits, count)
+        check_work(models.work.total(declared), self.header.file_length, self.container.limits)
+        return models
 
     def _refuse_unexpected(self, model: SceneModel) -> None:
         """A model block no layer needs would be read by one decoder and skipped by another (SPEC §7.8-7.9)."""
@@ -262,11 +276,16 @@ class SceneReader:
         threads: int,
         observe: Observe | None,
     ) -> Iterator[tuple[int, TileContent]]:
-        neural = models.neural(self._operations)
+        neural = self._neural(models)
         # A layer's predictors may look at what only earlier layers send: what is needed last is needed first.
         needed = streams | needed_streams(models.model, streams, neural[-1])
 
+        empty = TileContent.empty(models.model)
+
         def one(tile: int, blocks: TileBlocks) -> TileContent:
+            # A table of a few bytes can list many tiles of which nothing else is said.
+            if not any(entry for entry, _ in blocks):
+                return empty
             return self._tile(models, neural, tile, blocks, needed, observe)
 
         supply = zip(tiles, self._supply(models, tiles, streams), strict=True)
@@ -289,10 +308,15 @@ class SceneReader:
                 for _, content in ahead:
                     content.cancel()
 
+    def _neural(self, models: SceneModels) -> tuple[NeuralModels, ...]:
+        """The models' networks, prepared; kept for whoever decodes tile after tile."""
+        if self._prepared is None or self._prepared[0] is not models:
+            self._prepared = models, models.neural(self._operations)
+        return self._prepared[1]
+
     def _supply(self, models: SceneModels, tiles: list[int], streams: frozenset[Stream]) -> Iterator[TileBlocks]:
         """The blocks of each tile. When all streams are wanted they are read ahead, neighbours in one request."""
-        layers = range(1, len(models.tables) + 1)
-        found = ([self.container.find(BlockKind.TILE, layer, tile) for layer in layers] for tile in tiles)
+        found = (self.container.tile_entries(tile, len(models.tables)) for tile in tiles)
         if not streams >= ALL_STREAMS:
             yield from ([(entry, None) for entry in entries] for entries in found)
             return
@@ -439,8 +463,8 @@ def _opener(
     return lambda stream: ObservedReader(parts.get(stream, b""), tables, stream, observer)
 
 
-def _tables_from(payload: bytes) -> dict[TableKey, SymbolTable]:
-    return unpack_tables(decompress(payload, MAX_TABLES_BYTES, "tables"))
+def _tables_from(contents: Contents, payload: bytes) -> dict[TableKey, SymbolTable]:
+    return unpack_tables(contents.decompress(payload, MAX_TABLES_BYTES, "tables"))
 
 
 def _placed(entry: Entry, act: Callable[[], T]) -> T:

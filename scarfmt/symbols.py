@@ -198,6 +198,8 @@ class SymbolReader:
         entry = self._tables.get(key)
         if entry is None:
             raise Malformed("missing-table", f"no static table for {key} (SPEC §8.3)", field="tables")
+        if len(entry.alphabet) == 1:
+            return np.repeat(entry.alphabet, count)
         return entry.alphabet.take(self._rans.decode(entry.table, count))
 
     def read_uniform(self, size: int, count: int) -> I64:
@@ -264,7 +266,7 @@ def unpack_tables(payload: bytes) -> dict[TableKey, SymbolTable]:
     for _ in range(reader.count(MAX_TABLES)):
         number = reader.unsigned(32)
         if number <= previous:
-            raise Malformed("bad-table", "table keys must ascend strictly (SPEC §8.3)", field="tables")
+            raise _bad_table("table keys must ascend strictly")
         previous = number
         tables[TableKey.from_number(number)] = _read_table(reader)
     reader.finish()
@@ -274,17 +276,44 @@ def unpack_tables(payload: bytes) -> dict[TableKey, SymbolTable]:
 def _read_table(reader: ByteReader) -> SymbolTable:
     size = reader.count(MAX_ALPHABET)
     if size == 0:
-        raise Malformed("bad-table", "a table needs at least one symbol (SPEC §8.3)", field="tables")
+        raise _bad_table("a table needs at least one symbol")
+    start = reader.position
+    try:
+        return _read_rows(reader, size)
+    except Malformed:
+        reader.rewind(start)
+        _refuse_first_fault(reader, size)
+        raise
+
+
+def _read_rows(reader: ByteReader, size: int) -> SymbolTable:
+    """Alphabet and weights, many numbers at once: which of several faults is refused is left open."""
     first = reader.signed(33)
     alphabet = np.full(size, first, np.int64)
     alphabet[1:] += np.cumsum(reader.unsigned_array(32, size - 1) + 1)
     if abs(first) >= 1 << 31 or int(alphabet[-1]) >= 1 << 31:
-        raise Malformed("bad-table", "alphabet values must fit 32 bits (SPEC §8.3)", field="tables")
+        raise _bad_table("alphabet values must fit 32 bits")
     weights = reader.unsigned_array(24, size)
     if int(weights.min()) < 1:
-        raise Malformed("bad-table", "weights must be 1 or more (SPEC §8.3)", field="tables")
+        raise _bad_table("weights must be 1 or more")
     # Sums of weights so small need no further check.
     return SymbolTable.from_weights(alphabet, weights)
+
+
+def _refuse_first_fault(reader: ByteReader, size: int) -> None:
+    """The same numbers one by one: content is refused for what comes first in it (SPEC §12.2)."""
+    value = reader.signed(33)
+    for place in range(size):
+        value += reader.unsigned(32) + 1 if place else 0
+        if abs(value) >= 1 << 31:
+            raise _bad_table("alphabet values must fit 32 bits")
+    for _ in range(size):
+        if not reader.unsigned(24):
+            raise _bad_table("weights must be 1 or more")
+
+
+def _bad_table(message: str) -> Malformed:
+    return Malformed("bad-table", f"{message} (SPEC §8.3)", field="tables")
 
 
 def by_context(contexts: Values) -> tuple[I64, list[tuple[int, int, int]]]:

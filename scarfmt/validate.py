@@ -6,14 +6,13 @@ exact up to the integers; attributes are not computed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from scarfmt.bytefields import decompress
 from scarfmt.codecs.codebooks import unpack_codebooks
 from scarfmt.codecs.grid import unpack_grid
 from scarfmt.codecs.layer import Opening, unpack_layer
@@ -24,7 +23,7 @@ from scarfmt.container import Container, Entry, read_header
 from scarfmt.directory import block_name
 from scarfmt.errors import InvalidInput, Malformed, ScarError
 from scarfmt.inspection import read_metadata
-from scarfmt.limits import FORMAT_LIMITS, Limits
+from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.model import DecodedContext
 from scarfmt.reader import MAX_TABLES_BYTES, SceneModels, SceneReader
 from scarfmt.schema import (
@@ -41,6 +40,7 @@ from scarfmt.source import ByteSource, BytesSource
 from scarfmt.substreams import check_substream, unpack_table
 from scarfmt.symbols import SymbolTable, TableKey, unpack_tables
 from scarfmt.tile import TileContent
+from scarfmt.work import Contents
 from scarfmt.writer import Report, silent
 
 ERROR, WARNING = "error", "warning"
@@ -98,14 +98,15 @@ class Validation:
 
 
 def validate(
-    source: ByteSource, *, layers: int | None = None, limits: Limits = FORMAT_LIMITS, report: Report = silent
+    source: ByteSource, *, layers: int | None = None, limits: Limits = DEFAULT_LIMITS, report: Report = silent
 ) -> Validation:
     """Check a file against every rule.
 
     Args:
         source: the file, whole or cut short (a cut is a finding; what arrived is checked).
         layers: check only the blocks of the first `layers` layers; None for all that arrived.
-        limits: what counts as too large; by default the format's own maxima.
+        limits: what counts as too large: a file beyond them is not decoded, and has a finding that says so. For a file
+            that is trusted `scarfmt.limits.FORMAT_LIMITS` stands for no limits but the format's own.
         report: told about progress.
 
     Raises:
@@ -145,6 +146,10 @@ def _finding(error: ScarError) -> Finding:
     return Finding(error.refusal, error.message, error.offset, error.field)
 
 
+def _place(finding: Finding) -> tuple[str, int | None, str | None]:
+    return finding.refusal, finding.offset, finding.field
+
+
 def _summary_offset(layer: int, name: str) -> int:
     return FILE_HEADER_SIZE + (layer - 1) * LAYER_SUMMARY_SIZE + _SUMMARY_OFFSETS[name]
 
@@ -170,9 +175,12 @@ class _Check:
         self._result = result
         self._report = report
         self._last = result.layers_checked
+        self._contents = Contents(reader.header.file_length, reader.container.limits)
+        self._places = {_place(finding) for finding in result.findings}
         self._broken: list[Entry] = []
         self._miscounted: list[ScarError] = []
         self._opening: Opening = ((), DecodedContext())
+        self._models: dict[int, SceneModels] = {}
         self._tables: list[dict[TableKey, SymbolTable]] = [{} for _ in range(self._last)]
         self._used: list[set[TableKey]] = [set() for _ in range(self._last)]
         self._streams = np.zeros((self._last + 1, STREAM_COUNT), np.int64)
@@ -181,19 +189,19 @@ class _Check:
     def run(self) -> None:
         """All checks; later ones leave out what earlier ones found broken. Rules marked (V) come last (SPEC §12.2)."""
         self._check_blocks()
-        models = list(self._models())
-        complete = self._check_tiles(models)
+        usable = self._usable_layers()
+        complete = self._check_tiles(usable)
         for error in self._miscounted:
             self._add(error)
         self._check_stream_bytes()
-        if complete and len(models) == self._last:
+        if complete and usable == self._last:
             self._check_gaussians()
             self._check_tables_used()
 
     def _add(self, error: ScarError) -> None:
         finding = _finding(error)
-        place = (finding.refusal, finding.offset, finding.field)
-        if place not in {(known.refusal, known.offset, known.field) for known in self._result.findings}:
+        if _place(finding) not in self._places:
+            self._places.add(_place(finding))
             self._result.findings.append(finding)
 
     def _attempt(self, entry: Entry, act: Callable[[], object]) -> bool:
@@ -235,7 +243,7 @@ class _Check:
             row, self._opening = unpack_layer(payload, entry.layer, self._opening)
             return row.class_count
         if entry.kind == BlockKind.TABLES:
-            tables = unpack_tables(decompress(payload, MAX_TABLES_BYTES, "tables"))
+            tables = unpack_tables(self._contents.decompress(payload, MAX_TABLES_BYTES, "tables"))
             self._tables[entry.layer - 1] = tables
             return len(tables)
         if entry.kind == BlockKind.CODEBOOKS:
@@ -277,35 +285,52 @@ class _Check:
                         )
                     )
 
-    def _models(self) -> Iterator[SceneModels]:
-        """The models after each layer, up to the first layer whose models are unusable."""
-        for layer in range(1, self._last + 1):
+    def _usable_layers(self) -> int:
+        """Layers, from the first, whose models can be used.
+
+        What a layer adds never mends what layers before it broke. So few attempts suffice, and one for a sound file:
+        each reads all models anew.
+        """
+        low, high, step = 0, self._last, self._last
+        while low < high:
+            layer = low + step
             self._report("models", layer / self._last)
             try:
-                models = self._reader.models(layer)
+                self._models_of(layer)
+                low = layer
             except ScarError as error:
-                self._add(error)
-                return
-            recorded = tuple(_UsedTables(tables, used) for tables, used in zip(models.tables, self._used, strict=False))
-            yield replace(models, tables=recorded)
+                high, broken = layer - 1, error
+            step = (high - low + 1) // 2
+        if low < self._last:
+            self._add(broken)
+        return low
 
-    def _check_tiles(self, models: list[SceneModels]) -> bool:
+    def _models_of(self, layer: int) -> SceneModels:
+        """The models after a layer, which note what tables are used."""
+        if layer not in self._models:
+            models = self._reader.models(layer)
+            recorded = tuple(_UsedTables(tables, used) for tables, used in zip(models.tables, self._used, strict=False))
+            self._models[layer] = replace(models, tables=recorded)
+        return self._models[layer]
+
+    def _check_tiles(self, usable: int) -> bool:
         """Decode every tile as far as its blocks and the models are sound; True if that is all of them."""
         complete = True
         tiles = self._reader.header.tile_count
         lowest = {entry.tile: entry.layer for entry in reversed(self._broken)}
         for tile in range(tiles):
             self._report("tiles", tile / tiles)
-            top = min(len(models), lowest.get(tile, self._last + 1) - 1)
+            top = min(usable, lowest.get(tile, self._last + 1) - 1)
             complete &= top == self._last
-            if top and not self._decode(models[top - 1], tile):
+            if top and not self._decode(self._models_of(top), tile):
                 complete = False
         return complete
 
     def _decode(self, models: SceneModels, tile: int) -> bool:
         try:
             for _, content in self._reader.tiles(models, [tile]):
-                self._count(content)
+                if len(content):
+                    self._count(content)
         except ScarError as error:
             place = f"tile {tile}" if error.field is None else f"tile {tile} {error.field}"
             self._add(type(error)(error.refusal, error.message, offset=error.offset, field=place))

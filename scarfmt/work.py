@@ -7,19 +7,25 @@ take about as long.
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.bytefields import decompress
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.codecs.mlp import Network
 from scarfmt.directory import Table
 from scarfmt.errors import LimitExceeded
-from scarfmt.limits import FREE_WORK, Limits
-from scarfmt.model import SceneModel
+from scarfmt.limits import FREE_CONTENT, FREE_WORK, Limits
+from scarfmt.model import LayerRow, SceneModel
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
-from scarfmt.schema import BlockKind, Profile
+from scarfmt.schema import BlockKind, Profile, Stream
+from scarfmt.symbols import SymbolTable, TableKey
 
 I64 = NDArray[np.int64]
 
@@ -27,25 +33,63 @@ SYMBOL = 1 << 8
 """One symbol from a table."""
 GROUP = 1 << 15
 """Opening one table for a group of symbols."""
-RECORD = 1 << 16
+RECORD = 1 << 17
 """Reading one table record."""
-TILE_LAYER = 1 << 20
+TILE_LAYER = 1 << 21
 """Beginning one layer of one tile."""
-STAGE_PASS = 1 << 22
+SPLIT = 1 << 16
+"""Splitting a node of a tile at one bit; at most `MOST_SPLITS` nodes of a bit count."""
+MOST_SPLITS = 16
+PASS = 1 << 21
+"""Beginning one pass of a step with predictors."""
+STAGE_PASS = 1 << 23
 """Beginning one stage of one pass of the index network."""
-NUMBER = 1 << 5
+CLUSTER = 1 << 17
+"""Beginning one cluster in such a stage."""
+PRODUCT = 2
+"""A multiply-add of what is applied to every anchor in the end, in binary64."""
+NUMBER = 1 << 4
 """Making one number of the result, or one frequency."""
 BIT = 1 << 6
 """One bit of a hash grid."""
 
 
-def tile_layers(directory: Table, layers: int) -> tuple[I64, int]:
-    """Per layer, (layers,) tiles that have anchors after it; and the anchors after the last of them."""
+def _by_step(tables: Sequence[Mapping[TableKey, SymbolTable]]) -> Iterator[Counter[tuple[int, int]]]:
+    """Per layer, how many tables of each (stream, step) are in force: a table of a layer stays or is replaced."""
+    before: Mapping[TableKey, SymbolTable] = {}
+    counts: Counter[tuple[int, int]] = Counter()
+    for here in tables:
+        if len(here) > len(before):
+            counts = counts + Counter((key.stream, key.step) for key in here.keys() - before.keys())
+        yield counts
+        before = here
+
+
+@dataclass(frozen=True)
+class Extent:
+    """What a directory declares of the first layers.
+
+    Attributes:
+        tiles: (layers,) tiles that have anchors after each layer.
+        anchors: after the last of them.
+        splits: levels of the trees of positions, times the nodes that each may have, up to `MOST_SPLITS`.
+    """
+
+    tiles: I64
+    anchors: int
+    splits: int
+
+
+def extent(directory: Table, tile_table: Table, lattice_bits: int, layers: int) -> Extent:
+    """The extent of the first `layers` layers."""
     rows = directory[(directory["kind"] == BlockKind.TILE) & (directory["layer"] <= layers) & (directory["count"] > 0)]
+    counts = rows["count"].astype(np.int64)
+    local = lattice_bits - tile_table["depth"].astype(np.int64) - tile_table["shift"]
+    splits = int((3 * local[rows["tile"]] * np.minimum(counts - 1, MOST_SPLITS)).sum())
     order = np.lexsort((rows["layer"], rows["tile"]))
     tiles, first = np.unique(rows["tile"][order], return_index=True)
     starts = np.bincount(rows["layer"][order][first], minlength=layers + 1)[1:] if len(tiles) else np.zeros(layers)
-    return np.cumsum(starts).astype(np.int64), int(rows["count"].sum(dtype=np.int64))
+    return Extent(np.cumsum(starts).astype(np.int64), int(counts.sum()), splits)
 
 
 class DeclaredWork:
@@ -53,7 +97,7 @@ class DeclaredWork:
 
     Args:
         model: of those layers.
-        tables: static tables in force in each layer.
+        tables: static tables in force in each layer, by key.
         predictors: in force in each layer, by key.
         network, books, grid: of the index network, or None.
         networks: what is applied to every anchor in the end.
@@ -62,40 +106,60 @@ class DeclaredWork:
     def __init__(
         self,
         model: SceneModel,
-        tables: list[int],
+        tables: Sequence[Mapping[TableKey, SymbolTable]],
         predictors: tuple[dict[tuple[int, int, int], Predictor], ...],
         network: IndexNetwork | None,
         books: Codebooks | None,
         grid: HashGrid | None,
         networks: tuple[Network, ...],
     ) -> None:
-        self._model, self._tables, self._predictors = model, tables, predictors
+        self._model, self._predictors = model, predictors
+        self._tables = list(_by_step(tables))
         self._network, self._books, self._grid, self._networks = network, books, grid, networks
 
-    def total(self, tiles: I64, anchors: int) -> int:
-        """Work with (layers,) `tiles` that have anchors after each layer, and `anchors` after the last."""
+    def total(self, declared: Extent) -> int:
+        """Work for so many tiles and anchors."""
         layers = range(1, len(self._model.layers) + 1)
-        started = sum(int(count) * self._of_tile(layer) for layer, count in zip(layers, tiles, strict=True))
+        started = sum(int(count) * self._of_tile(layer) for layer, count in zip(layers, declared.tiles, strict=True))
         classes = range(self._model.layers[-1].class_count)
         refined = max(sum(self._of_anchor(layer, kind) for layer in layers) for kind in classes)
-        return self._once() + started + anchors * (refined + self._of_result())
+        split = SPLIT * declared.splits
+        return self._once() + started + split + declared.anchors * (refined + self._of_result())
 
     def _once(self) -> int:
+        records = sum(self._tables[-1].values())
         bits = sum(level.bits for level in self._grid.levels) if self._grid else 0
         prepared = 0
         if self._network is not None and self._books is not None:
             codewords = sum(self._books.sizes)
             prepared = codewords * sum(gru.inputs[0].size + gru.recurrent.size for gru in self._network.gru)
-        return bits * BIT + prepared
+        return records * RECORD + bits * BIT + prepared
 
     def _of_tile(self, layer: int) -> int:
-        row, context = self._model.layers[layer - 1], self._model.context
-        looks = bool(self._predictors[layer - 1]) or row.neural
-        passes = context.passes_log2 + 1 if looks else 1
-        total = TILE_LAYER + GROUP * self._tables[layer - 1] * passes
+        row, steps = self._model.layers[layer - 1], self._steps(layer)
+        passes = self._model.context.passes_log2 + 1
+        predicted = {(stream, step) for stream, _, step in self._predictors[layer - 1]} & steps
+        total = TILE_LAYER + GROUP * self._usable_tables(layer, steps) * (passes if predicted else 1)
+        total += PASS * passes * len(predicted)
         if row.neural and self._network is not None:
-            total += max(row.stages) * passes * (STAGE_PASS + GROUP * max(len(h.clusters) for h in self._network.heads))
+            clusters = max(len(head.clusters) for head in self._network.heads)
+            total += max(row.stages) * passes * (STAGE_PASS + CLUSTER * clusters)
         return total
+
+    def _usable_tables(self, layer: int, steps: set[tuple[int, int]]) -> int:
+        """Tables in force that a layer may code with: those of `steps`, of no step, and of offsets."""
+        counts = self._tables[layer - 1].items()
+        return sum(n for key, n in counts if not key[1] or key[0] == Stream.OFFSETS or key in steps)
+
+    def _steps(self, layer: int) -> set[tuple[int, int]]:
+        """(stream, step) of the steps that some class receives in a layer."""
+        rows, before = self._model.layers, self._model.layers[layer - 2] if layer > 1 else LayerRow((), ())
+        steps = set()
+        for index, channel in enumerate(self._model.channels):
+            for kind, after in enumerate(rows[layer - 1].steps):
+                first = before.steps[kind][index] if kind < before.class_count else 0
+                steps |= {(int(channel.stream), step) for step in range(first + 1, after[index] + 1)}
+        return steps
 
     def _of_anchor(self, layer: int, kind: int) -> int:
         """Work for an anchor of class `kind` in one layer."""
@@ -133,7 +197,29 @@ class DeclaredWork:
         for network in self._networks:
             products += sum(layer.weights.size for layer in network.layers)
             numbers += max(layer.weights.shape[0] for layer in network.layers) + network.inputs
-        return products + NUMBER * numbers
+        return PRODUCT * products + NUMBER * numbers
+
+
+class Contents:
+    """What the Zstandard frames of one file's tables may unfold to together (SPEC §13.2).
+
+    Args:
+        file_length: of the file.
+        limits: what the reader accepts.
+    """
+
+    def __init__(self, file_length: int, limits: Limits) -> None:
+        self._left = FREE_CONTENT + limits.content_per_byte * file_length
+
+    def decompress(self, frame: bytes, limit: int, field: str) -> bytes:
+        """:func:`scarfmt.bytefields.decompress`, where no more is left than the frames before did not use.
+
+        Raises:
+            LimitExceeded: ``limit-expansion``.
+        """
+        content = decompress(frame, limit, field, self._left)
+        self._left -= len(content)
+        return content
 
 
 def check_work(work: int, file_length: int, limits: Limits) -> None:

@@ -183,6 +183,9 @@ def test_limits_are_the_codes() -> None:
     printed = {row[0].strip("`"): int(row[1]) for row in rows(section("13.2"))}
     assert printed == dataclasses.asdict(limits.DEFAULT_LIMITS)
     assert (limits.FREE_ANCHORS, limits.FREE_SLOTS, model.MAX_STEP) == (1 << 16, 1 << 19, 2.0**96)
+    assert (limits.FREE_CONTENT, limits.FREE_WORK) == (1 << 20, 1 << 32)
+    assert "2^20 + `content_per_byte`" in section("13.2")
+    assert "2^32 + `work_per_byte`" in section("13.2")
     assert "2^16 + `anchors_per_byte`" in section("5.2")
     assert "2^19 + `slots_per_byte`" in section("5.2")
     assert "at most 2^96" in section("6.4")

@@ -108,6 +108,17 @@ def test_records_that_break_the_rule_are_refused(payload: bytes, refusal: str) -
     refuses(refusal, lambda: unpack_tables(payload))
 
 
+@pytest.mark.parametrize("size", [3, 100])
+def test_of_several_faults_the_first_in_the_content_is_refused(size: int) -> None:
+    """SPEC §12.2, in short tables and in those read many numbers at once."""
+    zeros, ones = (0,) * (size - 2), (1,) * (size - 2)
+    refuses("bad-table", lambda: unpack_tables(b"\x01" + record(5, 0, (0, *zeros), (*ones, 0, 1 << 24), size)))
+    refuses("bad-varint", lambda: unpack_tables(b"\x01" + record(5, 0, (0, *zeros), (*ones, 1 << 24, 0), size)))
+    refuses("bad-table", lambda: unpack_tables(b"\x01" + record(5, 1 << 31, (1 << 32, *zeros), (), size)))
+    refuses("bad-table", lambda: unpack_tables(b"\x01" + record(5, 0, (EDGE,), (), size)))
+    refuses("payload-short", lambda: unpack_tables(b"\x01" + record(5, 0, (EDGE - 1,), (), size)))
+
+
 @pytest.mark.parametrize(
     "payload", [unsigned_varint(MAX_TABLES + 1), b"\x01\x05" + unsigned_varint(MAX_ALPHABET + 1)]
 )

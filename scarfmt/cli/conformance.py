@@ -164,13 +164,16 @@ def _asked(decoder: str | None, session: str | None, timeout: float, memory: int
     """How to ask.
 
     Raises:
-        click.UsageError: both ways at once, or a program that does not exist.
+        click.UsageError: both ways at once, a program that does not exist, or no POSIX system.
         InvalidInput: ``input-options``: the command is not one.
     """
+    import os
     import shutil
 
     from scarfmt.suite.protocol import command, template
 
+    if os.name != "posix":
+        raise click.UsageError("decoders can be run safely on POSIX systems only")
     if decoder is not None and session is not None:
         raise click.UsageError("--decoder and --session exclude each other")
     reference = [sys.executable, "-m", "reference_decoder.answers"]

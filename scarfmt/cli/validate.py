@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 @click.argument("file")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout.")
 @click.option("--layers", type=click.IntRange(min=1), help="Check only the blocks of the first so many layers.")
+@click.option("--no-limits", is_flag=True, help="Check a file however large or slow it is: for files you trust.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing; the exit code tells.")
 @click.pass_context
-def validate(ctx: click.Context, file: str, as_json: bool, layers: int | None, quiet: bool) -> None:
+def validate(ctx: click.Context, file: str, as_json: bool, layers: int | None, no_limits: bool, quiet: bool) -> None:
     """Check FILE (a path, a URL or -) against every rule of the specification.
 
     All tiles are decoded. Checking goes on past a fault where it can, so that all damage is told, one line each:
@@ -32,9 +33,11 @@ def validate(ctx: click.Context, file: str, as_json: bool, layers: int | None, q
       scarfmt validate scene.scar --json | jq -r '.findings[].refusal'
     """
     from scarfmt import validate as validation
+    from scarfmt.limits import DEFAULT_LIMITS, FORMAT_LIMITS
 
+    limits = FORMAT_LIMITS if no_limits else DEFAULT_LIMITS
     with open_input(file) as source, progress(quiet or as_json) as report:
-        result = validation.validate(source, layers=layers, report=report)
+        result = validation.validate(source, layers=layers, limits=limits, report=report)
     if as_json:
         print_json({"file": file, **result.as_json()})
     elif not quiet:

@@ -88,7 +88,7 @@ def put_channel(
             emit_by_context(emitter, TableKey(channel.stream, component, step, 0), contexts, now - 3 * before)
         return here
 
-    for step in range(int(before.min(initial=0)) + 1, int(after.max(initial=0)) + 1):
+    for step in _steps_coded(before, after):
         chosen = np.flatnonzero((before < step) & (after >= step))
         if not len(chosen):
             continue
@@ -138,7 +138,7 @@ def get_channel(
             first[-1][part[:, None], components] = here.T
         return here
 
-    for step in range(int(before.min(initial=0)) + 1, int(after.max(initial=0)) + 1):
+    for step in _steps_coded(before, after):
         chosen = np.flatnonzero((before < step) & (after >= step))
         if not len(chosen):
             continue
@@ -156,6 +156,12 @@ def get_channel(
             values[chosen] = _refined(reader, channel, step, kinds, values[chosen]).T
         if predicted is not None:
             predicted.settle(step, chosen, values[chosen])
+
+
+def _steps_coded(before: I64, after: I64) -> range:
+    """The steps that some anchor may receive, from (n,) steps before and after a layer."""
+    moves = np.flatnonzero(before < after)
+    return range(int(before[moves].min()) + 1, int(after[moves].max()) + 1) if len(moves) else range(0)
 
 
 def _code_predicted(

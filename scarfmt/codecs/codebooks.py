@@ -80,11 +80,14 @@ def unpack_codebooks(payload: bytes) -> dict[int, I64]:
         Malformed: ``bad-codebook`` for a payload that breaks SPEC §7.8.
     """
     reader = ByteReader(payload, "codebooks")
-    dimension, count = reader.count(MAX_LATENT), reader.count(2)
+    dimension = reader.count(MAX_LATENT)
+    if not dimension:
+        raise Malformed("bad-codebook", "codewords of no dimensions (SPEC §7.8)", field="codebooks")
+    count = reader.count(2)
     books: dict[int, I64] = {}
     for _ in range(count):
         number, size = reader.take(1)[0], reader.count(MAX_CODEWORDS)
-        if number > 1 or (books and number <= max(books)) or size == 0 or dimension == 0:
+        if number > 1 or (books and number <= max(books)) or size == 0:
             raise Malformed("bad-codebook", f"book {number} of {size} codewords (SPEC §7.8)", field="codebooks")
         columns = [_checked(unpack_rice(reader, size)) for _ in range(dimension)]
         books[number] = np.stack(columns, axis=1)

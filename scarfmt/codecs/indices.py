@@ -51,9 +51,11 @@ def get_indices(
     """
     for stage in range(1, int(after.max(initial=0)) + 1):
         chosen = np.flatnonzero((before < stage) & (after >= stage))
+        if not len(chosen):
+            continue
         key = TableKey(Stream.INDICES, stage, 0, 0)
         values = read_by_context(reader, key, _contexts(indices[chosen], classes[chosen], stage))
         size = book_sizes[stage > 1]
-        if len(values) and not (int(values.min()) >= 0 and int(values.max()) < size):
+        if not (int(values.min()) >= 0 and int(values.max()) < size):
             raise Malformed("bad-index", f"stage {stage}: an index is not below {size} (SPEC §7.6)", field="indices")
         indices[chosen, stage - 1] = values

@@ -96,14 +96,14 @@ def unpack_network(payload: bytes) -> IndexNetwork:
 
 def _read_network(reader: ByteReader) -> IndexNetwork:
     bits, flags, latent_shift, codeword_shift = reader.take(4)
-    if flags & ~(_OWN | _ATTENTION):
-        raise Malformed("bad-network", f"reserved flags in {flags:#x} (SPEC §10.5)", field=_FIELD)
     classes, attributes, depths, latents, grid = (reader.count(MAX_INPUTS) for _ in range(5))
     inputs = Inputs(classes, bool(flags & _OWN), attributes, depths, latents, latent_shift, grid)
     dims, first = reader.count(MAX_CODEWORD_DIMS), reader.count(MAX_WIDTH)
     hidden, mixed = reader.count(MAX_WIDTH), reader.count(MAX_WIDTH)
     layers, tokens, heads = reader.count(MAX_GRU_LAYERS), reader.count(MAX_TOKENS), reader.count(MAX_HEADS)
-    # Checked before anything is read for it: the product of attributes and depths is not bounded by their limits.
+    # Both here, by R-10.5-1. The product of attributes and depths is not bounded by their limits.
+    if flags & ~(_OWN | _ATTENTION):
+        raise Malformed("bad-network", f"reserved flags in {flags:#x} (SPEC §10.5)", field=_FIELD)
     if inputs.width > MAX_INPUTS:
         raise Malformed("bad-network", f"{inputs.width} input columns, at most {MAX_INPUTS} (SPEC §10.5)", field=_FIELD)
     return IndexNetwork(

@@ -25,6 +25,8 @@ T = TypeVar("T", bound=np.generic)
 LARGEST_OWN_TABLE = 16
 _BINS = 16
 _BIT_CHUNK = 12
+# So few nodes are split faster one by one.
+_FEW_NODES = 4
 
 
 def _key(count: int) -> TableKey:
@@ -128,6 +130,9 @@ def get_positions(reader: SymbolReader, total: int, bits: int) -> U64:
             start, count, prefix = start[:0], count[:0], prefix[:0]
             break
         start, count, prefix = start[several], count[several], prefix[several]
+        if len(several) <= _FEW_NODES:
+            start, count, prefix = _few_children(reader, start, count, prefix, bit)
+            continue
         lower = _get_splits(reader, count)
         upper = prefix | (np.uint64(1) << np.uint64(bit))
         start, count, kept = _children(start, count, lower)
@@ -144,6 +149,39 @@ def get_positions(reader: SymbolReader, total: int, bits: int) -> U64:
     return codes
 
 
+def _few_children(reader: SymbolReader, start: I64, count: I64, prefix: U64, bit: int) -> tuple[I64, I64, U64]:
+    """The children of a few nodes, one by one: duplicates go down all levels alone, where arrays would cost most."""
+    counts = count.tolist()
+    lower = _few_splits(reader, counts)
+    nodes = []
+    for first, n, code, below in zip(start.tolist(), counts, prefix.tolist(), lower, strict=True):
+        if below:
+            nodes.append((first, below, code))
+        if n > below:
+            nodes.append((first + below, n - below, code | 1 << bit))
+    starts, left, codes = zip(*nodes, strict=True)
+    return np.array(starts, np.int64), np.array(left, np.int64), np.array(codes, np.uint64)
+
+
+def _few_splits(reader: SymbolReader, counts: list[int]) -> list[int]:
+    """As :func:`_get_splits`."""
+    if max(counts) > LARGEST_OWN_TABLE:
+        return _get_splits(reader, np.array(counts, np.int64)).tolist()
+    lower = [0] * len(counts)
+    for n in sorted(set(counts)):
+        nodes = [node for node, size in enumerate(counts) if size == n]
+        for node, below in zip(nodes, reader.read(_key(n), len(nodes)).tolist(), strict=True):
+            lower[node] = below
+    if any(not 0 <= below <= n for below, n in zip(lower, counts, strict=True)):
+        raise _too_many_below()
+    return lower
+
+
+def _too_many_below() -> Malformed:
+    message = "a split puts more anchors below than the node holds (SPEC §7.2)"
+    return Malformed("bad-split", message, field="positions")
+
+
 def _get_splits(reader: SymbolReader, count: I64) -> I64:
     lower = np.zeros(len(count), np.int64)
     order, ends = _by_size(count)
@@ -154,8 +192,7 @@ def _get_splits(reader: SymbolReader, count: I64) -> I64:
     if len(large):
         lower[large] = _get_large_splits(reader, count[large])
     if bool(((lower < 0) | (lower > count)).any()):
-        message = "a split puts more anchors below than the node holds (SPEC §7.2)"
-        raise Malformed("bad-split", message, field="positions")
+        raise _too_many_below()
     return lower
 
 

@@ -66,7 +66,7 @@ class Child:
     Attributes:
         has_line: it has printed a line end since :meth:`take_output`.
         status: exit status, minus the number of the signal that killed it; None while it runs.
-        peak_bytes: most memory it held; None while it runs.
+        peak_bytes: most memory it held, with its children; None while it runs, and where that is not known.
     """
 
     def __init__(self, words: list[str], limits: Limits, stop: threading.Event, asked_through: bool = False):
@@ -187,7 +187,7 @@ class Child:
 
     def _reaped(self, status: int, usage: resource.struct_rusage) -> None:
         self.status = self._process.returncode = os.waitstatus_to_exitcode(status)
-        self.peak_bytes = usage.ru_maxrss * _RSS_UNIT
+        self.peak_bytes = _peak(usage)
         self._kill_group()
 
     def _kill_group(self) -> None:
@@ -225,15 +225,19 @@ def status_text(status: int) -> str:
 
 
 def memory_fault(peak_bytes: int | None, limits: Limits) -> Fault | None:
-    """A fault if a process held more memory than it may.
-
-    RLIMIT_DATA leaves out shared and file-backed pages. A child's peak begins with the pages of this process, before
-    it runs its own program, so no less than our own peak can be held against it.
-    """
-    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _RSS_UNIT
-    if peak_bytes is None or peak_bytes <= max(limits.memory_bytes, own):
+    """A fault if a process held more memory than it may; RLIMIT_DATA leaves out shared and file-backed pages."""
+    if peak_bytes is None or peak_bytes <= limits.memory_bytes:
         return None
     return Fault("memory", f"held {peak_bytes >> 20:,} MiB, {limits.memory_bytes >> 20:,} MiB are allowed")
+
+
+def _peak(usage: resource.struct_rusage) -> int | None:
+    """Peak memory of a child, in bytes; None if it is not above our own.
+
+    Between fork and exec a child has the pages of this process, and they count.
+    """
+    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return usage.ru_maxrss * _RSS_UNIT if usage.ru_maxrss > own else None
 
 
 class OneShot:

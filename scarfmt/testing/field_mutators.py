@@ -1,4 +1,4 @@
-"""Lies in the fixed fields of a file: header, layer summaries, tile table, directory, sub-stream records (SPEC §5, §7.1).
+"""Lies in the fixed fields of a file: header, summaries, tile table, directory, sub-stream records (SPEC §5, §7.1).
 
 Values are small, telling (powers of two and their neighbours), or near the right one.
 """

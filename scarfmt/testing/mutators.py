@@ -13,7 +13,7 @@ from random import Random
 
 from scarfmt.schema import SIGNATURE, VERSION
 from scarfmt.testing import block_mutators, field_mutators
-from scarfmt.testing.block_mutators import NotHere
+from scarfmt.testing.field_mutators import NotHere
 from scarfmt.testing.parts import is_file, resealed
 
 Operator = Callable[[bytes, Random, Sequence[bytes]], bytes]

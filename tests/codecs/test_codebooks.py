@@ -75,6 +75,8 @@ def test_the_hand_made_book_is_readable() -> None:
 BAD = {
     "no book": (unsigned_varint(1) + unsigned_varint(0), "bad-codebook"),
     "no dimension": (payload(dimension=0, column=b""), "bad-codebook"),
+    "no dimension, and a cut": (unsigned_varint(0), "bad-codebook"),
+    "no dimension of three books": (payload(dimension=0, books=3), "bad-codebook"),
     "unknown book": (payload(number=2), "bad-codebook"),
     "no codeword": (payload(size=0, column=b"\0\0"), "bad-codebook"),
     "same book twice": (payload(books=2) + b"\0\x03" + GOOD, "bad-codebook"),

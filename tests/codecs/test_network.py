@@ -139,3 +139,13 @@ def test_more_columns_than_allowed_are_refused_before_they_are_read() -> None:
     """511 attributes at 511 depths are each within their limit."""
     header = bytes([10, 0, 0, 0, 0, 0xFF, 3, 0xFF, 3, 0, 0, 1, 1, 1, 1, 1, 0, 1])
     refuses("bad-network", lambda: unpack_network(header))
+
+
+def test_reserved_flags_are_judged_with_the_number_of_columns() -> None:
+    """R-10.5-1: after the counts, before the first layer."""
+    changed = bytearray(pack_network(small()))
+    changed[1], changed[13] = 4, 5
+    with pytest.raises(LimitExceeded):
+        unpack_network(bytes(changed))
+    changed[13] = 1
+    refuses("bad-network", lambda: unpack_network(bytes(changed[:16])))

@@ -25,7 +25,7 @@ from tests.conformance.vector_files import FOLDERS, VECTORS, expectation_of, nam
 MANNER = Manner(operations("numpy"))
 EXPECTED = {folder: expectation_of(folder) for folder in FOLDERS}
 DECODED = [folder for folder in FOLDERS if "layers" in EXPECTED[folder]]
-RICE = [folder for folder in FOLDERS if folder.name.startswith(("rice-", "shift-"))]
+RICE = [folder for folder in FOLDERS if name_of(folder).startswith(("invalid/rice-", "invalid/shift-"))]
 
 
 def whole_file(folder: Path, scratch: Path) -> Path:

@@ -17,7 +17,7 @@ from click.testing import CliRunner, Result
 
 from scarfmt.cli import cli
 from scarfmt.cli.conformance import conformance
-from tests.suite.conftest import FAKE, SESSION, SuiteWriter, is_gone, wait_until
+from tests.suite.conftest import FAKE, PATIENCE_SECONDS, SESSION, SuiteWriter, is_gone, wait_until
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 DECODER = shlex.join([*FAKE, "{file}", "{k}", "{s}"])
@@ -158,19 +158,23 @@ def test_an_interrupt_ends_the_decoder_too(suite: SuiteWriter, tmp_path: Path) -
     told, report = tmp_path / "number", tmp_path / "report.json"
     suite.decoded("valid/hang", {"misbehave": "hang", "told": str(told)})
     words = ["conformance", "run", "--suite", suite.load().folder, "--decoder", DECODER, "--output", report]
+    words += ["--timeout", 3600]
     # A test run in the background of a shell hands down that SIGINT is ignored.
     script = (
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
         f"sys.argv[1:] = {[str(word) for word in words]!r}; from scarfmt.cli import main; main()"
     )
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
-    process = subprocess.Popen([sys.executable, "-c", script], env=environment, stderr=subprocess.PIPE, text=True)
-    assert wait_until(lambda: told.exists() and bool(told.read_text()))
-    process.send_signal(signal.SIGINT)
-    assert process.stderr is not None
-    with process.stderr as stream:
-        errors = stream.read()
-    assert process.wait() == 130
+    with subprocess.Popen(
+        [sys.executable, "-c", script], env=environment, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert wait_until(lambda: told.exists() and bool(told.read_text()))
+            process.send_signal(signal.SIGINT)
+            _, errors = process.communicate(timeout=PATIENCE_SECONDS)
+        finally:
+            process.kill()
+    assert process.returncode == 130
     assert "interrupted" in errors
     assert "Traceback" not in errors
     assert wait_until(lambda: is_gone(int(told.read_text())))

@@ -91,6 +91,26 @@ def test_wrong_capabilities_are_a_fault_that_says_which(changed: dict[str, Any],
     assert reason in answer.message
 
 
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "printed nothing"),
+        (b" \n", "printed nothing"),
+        (b"{}\n", "not an object with stages, refused or capabilities"),
+        (b"[1]", "not an object with"),
+        (b'{"refused": "x-y"}\n{"refused": "x-y"}\n', "not one JSON value"),
+        (b'{"refused": "x-y", "stages": {}}', "not an object with"),
+        (b'{"refused": 5}', "refused is not a string"),
+        (b'{"stages": []}', "stages is not an object"),
+        (b'{"capabilities": {}}', "protocol"),
+    ],
+)
+def test_other_output_is_a_fault_that_says_why(data: bytes, reason: str) -> None:
+    answer = parse(data)
+    assert isinstance(answer, Fault)
+    assert (answer.kind, reason in answer.message) == ("answer", True)
+
+
 @given(st.binary(max_size=60) | JSON.map(lambda value: json.dumps(value).encode()))
 def test_no_output_breaks_the_parser(data: bytes) -> None:
     assert isinstance(parse(data), Values | Refusal | Capabilities | Fault)

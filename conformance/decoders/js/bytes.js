@@ -37,7 +37,7 @@ export class Reader {
    * @param {string} id
    * @param {string} message
    */
-  require(holds, id, message) {
+  demand(holds, id, message) {
     if (!holds) this.refuse(id, message);
   }
 

@@ -90,7 +90,10 @@ function separations({ high, low }, byCode) {
  */
 export function passesOf(group, log2) {
   const every = (/** @type {number} */ first, /** @type {number} */ stride) =>
-    Uint32Array.from({ length: Math.max(Math.ceil((group.length - first) / stride), 0) }, (_, i) => group[first + i * stride]);
+    Uint32Array.from(
+      { length: Math.max(Math.ceil((group.length - first) / stride), 0) },
+      (_, i) => group[first + i * stride],
+    );
   let stride = 2 ** log2;
   const passes = [every(0, stride)];
   for (; stride > 1; stride /= 2) passes.push(every(stride / 2, stride));

@@ -19,16 +19,16 @@ const MAX_COMPONENT = 65535;
 export function readCodebooks(bytes, offset) {
   const reader = new Reader(bytes, offset);
   const dims = reader.count(64);
-  reader.require(dims >= 1, "bad-codebook", "codewords of no dimensions");
+  reader.demand(dims >= 1, "bad-codebook", "codewords of no dimensions");
   const count = reader.count(2);
-  reader.require(count >= 1, "bad-codebook", "no codebook");
+  reader.demand(count >= 1, "bad-codebook", "no codebook");
   /** @type {Codebook[]} */
   const books = [];
   for (let i = 0; i < count; i++) {
     const number = reader.u8();
     const size = reader.count(4096);
     const ascends = number <= 1 && (i === 0 || number > books[i - 1].number);
-    reader.require(ascends && size >= 1, "bad-codebook", `codebook ${number} of ${size} codewords`);
+    reader.demand(ascends && size >= 1, "bad-codebook", `codebook ${number} of ${size} codewords`);
     books.push({ number, size, dims, words: readWords(reader, size, dims) });
   }
   reader.end();
@@ -47,7 +47,7 @@ function readWords(reader, size, dims) {
     const components = readRice(reader, size);
     for (let i = 0; i < size; i++) {
       const fits = Math.abs(components[i]) <= MAX_COMPONENT;
-      reader.require(fits, "bad-codebook", `codeword component ${components[i]}`);
+      reader.demand(fits, "bad-codebook", `codeword component ${components[i]}`);
       words[i * dims + d] = components[i];
     }
   }

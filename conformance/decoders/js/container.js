@@ -2,7 +2,7 @@
 
 import { BLOCK, NO_TILE } from "./constants.js";
 import { crc32 } from "./crc32.js";
-import { Refused, require } from "./errors.js";
+import { demand, Refused } from "./errors.js";
 import { directoryEnd, readHeader, RECORD_BYTES } from "./header.js";
 
 /**
@@ -33,9 +33,9 @@ export function readContainer(source, limits, allowTruncated) {
   const { header, layers } = readHeader(source, limits, allowTruncated);
   const start = header.header_length;
   const end = directoryEnd(header);
-  require(source.length >= end, "truncated-directory", "the directory is cut", source.length);
+  demand(source.length >= end, "truncated-directory", "the directory is cut", source.length);
   const bytes = source.read(start, end - start);
-  require(crc32(bytes) === header.directory_crc32, "directory-crc-mismatch", "directory CRC", 96);
+  demand(crc32(bytes) === header.directory_crc32, "directory-crc-mismatch", "directory CRC", 96);
   const data = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   const tiles = readTiles(data, header.tile_count);
   checkTiles(tiles, header);
@@ -214,8 +214,8 @@ function checkLayerSums({ layer, kind, length, count }, layers) {
       else models += length[e];
     }
     const fits = bytes === summary.byte_count && models === summary.stream_bytes[0];
-    require(fits, "layer-directory-bytes", `the blocks of layer ${i + 1}`);
-    require(anchors === summary.anchor_count - before, "layer-directory-anchors", `anchors of layer ${i + 1}`);
+    demand(fits, "layer-directory-bytes", `the blocks of layer ${i + 1}`);
+    demand(anchors === summary.anchor_count - before, "layer-directory-anchors", `anchors of layer ${i + 1}`);
     before = summary.anchor_count;
   });
 }
@@ -264,7 +264,7 @@ export function blockBytes({ source, entries }, e) {
  */
 function requireArrived(source, entries, e) {
   const arrived = entries.offset[e] + entries.length[e] <= source.length;
-  require(arrived, "truncated-block", `the block of entry ${e} is cut`, source.length);
+  demand(arrived, "truncated-block", `the block of entry ${e} is cut`, source.length);
 }
 
 /**
@@ -277,5 +277,5 @@ export function checkBlock({ source, entries }, e) {
   const end = entries.offset[e] + entries.length[e];
   let crc = 0;
   for (let at = entries.offset[e]; at < end; at += CHUNK) crc = crc32(source.read(at, Math.min(CHUNK, end - at)), crc);
-  require(crc === entries.crc32[e], "crc-mismatch", `the block of entry ${e}`, entries.offset[e]);
+  demand(crc === entries.crc32[e], "crc-mismatch", `the block of entry ${e}`, entries.offset[e]);
 }

@@ -20,6 +20,6 @@ export class Refused extends Error {
  * @param {string} message
  * @param {number | null} [offset]
  */
-export function require(holds, id, message, offset = null) {
+export function demand(holds, id, message, offset = null) {
   if (!holds) throw new Refused(id, message, offset);
 }

@@ -26,7 +26,7 @@ export class ForwardBits {
   }
 }
 
-/** Bits of bytes from the last on, after a mark of one bit 1. `left` falls below 0 where more are read than there are. */
+/** Bits of bytes from the last on, after a mark of one bit 1. `left` is below 0 once more are read than there are. */
 export class BackwardBits {
   /** @param {Uint8Array} bytes */
   constructor(bytes) {
@@ -50,6 +50,7 @@ export class BackwardBits {
   /**
    * @param {number} start
    * @param {number} n
+   * @returns {number}
    */
   #bits(start, n) {
     if (start < 0) return start + n <= 0 ? 0 : this.#bits(0, start + n) * 2 ** -start;

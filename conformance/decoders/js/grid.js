@@ -33,7 +33,7 @@ export function readGrid(bytes, offset) {
     tableLog2: reader.varint(32),
     features: reader.varint(32),
   }));
-  const bad = (/** @type {boolean} */ holds, /** @type {string} */ what) => reader.require(holds, "bad-grid", what);
+  const bad = (/** @type {boolean} */ holds, /** @type {string} */ what) => reader.demand(holds, "bad-grid", what);
   bad(extentBits <= 32 && heads.length >= 1, "extent or number of levels");
   for (const { plane, resolution, tableLog2, features } of heads) {
     bad(plane <= 6, `plane ${plane}`);
@@ -60,7 +60,7 @@ export function readGrid(bytes, offset) {
  */
 function readBits(reader, n) {
   const ones = reader.u8();
-  reader.require(ones !== 0, "bad-grid", "a level without bits 1");
+  reader.demand(ones !== 0, "bad-grid", "a level without bits 1");
   const length = reader.u32();
   const offset = reader.offset;
   const stream = new RansStream(reader.take(length), offset);

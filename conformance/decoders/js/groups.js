@@ -25,8 +25,8 @@ export class Groups {
     this.rans = new RansStream(source?.bytes ?? NO_BYTES, source?.offset ?? null);
     this.tables = tables;
     this.trace = trace;
-    this.scratch = new Int32Array(1024);
-    this.order = new Uint32Array(1024);
+    this.scratch = new Int32Array(0);
+    this.order = new Uint32Array(0);
   }
 
   seal() {
@@ -67,7 +67,8 @@ export class Groups {
    * @param {((values: Int32Array, n: number) => void) | null} [check] the rule on the values of a group
    */
   readByContext(component, step, contexts, n, out, check = null) {
-    if (n > this.order.length) this.order = new Uint32Array(n);
+    if (n === 0) return;
+    if (n > this.order.length) this.order = new Uint32Array(2 * n);
     const { order } = this;
     const starts = new Uint32Array(257);
     for (let i = 0; i < n; i++) starts[contexts[i] + 1]++;
@@ -90,7 +91,7 @@ export class Groups {
    */
   #values(table, n) {
     this.trace?.firstTable(STREAM_NAMES[this.stream], table);
-    if (n > this.scratch.length) this.scratch = new Int32Array(n);
+    if (n > this.scratch.length) this.scratch = new Int32Array(2 * n);
     this.rans.read(table, n, this.scratch);
     return this.scratch;
   }

@@ -2,7 +2,7 @@
 
 import { MAX_LAYERS, PROFILE } from "./constants.js";
 import { crc32 } from "./crc32.js";
-import { Refused, require } from "./errors.js";
+import { demand, Refused } from "./errors.js";
 
 /**
  * @typedef {import("./constants.js").Limits} Limits
@@ -35,16 +35,16 @@ export const RECORD_BYTES = Object.freeze({ tile: 12, entry: 32 });
  */
 export function readHeader(source, limits, allowTruncated) {
   checkSignature(source.read(0, Math.min(11, source.length)));
-  require(source.length >= 16, "truncated-header", "less than 16 bytes", source.length);
+  demand(source.length >= 16, "truncated-header", "less than 16 bytes", source.length);
   const length = view(source.read(12, 4)).getUint32(0, true);
   const declared = (length - FIXED - CHECKSUM) / SUMMARY;
   const possible = Number.isInteger(declared) && declared >= 1 && declared <= MAX_LAYERS;
-  require(possible, "bad-header-length", `header length ${length}`, 12);
-  require(source.length >= length, "truncated-header", `less than the ${length} bytes of the header`, source.length);
+  demand(possible, "bad-header-length", `header length ${length}`, 12);
+  demand(source.length >= length, "truncated-header", `less than the ${length} bytes of the header`, source.length);
   const bytes = source.read(0, length);
   const data = view(bytes);
   const stored = data.getUint32(length - CHECKSUM, true);
-  require(stored === crc32(bytes.subarray(0, length - CHECKSUM)), "header-crc-mismatch", "header CRC", length - 4);
+  demand(stored === crc32(bytes.subarray(0, length - CHECKSUM)), "header-crc-mismatch", "header CRC", length - 4);
   const raw = rawHeader(bytes, data, length);
   checkHeader(raw, limits);
   const layers = checkSummaries(data, raw);
@@ -67,8 +67,8 @@ function checkSignature(start) {
     const named = [0, 1, 2, 3, 4].some((at) => NAME.every((byte, i) => start[at + i] === byte));
     throw new Refused(named ? "damaged-signature" : "bad-signature", "not the signature of a .scar file", 0);
   }
-  require(start.length >= 11, "truncated-header", "the version is cut", start.length);
-  require(start[9] === 0 && start[10] === 1, "unsupported-version", `version ${start[9]}.${start[10]}`, 9);
+  demand(start.length >= 11, "truncated-header", "the version is cut", start.length);
+  demand(start[9] === 0 && start[10] === 1, "unsupported-version", `version ${start[9]}.${start[10]}`, 9);
 }
 
 /**
@@ -112,31 +112,31 @@ function rawHeader(bytes, data, length) {
  */
 function checkHeader(h, limits) {
   const anchor = h.profile === PROFILE.ANCHOR;
-  require(h.version_reserved === 0, "bad-reserved", "version_reserved is not 0", 11);
-  require(h.file_length <= MAX_INTEGER, "bad-file-length", `file length ${h.file_length}`, 16);
-  require(h.profile <= 1, "bad-profile", `profile ${h.profile}`, 24);
-  require(h.sh_degree <= (anchor ? 0 : 3), "bad-sh-degree", `degree ${h.sh_degree}`, 25);
+  demand(h.version_reserved === 0, "bad-reserved", "version_reserved is not 0", 11);
+  demand(h.file_length <= MAX_INTEGER, "bad-file-length", `file length ${h.file_length}`, 16);
+  demand(h.profile <= 1, "bad-profile", `profile ${h.profile}`, 24);
+  demand(h.sh_degree <= (anchor ? 0 : 3), "bad-sh-degree", `degree ${h.sh_degree}`, 25);
   const implied = FIXED + CHECKSUM + SUMMARY * h.layer_count;
-  require(implied === h.header_length, "bad-layer-count", `${h.layer_count} layers`, 26);
-  require(h.slots >= 1 && h.slots <= (anchor ? 32 : 1), "bad-slots", `${h.slots} slots`, 27);
-  require(h.lattice_bits >= 1 && h.lattice_bits <= 32, "bad-lattice-bits", `${h.lattice_bits} lattice bits`, 28);
-  require(h.coordinate_frame <= 2, "bad-coordinate-frame", `coordinate frame ${h.coordinate_frame}`, 29);
-  require(h.colour_space <= 2, "bad-colour-space", `colour space ${h.colour_space}`, 30);
-  require(h.reserved === 0, "bad-reserved", "reserved is not 0", 31);
-  require(h.origin.every(Number.isFinite), "bad-origin", `origin ${h.origin}`, 56);
-  require(Number.isFinite(h.voxel) && h.voxel > 0, "bad-voxel", `voxel ${h.voxel}`, 80);
+  demand(implied === h.header_length, "bad-layer-count", `${h.layer_count} layers`, 26);
+  demand(h.slots >= 1 && h.slots <= (anchor ? 32 : 1), "bad-slots", `${h.slots} slots`, 27);
+  demand(h.lattice_bits >= 1 && h.lattice_bits <= 32, "bad-lattice-bits", `${h.lattice_bits} lattice bits`, 28);
+  demand(h.coordinate_frame <= 2, "bad-coordinate-frame", `coordinate frame ${h.coordinate_frame}`, 29);
+  demand(h.colour_space <= 2, "bad-colour-space", `colour space ${h.colour_space}`, 30);
+  demand(h.reserved === 0, "bad-reserved", "reserved is not 0", 31);
+  demand(h.origin.every(Number.isFinite), "bad-origin", `origin ${h.origin}`, 56);
+  demand(Number.isFinite(h.voxel) && h.voxel > 0, "bad-voxel", `voxel ${h.voxel}`, 80);
   const reach = Math.max(...h.origin.map(Math.abs)) + h.voxel * 2 ** (h.lattice_bits + 1);
-  require(Number.isFinite(reach), "bad-voxel", `positions reach ${reach}`, 80);
-  require(h.source_count <= MAX_INTEGER, "bad-source-count", `source count ${h.source_count}`, 88);
-  require(h.tile_count <= limits.tiles, "limit-tiles", `${h.tile_count} tiles`, 32);
-  require(h.entry_count <= limits.entries, "limit-entries", `${h.entry_count} entries`, 36);
-  require(h.anchor_count <= limits.anchors, "limit-anchors", `${h.anchor_count} anchors`, 40);
-  require(h.gaussian_count <= limits.gaussians, "limit-gaussians", `${h.gaussian_count} Gaussians`, 48);
+  demand(Number.isFinite(reach), "bad-voxel", `positions reach ${reach}`, 80);
+  demand(h.source_count <= MAX_INTEGER, "bad-source-count", `source count ${h.source_count}`, 88);
+  demand(h.tile_count <= limits.tiles, "limit-tiles", `${h.tile_count} tiles`, 32);
+  demand(h.entry_count <= limits.entries, "limit-entries", `${h.entry_count} entries`, 36);
+  demand(h.anchor_count <= limits.anchors, "limit-anchors", `${h.anchor_count} anchors`, 40);
+  demand(h.gaussian_count <= limits.gaussians, "limit-gaussians", `${h.gaussian_count} Gaussians`, 48);
   const anchors = Number(h.anchor_count);
   const length = Number(h.file_length);
   const expands = anchors > 2 ** 16 + limits.anchors_per_byte * length;
   const slotsExpand = anchors * h.slots > 2 ** 19 + limits.slots_per_byte * length;
-  require(!expands && !slotsExpand, "limit-expansion", `${anchors} anchors of ${h.slots} slots`, 40);
+  demand(!expands && !slotsExpand, "limit-expansion", `${anchors} anchors of ${h.slots} slots`, 40);
 }
 
 /**
@@ -183,19 +183,19 @@ function checkSummaries(data, h) {
     const at = FIXED + SUMMARY * i;
     const s = rawSummary(data, at);
     const grows = s.anchor_count >= anchors && s.gaussian_count >= gaussians;
-    require(grows, "layer-counts", `layer ${i + 1} has fewer anchors or Gaussians than the one before`, at);
+    demand(grows, "layer-counts", `layer ${i + 1} has fewer anchors or Gaussians than the one before`, at);
     const most = s.anchor_count * BigInt(h.slots);
     const fits = h.profile === PROFILE.EXPLICIT ? s.gaussian_count === most : s.gaussian_count <= most;
-    require(fits, "layer-counts", `layer ${i + 1} has ${s.gaussian_count} Gaussians`, at + 8);
+    demand(fits, "layer-counts", `layer ${i + 1} has ${s.gaussian_count} Gaussians`, at + 8);
     const sum = s.stream_bytes.reduce((a, b) => a + b, 0n);
-    require(sum === s.byte_count, "layer-bytes", `stream bytes of layer ${i + 1}`, at + 32);
+    demand(sum === s.byte_count, "layer-bytes", `stream bytes of layer ${i + 1}`, at + 32);
     end += s.byte_count;
-    require(s.end_offset === end, "layer-offset", `end of layer ${i + 1}`, at + 24);
+    demand(s.end_offset === end, "layer-offset", `end of layer ${i + 1}`, at + 24);
     ({ anchor_count: anchors, gaussian_count: gaussians } = s);
     layers.push(s);
   }
   const agree = h.anchor_count === anchors && h.gaussian_count === gaussians;
-  require(agree, "layer-counts", "the counts of the header are not those of the last layer", 40);
+  demand(agree, "layer-counts", "the counts of the header are not those of the last layer", 40);
   return layers;
 }
 
@@ -208,9 +208,9 @@ function checkSummaries(data, h) {
  */
 function checkFileLength(h, layers, length, allowTruncated) {
   const end = layers[layers.length - 1].end_offset;
-  require(h.file_length === end, "bad-file-length", `file length ${h.file_length}, layers end at ${end}`, 16);
-  require(length <= h.file_length, "trailing-bytes", "bytes after the end of the file", Number(end));
-  require(allowTruncated || length >= h.file_length, "truncated-file", `${length} bytes of ${end}`, length);
+  demand(h.file_length === end, "bad-file-length", `file length ${h.file_length}, layers end at ${end}`, 16);
+  demand(length <= h.file_length, "trailing-bytes", "bytes after the end of the file", Number(end));
+  demand(allowTruncated || length >= h.file_length, "truncated-file", `${length} bytes of ${end}`, length);
 }
 
 /** @param {{header_length: number, tile_count: number, entry_count: number}} header @returns {number} */

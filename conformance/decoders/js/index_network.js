@@ -4,7 +4,7 @@ import { passesOf, Surroundings } from "./cells.js";
 import { MAX_STAGES } from "./constants.js";
 import { gridFeatures } from "./grid.js";
 import { activationLimit, applyLinear, clamp, exp2w, product, roundShift, sigmoid12, tanh12 } from "./integers.js";
-import { tileCorner } from "./lattice.js";
+import { tileLattice } from "./lattice.js";
 import { isAttribute } from "./predictors.js";
 
 /**
@@ -277,7 +277,7 @@ class TileView {
     this.row = new Float64Array(this.columns);
     this.means = new Float64Array(net.depths * this.columns);
     this.counts = new Int32Array(net.depths);
-    this.corner = tileCorner(tile);
+    this.lattice = tileLattice(tile);
   }
 
   /**
@@ -328,7 +328,7 @@ class TileView {
       for (let c = net.attributes; c < columns; c++) append(roundShift(means[row + c], net.latentShift));
       append(counts[d]);
     }
-    if (models.grid !== null) gridFeatures(models.grid, this.corner.middleOf(a), x, at);
+    if (models.grid !== null) gridFeatures(models.grid, this.lattice.middleOf(a), x, at);
   }
 }
 

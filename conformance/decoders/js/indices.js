@@ -1,7 +1,7 @@
 /** Indices of entropy mode 0 (SPEC §7.6). */
 
 import { MAX_STAGES } from "./constants.js";
-import { require } from "./errors.js";
+import { demand } from "./errors.js";
 
 /**
  * @typedef {import("./groups.js").Groups} Groups
@@ -31,7 +31,9 @@ export function readIndices(tile, k, groups, trace) {
     const values = new Int32Array(anchors.length);
     trace?.atStage(stage);
     groups.readByContext(stage, 0, contexts, anchors.length, values, (group, n) => {
-      for (let i = 0; i < n; i++) require(group[i] >= 0 && group[i] < size, "bad-index", `index ${group[i]} of ${size}`);
+      for (let i = 0; i < n; i++) {
+        demand(group[i] >= 0 && group[i] < size, "bad-index", `index ${group[i]} of ${size}`);
+      }
     });
     trace?.atStage(null);
     for (let m = 0; m < anchors.length; m++) tile.index[anchors[m] * tile.stages + stage - 1] = values[m];

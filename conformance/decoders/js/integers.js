@@ -148,7 +148,7 @@ export function product(weights, rows, columns, x, at, biases, out, to) {
  */
 export function readWeights(reader, n, id) {
   const weights = readRice(reader, n);
-  for (const weight of weights) reader.require(Math.abs(weight) <= MAX_WEIGHT, id, `weight ${weight}`);
+  for (const weight of weights) reader.demand(Math.abs(weight) <= MAX_WEIGHT, id, `weight ${weight}`);
   return weights;
 }
 

@@ -1,7 +1,7 @@
-/** LAYER blocks: the channel table, the decoded context, and one row of the layer table each (SPEC §6.4, §6.5, §7.11). */
+/** LAYER blocks: channel table, decoded context, one row of the layer table each (SPEC §6.4, §6.5, §7.11). */
 
 import { MAX_CLASSES, MAX_STAGES, MAX_STEPS, PROFILE, STREAM } from "./constants.js";
-import { Refused, require } from "./errors.js";
+import { demand, Refused } from "./errors.js";
 import { Reader } from "./bytes.js";
 
 /**
@@ -26,7 +26,7 @@ const CHANNELS = Object.freeze([
   STREAM.OFFSETS,
 ]);
 
-/** Components of each stream kind by profile, §6.4; 0 where LATENT has any number. */
+/** Components of each stream kind by profile, §6.4; 0 where LATENT has any number. @type {Map<number, number>[]} */
 const COMPONENTS = [
   new Map([
     [STREAM.POSITION_RESIDUAL, 3],
@@ -85,20 +85,20 @@ export function readLaterLayer(bytes, offset, channels) {
 /** @param {Reader} reader */
 function readMode(reader) {
   const mode = reader.u8();
-  reader.require(mode <= 1, "unsupported-entropy-mode", `entropy mode ${mode}`);
+  reader.demand(mode <= 1, "unsupported-entropy-mode", `entropy mode ${mode}`);
   return mode;
 }
 
 /** @param {Reader} reader @returns {Channel} */
 function readChannel(reader) {
   const stream = reader.u8();
-  reader.require(CHANNELS.includes(/** @type {any} */ (stream)), "bad-channel", `stream kind ${stream}`);
+  reader.demand(CHANNELS.includes(/** @type {any} */ (stream)), "bad-channel", `stream kind ${stream}`);
   const components = reader.u8();
-  reader.require(components >= 1 && components <= 64, "bad-channel", `${components} components`);
+  reader.demand(components >= 1 && components <= 64, "bad-channel", `${components} components`);
   const rules = Array.from({ length: components }, () => {
     const step = reader.f64();
     const by_class = reader.u8();
-    reader.require(by_class <= 1, "bad-channel", `by_class ${by_class}`);
+    reader.demand(by_class <= 1, "bad-channel", `by_class ${by_class}`);
     const source_channel = reader.u8();
     const source_component = reader.u8();
     const shift = reader.u8();
@@ -129,7 +129,7 @@ function readRow(reader, mode, channels) {
  * @param {number} profile
  */
 export function checkChannels(channels, profile) {
-  const bad = (/** @type {boolean} */ holds, /** @type {string} */ message) => require(holds, "bad-channel", message);
+  const bad = (/** @type {boolean} */ holds, /** @type {string} */ message) => demand(holds, "bad-channel", message);
   const allowed = COMPONENTS[profile];
   channels.forEach(({ stream, components, rules }, i) => {
     bad(i === 0 || channels[i - 1].stream < stream, "channels do not ascend");
@@ -165,7 +165,7 @@ function ruleFits(channels, i, j, rule) {
 /** R-10.2-1. @param {DecodedContext} context */
 export function checkContext({ passes_log2, targets }) {
   const fits = passes_log2 <= 3 && targets.every((target, i) => target >= 1 && (i === 0 || target < targets[i - 1]));
-  require(fits, "bad-context", `passes ${passes_log2}, targets ${targets}`);
+  demand(fits, "bad-context", `passes ${passes_log2}, targets ${targets}`);
 }
 
 /**

@@ -27,7 +27,7 @@ export function readNetworks(block) {
 /** @param {Reader} reader @returns {Mlp} */
 function readNetwork(reader) {
   const count = reader.count(4);
-  reader.require(count >= 1, "bad-mlp", "a network without layers");
+  reader.demand(count >= 1, "bad-mlp", "a network without layers");
   /** @type {Mlp} */
   const layers = [];
   for (let i = 0; i < count; i++) layers.push(readLayer(reader, i === 0 ? null : layers[i - 1].rows));
@@ -41,11 +41,11 @@ function readNetwork(reader) {
  */
 function readLayer(reader, inputs) {
   const rows = reader.count(1024);
-  reader.require(rows >= 1, "bad-mlp", "a layer without outputs");
+  reader.demand(rows >= 1, "bad-mlp", "a layer without outputs");
   const columns = reader.count(1024);
-  reader.require(columns >= 1 && (inputs ?? columns) === columns, "bad-mlp", `${columns} inputs`);
+  reader.demand(columns >= 1 && (inputs ?? columns) === columns, "bad-mlp", `${columns} inputs`);
   const width = reader.u8();
-  reader.require(width === 1 || width === 2, "bad-mlp", `weights of ${width} bytes`);
+  reader.demand(width === 1 || width === 2, "bad-mlp", `weights of ${width} bytes`);
   const start = reader.skip(rows * columns * width);
   const scales = readFinite(reader, rows);
   const biases = readFinite(reader, rows);
@@ -63,7 +63,7 @@ function readLayer(reader, inputs) {
  */
 function readFinite(reader, n) {
   const numbers = Float64Array.from({ length: n }, () => reader.f32());
-  reader.require(numbers.every(Number.isFinite), "bad-mlp", "a scale or bias that is not finite");
+  reader.demand(numbers.every(Number.isFinite), "bad-mlp", "a scale or bias that is not finite");
   return numbers;
 }
 

@@ -3,7 +3,7 @@
 import { readCodebooks } from "./codebooks.js";
 import { BLOCK, PROFILE, STREAM } from "./constants.js";
 import { blockBytes, checkBlock, findBlock } from "./container.js";
-import { Refused, require } from "./errors.js";
+import { demand, Refused } from "./errors.js";
 import { readGrid } from "./grid.js";
 import {
   checkChannels,
@@ -107,7 +107,7 @@ function readLayers(container, layers) {
   const tableBlocks = [];
   for (let k = 1; k <= layers; k++) {
     const e = findBlock(container, k, BLOCK.LAYER);
-    require(e >= 0, "missing-block", `layer ${k} has no LAYER block`);
+    demand(e >= 0, "missing-block", `layer ${k} has no LAYER block`);
     const bytes = blockBytes(container, e);
     const offset = container.entries.offset[e];
     if (first === null) {
@@ -162,7 +162,7 @@ function checkUnexpected(container, layers, plan) {
   ]);
   for (let e = 0; e < kind.length && layer[e] <= layers; e++) {
     const stands = allowed.get(/** @type {any} */ (kind[e]))?.includes(layer[e]) ?? true;
-    require(stands, "unexpected-block", `block kind ${kind[e]} in layer ${layer[e]}`, offset[e]);
+    demand(stands, "unexpected-block", `block kind ${kind[e]} in layer ${layer[e]}`, offset[e]);
   }
 }
 
@@ -174,7 +174,7 @@ function checkUnexpected(container, layers, plan) {
  */
 function neededBlock(container, layer, kind) {
   const e = findBlock(container, layer, kind);
-  require(e >= 0, "missing-block", `layer ${layer} has no block of kind ${kind}`);
+  demand(e >= 0, "missing-block", `layer ${layer} has no block of kind ${kind}`);
   return { bytes: blockBytes(container, e), offset: container.entries.offset[e] };
 }
 
@@ -187,10 +187,10 @@ function neededBlock(container, layer, kind) {
 function readDecoder(container, plan, channels) {
   if (plan.decoder === 0) return null;
   const networks = readNetworks(neededBlock(container, plan.decoder, BLOCK.DECODER_MLP).bytes);
-  require(networks.length === 1, "bad-mlp", `${networks.length} networks in DECODER_MLP`);
+  demand(networks.length === 1, "bad-mlp", `${networks.length} networks in DECODER_MLP`);
   const latent = channels.find(({ stream }) => stream === STREAM.LATENT);
   const inputs = mlpInputs(networks[0]);
-  require(latent === undefined || latent.components === inputs, "bad-mlp", `DECODER_MLP has ${inputs} inputs`);
+  demand(latent === undefined || latent.components === inputs, "bad-mlp", `DECODER_MLP has ${inputs} inputs`);
   return networks[0];
 }
 
@@ -209,12 +209,12 @@ function readAllCodebooks(container, plan, decoder) {
     const { books } = readCodebooks(bytes, offset);
     const wanted = [0, 1].filter((number) => plan.books[number] === layer);
     const found = books.map(({ number }) => number);
-    require(found.join() === wanted.join(), "bad-codebook", `codebooks ${found} in layer ${layer}`, offset);
+    demand(found.join() === wanted.join(), "bad-codebook", `codebooks ${found} in layer ${layer}`, offset);
     for (const book of books) codebooks[book.number] = book;
   }
   const inputs = decoder === null ? 0 : mlpInputs(decoder);
   for (const book of codebooks) {
-    require(book === undefined || book.dims === inputs, "bad-mlp", `codewords of ${book?.dims} dimensions`);
+    demand(book === undefined || book.dims === inputs, "bad-mlp", `codewords of ${book?.dims} dimensions`);
   }
   return codebooks;
 }
@@ -235,18 +235,18 @@ function readScene(container, plan, decoder, channels) {
     const colour = channels.some(({ stream }) => stream === STREAM.COLOUR);
     const outputs = 3 * ((sh_degree + 1) ** 2 - (colour ? 1 : 0));
     const fits = decoder === null || mlpOutputs(decoder) === outputs;
-    require(fits, "bad-mlp", `DECODER_MLP has not ${outputs} outputs`);
+    demand(fits, "bad-mlp", `DECODER_MLP has not ${outputs} outputs`);
     return [];
   }
-  require(networks.length === 3, "bad-mlp", `${networks.length} networks in SCENE_MLP`);
+  demand(networks.length === 3, "bad-mlp", `${networks.length} networks in SCENE_MLP`);
   if (decoder === null) throw new Refused("bad-mlp", "no DECODER_MLP");
   const inputs = mlpInputs(networks[0]) - mlpOutputs(decoder);
   networks.forEach((network, i) => {
     const outputs = slots * [1, 7, 3][i];
     const sized = network.length === 2 && mlpOutputs(network) === outputs;
-    require(sized && mlpInputs(network) === mlpInputs(networks[0]), "bad-mlp", `network ${i} of SCENE_MLP`);
+    demand(sized && mlpInputs(network) === mlpInputs(networks[0]), "bad-mlp", `network ${i} of SCENE_MLP`);
   });
-  require(inputs === 3 || inputs === 4, "bad-mlp", "inputs of SCENE_MLP");
+  demand(inputs === 3 || inputs === 4, "bad-mlp", "inputs of SCENE_MLP");
   return networks;
 }
 

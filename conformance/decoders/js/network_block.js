@@ -1,7 +1,7 @@
 /** ENTROPY_NETWORK blocks (SPEC §10.5): reading and checking. */
 
 import { Reader } from "./bytes.js";
-import { require } from "./errors.js";
+import { demand } from "./errors.js";
 import {
   ACCUMULATOR_LIMIT,
   activationLimit,
@@ -53,7 +53,7 @@ export function readNetwork(bytes, offset) {
   const own = (flags & 1) !== 0;
   const attention = (flags & 2) !== 0;
   const inputs = classes + (own ? attributes : 0) + depths * (attributes + latents + 1) + grid;
-  reader.require(flags <= 3 && inputs <= MAX_INPUTS, "bad-network", `flags ${flags}, ${inputs} inputs`);
+  reader.demand(flags <= 3 && inputs <= MAX_INPUTS, "bad-network", `flags ${flags}, ${inputs} inputs`);
   const embed1 = linear(embedWidth, inputs);
   const embed2 = linear(hidden, embedWidth);
   const recurrent = Array.from({ length: layers }, (_, g) =>
@@ -134,7 +134,7 @@ function readHead(reader, dims, mixed) {
 
 /** @param {boolean} holds @param {string} what */
 function bad(holds, what) {
-  require(holds, "bad-network", what);
+  demand(holds, "bad-network", what);
 }
 
 /** R-10.5-2 to R-10.5-5. @param {Network} net */

@@ -1,6 +1,6 @@
 /** Local codes of the anchors that appear (SPEC §7.2). A code, below 2^63, is kept as two halves of 32 bits. */
 
-import { require } from "./errors.js";
+import { demand } from "./errors.js";
 
 /**
  * @typedef {import("./groups.js").Groups} Groups
@@ -115,7 +115,7 @@ function readSplits(groups, counts, n, lower) {
 
 /** @param {number} value @param {number} most */
 function requireBetween(value, most) {
-  require(value >= 0 && value <= most, "bad-split", `${value} of ${most} anchors`);
+  demand(value >= 0 && value <= most, "bad-split", `${value} of ${most} anchors`);
 }
 
 /**

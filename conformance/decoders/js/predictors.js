@@ -2,7 +2,7 @@
 
 import { Reader } from "./bytes.js";
 import { STREAM } from "./constants.js";
-import { require } from "./errors.js";
+import { demand } from "./errors.js";
 import { activationLimit, clamp, keepsReach, MAX_SHIFT, product, readWeights, roundShift } from "./integers.js";
 import { readShifted } from "./rice.js";
 
@@ -81,7 +81,7 @@ export class Predictor {
 export function readPredictors(bytes, offset) {
   const reader = new Reader(bytes, offset);
   const count = reader.count(1024);
-  reader.require(count >= 1, "bad-predictor", "no predictor");
+  reader.demand(count >= 1, "bad-predictor", "no predictor");
   const predictors = Array.from({ length: count }, () => readPredictor(reader));
   reader.end();
   return predictors;
@@ -92,13 +92,13 @@ function readPredictor(reader) {
   const [stream, component, step, b1, b2, classes, inputs, units] = Array.from({ length: 8 }, () => reader.u8());
   const head = { stream, component, step, b1: b1 + 1, b2: b2 + 1, classes, inputs, units };
   const sound = isAttribute(stream) && classes <= CLASS_COLUMNS && inputs > CLASS_COLUMNS && units <= 64;
-  reader.require(sound, "bad-predictor", "the head of a predictor");
+  reader.demand(sound, "bad-predictor", "the head of a predictor");
   const hidden = units > 0 ? readLayer(reader, units, inputs, classes) : null;
   const output = readLayer(reader, 2, inputs + units, classes);
   for (const layer of hidden === null ? [output] : [hidden, output]) {
-    reader.require(layerFits(layer), "bad-predictor", "shift or sums of a layer");
+    reader.demand(layerFits(layer), "bad-predictor", "shift or sums of a layer");
   }
-  reader.require(step >= 1 && head.b1 * head.b2 <= 256, "bad-predictor", "step or contexts of a predictor");
+  reader.demand(step >= 1 && head.b1 * head.b2 <= 256, "bad-predictor", "step or contexts of a predictor");
   return new Predictor(head, hidden, output);
 }
 
@@ -144,7 +144,7 @@ export function checkPredictors(predictors, channels, rows, depths) {
   let before = -1;
   for (const { head } of predictors) {
     const bad = (/** @type {boolean} */ holds, /** @type {string} */ what) =>
-      require(holds, "bad-predictor", `predictor of ${head.stream}, ${head.component}, ${head.step}: ${what}`);
+      demand(holds, "bad-predictor", `predictor of ${head.stream}, ${head.component}, ${head.step}: ${what}`);
     const key = (head.stream * 256 + head.component) * 256 + head.step;
     bad(key > before, "keys do not ascend");
     before = key;

@@ -1,6 +1,6 @@
 /** rANS streams (SPEC §8.2). The state, below 2^64, is kept as two halves of 32 bits. */
 
-import { Refused, require } from "./errors.js";
+import { demand, Refused } from "./errors.js";
 
 /** @typedef {import("./tables.js").Table} Table */
 
@@ -14,12 +14,12 @@ export class RansStream {
    */
   constructor(bytes, offset = null) {
     this.offset = offset;
-    require(bytes.length % 4 === 0, "rans-length", `a stream of ${bytes.length} bytes`, offset);
+    demand(bytes.length % 4 === 0, "rans-length", `a stream of ${bytes.length} bytes`, offset);
     const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
     this.words = new Uint32Array(bytes.length / 4);
     for (let i = 0; i < this.words.length; i++) this.words[i] = view.getUint32(4 * i, true);
     this.left = this.words.length;
-    require(this.left === 0 || this.words[this.left - 1] !== 0, "rans-last-word", "the last word is 0", offset);
+    demand(this.left === 0 || this.words[this.left - 1] !== 0, "rans-last-word", "the last word is 0", offset);
     this.high = 0;
     this.low = 0;
     this.#refill();
@@ -35,7 +35,7 @@ export class RansStream {
   /** R-8.2-2. */
   seal() {
     const sealed = this.high === 0 && this.low === 0 && this.left === 0;
-    require(sealed, "rans-seal", "a stream does not end with its last symbol", this.offset);
+    demand(sealed, "rans-seal", "a stream does not end with its last symbol", this.offset);
   }
 
   /** The low 24 bits of the state. */

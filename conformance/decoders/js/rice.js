@@ -12,7 +12,7 @@ const LONGEST_QUOTIENT = 255;
  */
 export function readRice(reader, n) {
   const k = reader.u8();
-  reader.require(k <= 31, "bad-rice", `Rice parameter ${k}`);
+  reader.demand(k <= 31, "bad-rice", `Rice parameter ${k}`);
   const values = new Int32Array(n);
   if (n === 0) return values;
   const quotients = readQuotients(reader, n);
@@ -25,7 +25,7 @@ export function readRice(reader, n) {
     if (m >= 2 ** 32) wide = true;
     values[i] = m % 2 === 0 ? m / 2 : -(m - 1) / 2 - 1;
   }
-  reader.require(!wide, "bad-rice", "a number of 2^32 or more");
+  reader.demand(!wide, "bad-rice", "a number of 2^32 or more");
   return values;
 }
 
@@ -37,11 +37,11 @@ export function readRice(reader, n) {
  */
 export function readShifted(reader, n) {
   const shift = reader.u8();
-  reader.require(shift <= 31, "bad-rice", `shift ${shift}`);
+  reader.demand(shift <= 31, "bad-rice", `shift ${shift}`);
   const values = readRice(reader, n);
   const scale = 2 ** shift;
   for (const value of values) {
-    reader.require(Math.abs(value * scale) < 2 ** 31, "bad-rice", "a shifted number of 2^31 or more");
+    reader.demand(Math.abs(value * scale) < 2 ** 31, "bad-rice", "a shifted number of 2^31 or more");
   }
   return values.map((value) => value * scale);
 }
@@ -73,11 +73,11 @@ function readQuotients(reader, n) {
     }
   }
   if (found < n) {
-    reader.require(length === 32 * n, "payload-short", "a Rice code is cut");
+    reader.demand(length === 32 * n, "payload-short", "a Rice code is cut");
     reader.refuse("bad-rice", "a quotient above 255");
   }
-  for (const q of quotients) reader.require(q <= LONGEST_QUOTIENT, "bad-rice", `quotient ${q}`);
-  reader.require((bytes[at - 1] & ((1 << last) - 1)) === 0, "bad-rice", "a fill bit is 1");
+  for (const q of quotients) reader.demand(q <= LONGEST_QUOTIENT, "bad-rice", `quotient ${q}`);
+  reader.demand((bytes[at - 1] & ((1 << last) - 1)) === 0, "bad-rice", "a fill bit is 1");
   reader.at = at;
   return quotients;
 }
@@ -108,5 +108,5 @@ function bitsAt(bytes, bit, width) {
 function requireFillBits(reader, bytes, used) {
   const fill = bytes.length * 8 - used;
   if (fill === 0) return;
-  reader.require((bytes[bytes.length - 1] & ((1 << fill) - 1)) === 0, "bad-rice", "a fill bit is 1");
+  reader.demand((bytes[bytes.length - 1] & ((1 << fill) - 1)) === 0, "bad-rice", "a fill bit is 1");
 }

@@ -105,7 +105,7 @@ export class TableBlock {
     const count = reader.count(65536);
     for (let i = 0, before = -1; i < count; i++) {
       const key = reader.varint(32);
-      reader.require(key > before, "bad-table", "keys do not ascend");
+      reader.demand(key > before, "bad-table", "keys do not ascend");
       this.records.set(key, reader.at);
       readRecord(reader, null);
       before = key;
@@ -133,16 +133,16 @@ export class TableBlock {
  */
 function readRecord(reader, out) {
   const size = reader.count(4096);
-  reader.require(size >= 1, "bad-table", "a table without symbols");
+  reader.demand(size >= 1, "bad-table", "a table without symbols");
   let value = reader.svarint(33);
   for (let i = 0; i < size; i++) {
     if (i > 0) value += reader.varint(32) + 1;
-    reader.require(Math.abs(value) < 2 ** 31, "bad-table", `alphabet value ${value}`);
+    reader.demand(Math.abs(value) < 2 ** 31, "bad-table", `alphabet value ${value}`);
     if (out !== null) out.values[i] = value;
   }
   for (let i = 0; i < size; i++) {
     const weight = reader.varint(24);
-    reader.require(weight >= 1, "bad-table", "a weight of 0");
+    reader.demand(weight >= 1, "bad-table", "a weight of 0");
     if (out !== null) out.weights[i] = weight;
   }
 }

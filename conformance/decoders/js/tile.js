@@ -4,7 +4,7 @@ import { findDepths, fine, mergeByCode } from "./cells.js";
 import { readChannel, readOffsets } from "./channels.js";
 import { BLOCK, PROFILE, STREAM } from "./constants.js";
 import { blockBytes, checkBlock, findBlock } from "./container.js";
-import { require } from "./errors.js";
+import { demand } from "./errors.js";
 import { Groups } from "./groups.js";
 import { readIndices } from "./indices.js";
 import { NO_SOURCE } from "./layer_block.js";
@@ -31,7 +31,7 @@ export class Tile {
   /**
    * @param {Container} container
    * @param {Models} models
-   * @param {number} number of the tile
+   * @param {number} number of the tile; -1 for one without a place, that never has anchors
    */
   constructor(container, models, number) {
     const { header, tiles } = container;
@@ -40,9 +40,9 @@ export class Tile {
     this.number = number;
     this.slots = header.slots;
     this.anchorProfile = header.profile === PROFILE.ANCHOR;
-    this.depth = tiles.depth[number];
-    this.shift = tiles.shift[number];
-    this.prefix = tiles.prefix[number];
+    this.depth = tiles.depth[number] ?? 0;
+    this.shift = tiles.shift[number] ?? 0;
+    this.prefix = tiles.prefix[number] ?? 0n;
     this.bits = header.lattice_bits - this.depth - this.shift;
     /** Stages that a class has at most. */
     this.stages = Math.max(...models.rows[models.layers].stages);
@@ -59,6 +59,7 @@ export class Tile {
     this.first = models.channels.map((_, i) => (isSource(models, i) ? new Int32Array(0) : null));
     /** Indices (n, stages). */
     this.index = new Uint16Array(0);
+    /** Anchors by code, then index. @type {Uint32Array} */
     this.byCode = new Uint32Array(0);
     /** @type {Depth[] | null} */
     this.depthsOfLayer = null;
@@ -77,6 +78,7 @@ export class Tile {
     const e = findBlock(this.container, k, BLOCK.TILE, this.number);
     const appear = e < 0 ? 0 : this.container.entries.count[e];
     const streams = e < 0 ? new Map() : this.#readBlock(e, appear > 0);
+    if (this.size === 0 && appear === 0 && streams.size === 0) return;
     const within = (/** @type {number} */ stream, /** @type {(groups: Groups) => void} */ read) => {
       const groups = new Groups(stream, streams.get(stream), models.tables[k - 1], trace);
       read(groups);
@@ -155,7 +157,7 @@ export class Tile {
   #readClasses(k, groups, appear) {
     const first = this.models.rows[k - 1].classes;
     const past = this.models.rows[k].classes;
-    require(past > first, "bad-class", `anchors appear in layer ${k}, which has no new class`);
+    demand(past > first, "bad-class", `anchors appear in layer ${k}, which has no new class`);
     const at = this.size - appear;
     if (past - first === 1) {
       this.ofClass.fill(first, at);
@@ -164,7 +166,7 @@ export class Tile {
     const values = groups.read(0, 0, 0, appear);
     for (let i = 0; i < appear; i++) {
       const fits = values[i] >= 0 && values[i] < past - first;
-      require(fits, "bad-class", `class ${first + values[i]}`);
+      demand(fits, "bad-class", `class ${first + values[i]}`);
       this.ofClass[at + i] = first + values[i];
     }
   }
@@ -183,7 +185,7 @@ export class Tile {
       const anchors = Uint32Array.from({ length: size }, (_, a) => a).filter((a) => slotLayer[a * slots + s] === 0);
       const contexts = Uint8Array.from(anchors, (a) => on[a]);
       groups.readByContext(0, 0, contexts, anchors.length, bits, (values, n) => {
-        for (let i = 0; i < n; i++) require(values[i] === 0 || values[i] === 1, "bad-mask", `mask symbol ${values[i]}`);
+        for (let i = 0; i < n; i++) demand(values[i] === 0 || values[i] === 1, "bad-mask", `mask symbol ${values[i]}`);
       });
       for (let i = 0; i < anchors.length; i++) {
         if (bits[i] === 0) continue;
@@ -204,7 +206,7 @@ export class Tile {
     for (let a = 0, at = 0; a < this.size; a++) {
       for (let j = 0; j < 3; j++, at++) {
         const r = v[at] * weights[this.ofClass[a] * 3 + j];
-        require(r >= -1 && r <= 1, "value-range", `a position residual of ${r}`);
+        demand(r >= -1 && r <= 1, "value-range", `a position residual of ${r}`);
       }
     }
   }
@@ -229,6 +231,7 @@ export class Tile {
    * @returns {Uint32Array} the anchors of such classes, ascending
    */
   select(holds) {
+    if (this.size === 0) return new Uint32Array(0);
     const wanted = Array.from({ length: this.models.rows[this.models.layers].classes }, (_, c) => holds(c));
     if (!wanted.includes(true)) return new Uint32Array(0);
     const anchors = new Uint32Array(this.size);

@@ -2,7 +2,7 @@
 
 import { PROFILE, STREAM } from "./constants.js";
 import { crc32 } from "./crc32.js";
-import { Refused, require } from "./errors.js";
+import { demand, Refused } from "./errors.js";
 
 /**
  * @typedef {{bytes: Uint8Array, offset: number | null}} SubStream
@@ -21,13 +21,13 @@ const MAX_RECORDS = 11;
  */
 export function readTileBlock(block, offset, allowed) {
   const bad = (/** @type {boolean} */ holds, /** @type {string} */ what) =>
-    require(holds, "bad-substream-table", what, offset);
+    demand(holds, "bad-substream-table", what, offset);
   const count = block[0];
   const tableEnd = 1 + RECORD * count;
   bad(count <= MAX_RECORDS && tableEnd + 4 <= block.length, `a table of ${count} sub-streams`);
   const view = new DataView(block.buffer, block.byteOffset, block.byteLength);
   const sound = view.getUint32(tableEnd, true) === crc32(block.subarray(0, tableEnd));
-  require(sound, "crc-mismatch", "the CRC of the table of sub-streams", offset + tableEnd);
+  demand(sound, "crc-mismatch", "the CRC of the table of sub-streams", offset + tableEnd);
   const records = Array.from({ length: count }, (_, i) => {
     const at = 1 + RECORD * i;
     return { stream: block[at], length: view.getUint32(at + 1, true), crc: view.getUint32(at + 5, true) };

@@ -3,7 +3,7 @@
  * no content checksum.
  */
 
-import { Refused, require } from "./errors.js";
+import { demand, Refused } from "./errors.js";
 import { BackwardBits, badFrame, constantFseTable, makeFseTable, readFseTable } from "./fse.js";
 import { readHuffmanStream, readHuffmanTable } from "./huffman.js";
 
@@ -69,7 +69,7 @@ function baselines(single, extra) {
  */
 export function decompress(bytes, mostContent) {
   const { contentSize, windowSize, at } = readFrameHeader(bytes);
-  require(contentSize <= mostContent, "content-limit", `a frame of ${contentSize} bytes`);
+  demand(contentSize <= mostContent, "content-limit", `a frame of ${contentSize} bytes`);
   if (windowSize > MAX_WINDOW) badFrame(`a window of ${windowSize} bytes`);
   /** @type {Frame} */
   const frame = {

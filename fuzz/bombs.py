@@ -1,0 +1,335 @@
+"""The worst files that are known: as much time and memory as a file below 1 MiB can be made to take.
+
+``python -m fuzz.bombs`` builds each, decodes and validates it in a process of its own, and prints what that took.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fuzz.target import decoded, validated
+from scarfmt.bytefields import compress, unsigned_varint
+from scarfmt.codecs.codebooks import Codebooks, pack_codebooks
+from scarfmt.codecs.layer import pack_layer
+from scarfmt.codecs.mlp import Linear, Network, pack_networks
+from scarfmt.codecs.network import pack_network
+from scarfmt.codecs.predictors import pack_predictors
+from scarfmt.container import Block, HeaderFields, Tile, write_container
+from scarfmt.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
+from scarfmt.neural.arithmetic import Linear as Exact
+from scarfmt.neural.network import Inputs
+from scarfmt.neural.predictors import Predictor, input_width
+from scarfmt.schema import BlockKind, Profile, Stream
+from scarfmt.substreams import pack_substreams
+from scarfmt.symbols import SymbolTable, TableKey, pack_tables
+from scarfmt.testing.networks import random_network
+
+NOTHING = pack_substreams({})
+"""A TILE block without sub-streams: whatever is decoded from it is the first symbol of its table."""
+MIB = 1 << 20
+
+
+def channels(*wanted: tuple[Stream, int], by_class: bool = False) -> tuple[Channel, ...]:
+    """Channels with so many components, each alike."""
+    return tuple(Channel(stream, (0.5,) * n, (ContextRule(by_class),) * n) for stream, n in wanted)
+
+
+def zero_tables(model: SceneModel, contexts: int = 5, largest: int = 17) -> dict[TableKey, SymbolTable]:
+    """Tables of the one symbol 0 for everything that can be coded."""
+    keys = [TableKey(Stream.POSITIONS, 0, 0, n) for n in range(2, largest + 1)]
+    keys += [TableKey(Stream.MASKS, 0, 0, n) for n in range(33)]
+    for index, channel in enumerate(model.channels):
+        steps = max(row.steps[kind][index] for row in model.layers for kind in range(row.class_count))
+        keys += [
+            TableKey(channel.stream, component, step, context)
+            for component, step in itertools.product(range(channel.components), range(1, steps + 1))
+            for context in range(contexts)
+        ]
+    stages = model.max_stages
+    keys += [TableKey(Stream.INDICES, stage, 0, c) for stage in range(1, stages + 1) for c in (0, 1, 16, 17)]
+    return {key: one_symbol() for key in sorted(keys)}
+
+
+def one_symbol(value: int = 0) -> SymbolTable:
+    """A table that reads nothing."""
+    return SymbolTable.from_weights(np.array([value], np.int64), np.ones(1, np.int64))
+
+
+def build(
+    model: SceneModel,
+    counts: Sequence[int],
+    *,
+    tables: dict[TableKey, SymbolTable] | None = None,
+    models: Sequence[tuple[int, int, bytes, int]] = (),
+    tile: bytes = NOTHING,
+    fields: HeaderFields | None = None,
+) -> bytes:
+    """A file of one TILE block a tile, in layer 1, with so many anchors each.
+
+    Args:
+        models: (kind, layer, payload, count) of further blocks.
+    """
+    if fields is None:
+        fields = HeaderFields(model.profile, 0, model.slots, 32, (0.0, 0.0, 0.0), 1.0)
+    depth = 7
+    tiles = [Tile(depth, 4, number) for number in range(len(counts))]
+    opening = model.channels, model.context
+    blocks = [
+        Block(BlockKind.LAYER, number, pack_layer(row, opening if number == 1 else None), count=row.class_count)
+        for number, row in enumerate(model.layers, start=1)
+    ]
+    if tables:
+        blocks.append(Block(BlockKind.TABLES, 1, compress(pack_tables(tables)), count=len(tables)))
+    blocks += [Block(kind, layer, payload, count=count) for kind, layer, payload, count in models]
+    blocks += [Block(BlockKind.TILE, 1, tile, n, count) for n, count in enumerate(counts) if count]
+    total = sum(counts)
+    return write_container(fields, tiles, blocks, [(total, total if model.profile == 0 else 0)] * len(model.layers))
+
+
+def padded(data_of: Callable[[bytes], bytes], size: int) -> bytes:
+    """A file brought up to `size` bytes by a block that readers ignore: it buys work."""
+    return data_of(bytes(max(1, size - len(data_of(b"\\0")))))
+
+
+SCALE = (Stream.SCALE, 3)
+WIDE = (SCALE, (Stream.LATENT, 64))
+
+
+def _mlp(*widths: int) -> bytes:
+    pairs = itertools.pairwise(widths)
+    return pack_networks(
+        (Network(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in pairs)),)
+    )
+
+
+def _filler(size: int) -> list[tuple[int, int, bytes, int]]:
+    return [(200, 1, bytes(size), 0)] if size > 0 else []
+
+
+def empty_tiles() -> bytes:
+    """Tile records of which nothing is said."""
+    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),) * 16)
+    return build(model, [0] * 86_000, tables=zero_tables(model))
+
+
+def small_tiles(count: int = 18_000, layers: int = 1, anchors: int = 2) -> bytes:
+    """TILE blocks of five bytes."""
+    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),) * layers)
+    return build(model, [anchors] * count, tables=zero_tables(model))
+
+
+def many_steps(anchors: int, size: int, wide: int = 64) -> bytes:
+    """All steps of a wide latent for many anchors, from empty streams."""
+    row = LayerRow((0,), ((1, 20),))
+    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, wide)), (row,))
+    decoder = (BlockKind.DECODER_MLP, 1, _mlp(wide, 3), 1)
+    counts = [min(65536, anchors - first) for first in range(0, anchors, 65536)]
+    return build(model, counts, tables=zero_tables(model), models=[decoder, *_filler(size)])
+
+
+def many_contexts(anchors: int, tiles: int, size: int) -> bytes:
+    """Every anchor a group of its own: contexts differ by class."""
+    row = LayerRow((0,) * 15, ((1, 20),) * 15)
+    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, 64), by_class=True), (row,))
+    tables = zero_tables(model, contexts=1)
+    for key in list(tables):
+        if key.stream in (Stream.SCALE, Stream.LATENT):
+            for kind in range(15):
+                context = 16 * kind + (0 if key.step == 1 else 2)
+                tables[TableKey(key.stream, key.component, key.step, context)] = one_symbol()
+    rng = np.random.default_rng(1)
+    tables[TableKey(Stream.CLASSES, 0, 0, 0)] = SymbolTable.from_weights(np.arange(15), np.ones(15, np.int64))
+    from scarfmt.symbols import SymbolWriter
+
+    writer = SymbolWriter(tables)
+    writer.emit(TableKey(Stream.CLASSES, 0, 0, 0), rng.permutation(np.arange(anchors) % 15))
+    tile = pack_substreams({Stream.CLASSES: writer.finish()})
+    decoder = (BlockKind.DECODER_MLP, 1, _mlp(64, 3), 1)
+    tables = dict(sorted(tables.items()))
+    return build(model, [anchors] * tiles, tables=tables, models=[decoder, *_filler(size)], tile=tile)
+
+
+def wide_decoder(anchors: int, size: int) -> bytes:
+    """A latent decoder of four layers of 1024 for many anchors."""
+    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE, (Stream.LATENT, 64)), (LayerRow((0,), ((1, 1),)),))
+    decoder = (BlockKind.DECODER_MLP, 1, _mlp(64, 1024, 1024, 1024, 3), 1)
+    counts = [min(65536, anchors - first) for first in range(0, anchors, 65536)]
+    return build(model, counts, tables=zero_tables(model), models=[decoder, *_filler(size)])
+
+
+def wide_features(anchors: int, size: int) -> bytes:
+    """Features of 1024 numbers for many anchors."""
+    wanted = ((Stream.SCALE, 6), (Stream.LATENT, 1), (Stream.OFFSETS, 3))
+    model = SceneModel(Profile.ANCHOR, 1, channels(*wanted), (LayerRow((0,), ((1, 1, 1),)),))
+    nets = [Network(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in ((1003, 1), (1, k))))
+            for k in (1, 7, 3)]  # fmt: skip
+    blocks = [(BlockKind.DECODER_MLP, 1, _mlp(1, 1000), 1), (BlockKind.SCENE_MLP, 1, pack_networks(tuple(nets)), 3)]
+    counts = [min(65536, anchors - first) for first in range(0, anchors, 65536)]
+    return build(model, counts, tables=zero_tables(model), models=[*blocks, *_filler(size)])
+
+
+def many_slots(anchors: int, slots: int, size: int) -> bytes:
+    """Anchors of 32 slots, all turned on."""
+    wanted = ((Stream.SCALE, 6), (Stream.LATENT, 1), (Stream.OFFSETS, 3))
+    model = SceneModel(Profile.ANCHOR, slots, channels(*wanted), (LayerRow((0,), ((1, 1, 1),)),))
+    nets = [Network(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in ((4, 1), (1, k * slots))))
+            for k in (1, 7, 3)]  # fmt: skip
+    blocks = [(BlockKind.DECODER_MLP, 1, _mlp(1, 1), 1), (BlockKind.SCENE_MLP, 1, pack_networks(tuple(nets)), 3)]
+    counts = [min(65536, anchors - first) for first in range(0, anchors, 65536)]
+    tables = zero_tables(model)
+    tables.update({key: one_symbol(1) for key in tables if key.stream == Stream.MASKS})
+    return build(model, counts, tables=tables, models=[*blocks, *_filler(size)])
+
+
+def large_tables(tables: int, symbols: int, size: int) -> bytes:
+    """Tables that nothing needs, of few bytes."""
+    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),))
+    found = zero_tables(model)
+    table = SymbolTable.from_weights(np.arange(symbols), np.ones(symbols, np.int64))
+    found.update({TableKey(200, n >> 16, n >> 8 & 255, n & 255): table for n in range(tables)})
+    return build(model, [2], tables=dict(sorted(found.items())), models=_filler(size))
+
+
+def _indexed(anchors: int, size: int, *, two_level: bool, hidden: int, codewords: int, tiles: int = 1) -> bytes:
+    rng = np.random.default_rng(3)
+    books = Codebooks(rng.integers(-9, 9, (codewords, 8)), rng.integers(-9, 9, (codewords, 8)))
+    model = SceneModel(
+        Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((8,), ((1,),), True),), DecodedContext(3, (64, 16, 4, 1))
+    )
+    inputs = Inputs(1, True, 3, 4, 8, 0, 0)
+    network = random_network(
+        rng, books, inputs, stages=8, hidden=hidden, gru_layers=4, two_level=two_level, codeword_dims=8,
+        activation_bits=8,
+    )  # fmt: skip
+    blocks = [
+        (BlockKind.DECODER_MLP, 1, _mlp(8, 3), 1),
+        (BlockKind.CODEBOOKS, 1, pack_codebooks({0: books.coarse, 1: books.residual}), 2),
+        (BlockKind.ENTROPY_NETWORK, 1, pack_network(network), 1),
+    ]
+    return build(model, [anchors // tiles] * tiles, tables=zero_tables(model), models=[*blocks, *_filler(size)])
+
+
+def deep_network(anchors: int, size: int) -> bytes:
+    """An index network of the greatest widths."""
+    return _indexed(anchors, size, two_level=False, hidden=255, codewords=4096)
+
+
+def shallow_network(anchors: int, size: int, tiles: int) -> bytes:
+    """A small index network over many small tiles."""
+    return _indexed(anchors, size, two_level=True, hidden=8, codewords=4096, tiles=tiles)
+
+
+def large_grid(size: int) -> bytes:
+    """A hash grid of 2^24 bits in fifty bytes."""
+    rng = np.random.default_rng(3)
+    books = Codebooks(rng.integers(-9, 9, (4, 2)), np.zeros((0, 2), np.int64))
+    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((1,), ((1,),), True),), DecodedContext(0, (4,)))
+    levels = b"".join(bytes(map(int, ())) + unsigned_varint(0) + unsigned_varint(65535) + unsigned_varint(19)
+                      + unsigned_varint(8) for _ in range(4))  # fmt: skip
+    grid = unsigned_varint(0) * 3 + unsigned_varint(32) + unsigned_varint(4) + levels
+    grid += (b"\x80" + bytes(4)) * 4
+    network = random_network(rng, books, Inputs(1, True, 3, 1, 0, 0, 32), stages=1, two_level=False)
+    blocks = [
+        (BlockKind.DECODER_MLP, 1, _mlp(2, 3), 1),
+        (BlockKind.CODEBOOKS, 1, pack_codebooks({0: books.coarse}), 1),
+        (BlockKind.ENTROPY_NETWORK, 1, pack_network(network), 1),
+        (BlockKind.HASH_GRID, 1, grid, 4),
+    ]
+    return build(model, [100], tables=zero_tables(model), models=[*blocks, *_filler(size)])
+
+
+def many_predictors(anchors: int, size: int, tiles: int = 1) -> bytes:
+    """A predictor of 64 hidden units for every step of every component."""
+    wanted = (SCALE, (Stream.ROTATION, 3), (Stream.OPACITY, 1), (Stream.COLOUR, 3))
+    context = DecodedContext(3, (64, 16, 4, 1))
+    model = SceneModel(Profile.EXPLICIT, 1, channels(*wanted), (LayerRow((0,), ((20,) * 4,)),), context)
+    predictors = []
+    for index, channel in enumerate(model.channels):
+        width = input_width(model, index)
+        for component, step in itertools.product(range(channel.components), range(1, 21)):
+            hidden = Exact(np.zeros((64, width), np.int32), np.zeros(64, np.int64), 0)
+            output = Exact(np.zeros((2, width + 64), np.int32), np.zeros(2, np.int64), 0)
+            predictors.append(Predictor(channel.stream, component, step, hidden, output, (16, 16)))
+    block = (BlockKind.PREDICTORS, 1, pack_predictors(predictors), len(predictors))
+    tables = zero_tables(model)
+    return build(model, [anchors // tiles] * tiles, tables=tables, models=[block, *_filler(size)])
+
+
+def broken_blocks() -> bytes:
+    """Every TILE block broken: each is a finding of its own."""
+    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),))
+    return build(model, [2] * 18_000, tables=zero_tables(model), tile=b"\x0c\0\0\0\0")
+
+
+BOMBS: dict[str, Callable[[], bytes]] = {
+    "empty tiles": empty_tiles,
+    "small tiles": small_tiles,
+    "small tiles of one anchor": lambda: small_tiles(18_000, 1, 1),
+    "small tiles, 16 layers": lambda: small_tiles(2_300, 16),
+    "broken tiles": broken_blocks,
+    "many steps, small file": lambda: many_steps(9_000, 0),
+    "many steps": lambda: many_steps(80_000, MIB - 5000),
+    "many steps, one component": lambda: many_steps(1_000_000, MIB - 5000, 1),
+    "many contexts": lambda: many_contexts(240, 60, MIB - 160_000),
+    "wide decoder": lambda: wide_decoder(15_000, MIB - 5000),
+    "wide features": lambda: wide_features(65_536, 0),
+    "wide features, large file": lambda: wide_features(600_000, MIB - 9000),
+    "many slots": lambda: many_slots(260_000, 32, MIB - 9000),
+    "large tables": lambda: large_tables(1100, 4096, MIB - 9000),
+    "many tables": lambda: large_tables(65_000, 1, MIB - 130_000),
+    "deep network": lambda: deep_network(1000, 0),
+    "shallow network": lambda: shallow_network(6000, MIB - 200_000, 60),
+    "large grid": lambda: large_grid(MIB - 9000),
+    "many predictors": lambda: many_predictors(9000, MIB - 600_000),
+    "many predictors, small tiles": lambda: many_predictors(2000, MIB - 600_000, 100),
+}
+
+
+def measure(path: Path) -> None:
+    """Print what decoding and validating a file takes, in this process."""
+    data = path.read_bytes()
+    for name, act in (("decode", decoded), ("validate", validated)):
+        base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        start = time.process_time()
+        answer = act(data)
+        spent = time.process_time() - start
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - base
+        print(f"  {name:9} {spent:7.2f} s {peak / 1024:7.0f} MiB  {answer or 'accepted'}", flush=True)
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", help="bombs whose name holds this")
+    parser.add_argument("--measure", type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--keep", type=Path, help="folder to write the files to")
+    arguments = parser.parse_args()
+    if arguments.measure is not None:
+        measure(arguments.measure)
+        return
+    folder = arguments.keep or Path("bombs")
+    folder.mkdir(exist_ok=True)
+    for name, make in BOMBS.items():
+        if arguments.only is None or arguments.only in name:
+            data = make()
+            path = folder / f"{name.replace(' ', '-').replace(',', '')}.scar"
+            path.write_bytes(data)
+            print(f"{name}: {len(data):,} bytes", flush=True)
+            command = [sys.executable, "-m", "fuzz.bombs", "--measure", str(path)]
+            try:
+                subprocess.run(command, timeout=40, check=False)
+            except subprocess.TimeoutExpired:
+                print("  more than 40 s")
+
+
+if __name__ == "__main__":
+    main()

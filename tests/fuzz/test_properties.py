@@ -1,0 +1,103 @@
+"""For any bytes a result or a ScarError: damaged files of every kind, in every way they can be asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fuzz.corpus import corpus
+from fuzz.target import decoded, truncated, validated
+from reference_decoder.decode import decode
+from scarfmt.errors import ScarError, Truncated
+from scarfmt.inspection import inspect
+from scarfmt.source import BytesSource
+from scarfmt.testing.mutators import Mutant, mutate
+from scarfmt.testing.strategies import mutants, scenes
+from scarfmt.truncate import truncate
+from scarfmt.validate import validate
+from scarfmt.writer import QuantisedScene, write_scene
+
+WORKED = Path(__file__).resolve().parents[2] / "conformance" / "vectors" / "worked" / "input.scar"
+
+
+@settings(deadline=None, max_examples=50)
+@given(mutants())
+def test_damaged_files_of_random_scenes(mutant: Mutant) -> None:
+    """Whole, partly, validated, truncated and inspected; what decoding refuses is not valid."""
+    refusal = decoded(mutant.data)
+    assert not (refusal and not validated(mutant.data))
+    truncated(mutant.data)
+    for act in (_inspect, _partly):
+        try:
+            act(mutant.data)
+        except ScarError:
+            continue
+
+
+def _inspect(data: bytes) -> None:
+    inspect(BytesSource(data), metadata=True)
+
+
+def _partly(data: bytes) -> None:
+    decode(data, layers=1, attributes=["scales", "latents"], allow_truncated=True)
+    decode(data, box=((0, 0, 0), (1, 1, 1)), tiles=[0], allow_truncated=True)
+
+
+def test_damaged_files_of_the_corpus() -> None:
+    """What the campaign does, in short."""
+    files = corpus()
+    datas = [file.data for file in files]
+    for seed in range(500):
+        data = mutate(datas[seed % len(datas)], seed, datas).data
+        refusal = decoded(data)
+        assert not (refusal and not validated(data)), (files[seed % len(files)].name, seed)
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.binary(max_size=400), st.booleans())
+def test_random_bytes(data: bytes, signed: bool) -> None:
+    """Bytes of no file, with and without a file's first bytes."""
+    assert decoded(WORKED.read_bytes()[:16] + data if signed else data)
+
+
+def test_every_prefix_is_refused_or_gives_whole_layers() -> None:
+    """A cut file is never taken for a whole one; on request its whole layers are exactly those of the file."""
+    data = WORKED.read_bytes()
+    whole = [decode(data, layers=layers) for layers in (1, 2)]
+    for size in range(len(data)):
+        with pytest.raises(Truncated):
+            decode(data[:size])
+        try:
+            found = decode(data[:size], allow_truncated=True)
+        except Truncated:
+            continue
+        wanted = whole[found.layers - 1]
+        assert all(map(np.array_equal, found.arrays(), wanted.arrays()))
+
+
+def test_every_flipped_bit_of_the_worked_file_is_refused() -> None:
+    """Every byte of a file is under a checksum, or checked."""
+    data = WORKED.read_bytes()
+    accepted = []
+    for bit in range(8 * len(data)):
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << bit % 8
+        if not decoded(bytes(flipped)):
+            accepted.append(bit)
+    assert accepted == []
+
+
+@settings(deadline=None, max_examples=12)
+@given(scenes(max_anchors=30))
+def test_sound_files_are_valid_and_cut_files_decode_alike(scene: QuantisedScene) -> None:
+    """decode(truncate(f, k)) == decode(f, layers=k), and both validate."""
+    data = write_scene(scene)
+    assert validate(BytesSource(data)).valid
+    for layers in range(1, len(scene.model.layers) + 1):
+        cut = truncate(BytesSource(data), layers)
+        assert validate(BytesSource(cut)).valid
+        assert all(map(np.array_equal, decode(cut).arrays(), decode(data, layers=layers).arrays()))
