@@ -399,6 +399,12 @@ def _rice_cases() -> Iterator[Case]:
         ("largest", "Rice codes with the parameter 31", RiceStyle(raised=31)),
     ):
         yield _edge(f"rice-{name}", purpose, plan, ("R-5.9-1", "R-5.9-4"), WriteOptions(rice=style), ("rice",))
+    scene = build(replace(plan, seed="edge quotient"))
+    assert scene.codebooks is not None
+    # -128 is folded to 255; with the parameter 0 all of it is the quotient.
+    scene.codebooks.coarse[3, 1], scene.codebooks.residual[2, 2] = -128, 127
+    yield _edge("rice-quotient-255", "a quotient of 255 bits", scene, ("R-5.9-1",),
+                WriteOptions(rice=RiceStyle(raised=-31)), ("rice",))
 
 
 def _annotation_cases() -> Iterator[Case]:

@@ -242,6 +242,9 @@ def _row_more(layer: Linear) -> Linear:
 
 def _limit_faults(flat: bytes) -> Iterator[Fault]:
     """Counts above their limits; each is refused before anything that follows it is looked at."""
+    # Two class columns and six own values are the others.
+    yield ("network-513-inputs", "513 input columns", "R-10.5-1", "bad-network",
+           changed(flat, _NETWORK, 1, partial(_with_count, place=4, value=505)))
     names = ("classes", "attributes", "depths", "latents", "grid", "codeword_dims", "embed_width", "hidden", "mixed",
              "gru_count", "tokens", "head_count")
     limits = (512,) * 5 + (64, 256, 256, 256, 4, 7, 2)

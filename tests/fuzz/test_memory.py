@@ -1,0 +1,159 @@
+"""Bombs under a hard limit of memory, and interrupted writes: neither leaves anything behind."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import zstandard
+
+from fuzz.bombs import SCALE, build, channels, zero_tables
+from scarfmt.model import LayerRow, SceneModel
+from scarfmt.schema import BlockKind, Profile
+from scarfmt.source import BytesSource
+from scarfmt.testing.parts import Part, put_together, resealed, take_apart
+from scarfmt.testing.scenes import random_scene
+from scarfmt.truncate import truncate
+from scarfmt.writer import write_scene
+
+ROOM = 100 << 20
+"""What a refusal may take beside the interpreter and its libraries."""
+
+_REFUSES = f"""
+import resource, sys, time
+from fuzz.target import decoded, validated
+data = sys.stdin.buffer.read()
+size = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (size + {ROOM}, size + {ROOM}))
+start = time.process_time()
+print(decoded(data) or "accepted", validated(data) or "accepted", time.process_time() - start)
+"""
+
+
+def _base() -> bytes:
+    model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),))
+    return build(model, [3, 3], tables=zero_tables(model))
+
+
+def _frame(content_size: int, content: bytes) -> bytes:
+    """A frame that states another size than it has."""
+    real = zstandard.ZstdCompressor().compress(content)
+    body = real[4 + 1 + {0: 1, 1: 2, 2: 4, 3: 8}[real[4] >> 6] :]
+    return real[:4] + b"\xe0" + struct.pack("<Q", content_size) + body
+
+
+def _with_tables(frame: bytes) -> bytes:
+    parts = take_apart(_base())
+    next(block for block in parts.blocks if block.kind == BlockKind.TABLES).payload = frame
+    return put_together(parts)
+
+
+def _with_count(offset: int, size: int, value: int) -> bytes:
+    data = bytearray(_base())
+    data[offset : offset + size] = value.to_bytes(size, "little")
+    return resealed(bytes(data))
+
+
+def _overlapping() -> bytes:
+    data = bytearray(_base())
+    start = len(data) - sum(len(block.payload) for block in take_apart(_base()).blocks)
+    data[start - 24 : start - 16] = data[start - 56 : start - 48]
+    return resealed(bytes(data))
+
+
+def _prefix_cycle() -> bytes:
+    parts = take_apart(_base())
+    parts.tiles = [parts.tiles[1], parts.tiles[0]]
+    return put_together(parts)
+
+
+def _many_metadata() -> bytes:
+    parts = take_apart(_base())
+    parts.blocks.append(Part(BlockKind.METADATA, 2, 1, 0, 0xFFFFFFFF, 0, b"[" * 1_000_000))
+    return put_together(parts)
+
+
+BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
+    "64 MiB of zeros in 2 kB": (lambda: _with_tables(zstandard.ZstdCompressor().compress(bytes(64 << 20))), "limit-expansion"),
+    "128 MiB of zeros": (lambda: _with_tables(zstandard.ZstdCompressor().compress(bytes(128 << 20))), "content-limit"),
+    "1 TiB declared": (lambda: _with_tables(_frame(1 << 40, bytes(100))), "content-limit"),
+    "2^63 declared": (lambda: _with_tables(_frame(1 << 63, bytes(100))), "content-limit"),
+    "2^63 anchors": (lambda: _with_count(40, 8, 1 << 63), "limit-anchors"),
+    "2^32 - 1 tiles": (lambda: _with_count(32, 4, (1 << 32) - 1), "limit-tiles"),
+    "2^32 - 1 entries": (lambda: _with_count(36, 4, (1 << 32) - 1), "limit-entries"),
+    "a million entries": (lambda: _with_count(36, 4, 1 << 20), "layer-offset"),
+    "a file of 2^53 bytes": (lambda: _with_count(16, 8, (1 << 53) - 1), "bad-file-length"),
+    "blocks that overlap": (_overlapping, "entry-offset"),
+    "tiles in a circle": (_prefix_cycle, "tile-order"),
+    "metadata a million deep": (_many_metadata, "bad-metadata"),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="needs RLIMIT_AS and /proc")
+def test_a_bomb_is_refused_within_100_mib(name: str) -> None:
+    """By decode and by validate, under a limit of address space; the time is bounded loosely, as machines differ."""
+    make, refusal = BOMBS[name]
+    data = make()
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run(
+        [sys.executable, "-c", _REFUSES], input=data, capture_output=True, cwd=root, timeout=120, check=True
+    )
+    decoding, validating, seconds = done.stdout.split()
+    assert (decoding.decode(), validating.decode()) == (refusal, refusal)
+    assert float(seconds) < 2
+
+
+def _interrupted(command: list[str], target: Path, outcomes: set[bytes], times: int, longest: float) -> int:
+    """Kill a command so many times; how often it had finished. The target is always one of the outcomes."""
+    rng, finished = random.Random(1), 0
+    for _ in range(times):
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(rng.uniform(0, longest))
+        process.send_signal(signal.SIGKILL)
+        finished += process.wait() == 0
+        assert target.read_bytes() in outcomes
+        litter = [path.name for path in target.parent.iterdir() if path != target]
+        assert all(name.startswith(f".{target.name}.") and name.endswith(".part") for name in litter), litter
+    return finished
+
+
+def _length_of_a_run(command: list[str]) -> float:
+    start = time.monotonic()
+    subprocess.run(command, check=True, capture_output=True)
+    return time.monotonic() - start
+
+
+@pytest.mark.parametrize("times", [6, pytest.param(100, marks=pytest.mark.slow)])
+def test_killed_truncations_leave_the_old_file_or_the_new(tmp_path: Path, times: int) -> None:
+    """Never a half; what else is left has the temporary name that is documented."""
+    source, target = tmp_path / "in.scar", tmp_path / "out" / "scene.scar"
+    source.write_bytes(write_scene(random_scene(3, anchors=4000, layers=3, tiles=3)))
+    target.parent.mkdir()
+    command = [sys.executable, "-m", "scarfmt", "truncate", str(source), str(target), "--layers", "2", "--force"]
+    longest = _length_of_a_run(command)
+    new = truncate(BytesSource(source.read_bytes()), 2)
+    assert target.read_bytes() == new
+    old = b"old"
+    target.write_bytes(old)
+    _interrupted(command, target, {old, new}, times, 1.2 * longest)
+
+
+@pytest.mark.slow
+def test_killed_encodings_leave_the_old_file_or_the_new(tmp_path: Path) -> None:
+    """The same, of the command that takes longest."""
+    scene = Path(__file__).resolve().parents[2] / "examples" / "plush-toys.ply"
+    target = tmp_path / "scene.scar"
+    command = [sys.executable, "-m", "scarfmt", "encode", str(scene), str(target), "--effort", "0", "--force"]
+    longest = _length_of_a_run(command)
+    new = target.read_bytes()
+    target.write_bytes(b"old")
+    _interrupted(command, target, {b"old", new}, int(os.environ.get("SCARFMT_KILLS", "20")), 1.1 * longest)

@@ -1,0 +1,35 @@
+"""Files that once took too long or too much memory are refused or read at once."""
+
+from __future__ import annotations
+
+import re
+import time
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+from fuzz.target import decoded, validated
+
+FOLDER = Path(__file__).resolve().parents[2] / "fuzz" / "regressions"
+ROWS = dict(re.findall(r"^\| `([\w-]+)\.scar` \| (?:`([\w-]+)`)? *\|", (FOLDER / "README.md").read_text(), re.MULTILINE))
+
+
+def test_the_table_lists_the_files() -> None:
+    """None is forgotten."""
+    assert set(ROWS) == {path.stem for path in FOLDER.glob("*.scar")}
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_a_regression(name: str) -> None:
+    """The refusal in the table, in little memory; time only against the minutes it once was."""
+    data = (FOLDER / f"{name}.scar").read_bytes()
+    start = time.process_time()
+    assert decoded(data) == ROWS[name]
+    assert validated(data) == ROWS[name]
+    assert time.process_time() - start < 5
+    tracemalloc.start()
+    decoded(data)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 64 << 20
