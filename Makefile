@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow lint types check example bench bench-full pictures ksy clean
+.PHONY: help demo test test-slow fuzz fuzz-guided lint types check example bench bench-full pictures ksy clean
 
 help:
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 22
@@ -31,6 +31,13 @@ test: $(STAMP) ## all tests but the slow ones
 
 test-slow: $(STAMP) ## the tests that take minutes
 	$(BIN)/python -m pytest -m slow
+
+fuzz: $(STAMP) ## damaged files through decode and validate, ten minutes
+	$(BIN)/python -m fuzz.campaign --count 100000000 --minutes 10 --jobs $(WORKERS) --seed $(or $(SEED),1)
+
+fuzz-guided: $(STAMP) ## coverage-guided fuzzing, ten minutes; installs atheris
+	$(BIN)/python -m pip install --quiet --editable ".[fuzz]"
+	$(BIN)/python -m fuzz.atheris_decode fuzz/corpus-guided -max_total_time=600
 
 lint: $(STAMP) ## ruff
 	$(BIN)/ruff check .

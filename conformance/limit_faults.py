@@ -162,6 +162,8 @@ def _metadata_limits() -> Iterator[Case]:
         ("list", "METADATA that is a list", b"[1]"),
         ("nan", "METADATA that holds NaN", b'{"a":NaN}'),
         ("infinity", "METADATA that holds -Infinity", b'{"a":[-Infinity]}'),
+        ("beyond-binary64", "METADATA with a number that rounds to an infinity", b'{"a":[{"b":1e999}]}'),
+        ("whole-beyond-binary64", "METADATA with a whole number of 400 digits", b'{"a":-1' + 400 * b"0" + b"}"),
         ("utf-16", "METADATA in UTF-16", '{"a":1}'.encode("utf-16-le")),
         ("latin-1", "METADATA that is not UTF-8", b'{"a":"\xe9"}'),
         ("byte-order-mark", "METADATA that starts with a byte order mark", b"\xef\xbb\xbf{}"),

@@ -1,4 +1,4 @@
-"""Coverage-guided fuzzing of the reader with atheris: ``python -m fuzz.atheris_decode CORPUS_FOLDER [libFuzzer flags]``.
+"""Coverage-guided fuzzing with atheris: ``python -m fuzz.atheris_decode CORPUS_FOLDER [libFuzzer flags]``.
 
 The mutator is structure-aware: half of its mutants come from :mod:`scarfmt.testing.mutators`, the others from
 libFuzzer's own byte mutations, with checksums made right in half of the cases. Only ScarError may come out.

@@ -27,7 +27,7 @@ from random import Random
 from types import FrameType
 from typing import Any
 
-from fuzz.corpus import Seed, corpus
+from fuzz.corpus import Seed, corpus, digest
 from fuzz.target import decoded, truncated, validated
 from scarfmt.testing.mutators import Mutant, mutate
 
@@ -359,13 +359,14 @@ def _progress(tally: Tally, seconds: float) -> str:
     return f"{tally.inputs} inputs, {rate:.0f}/s, {len(tally.findings)} findings, slowest {tally.slowest[:1]}"
 
 
-def summary(tally: Tally, seconds: float, arguments: argparse.Namespace) -> dict[str, Any]:
+def summary(tally: Tally, seconds: float, arguments: argparse.Namespace, files: list[Seed]) -> dict[str, Any]:
     """The result file."""
     return {
         "count": arguments.count,
         "seed": arguments.seed,
         "jobs": arguments.jobs,
         "bit_flips": arguments.bit_flips,
+        "corpus": {"files": len(files), "sha256": digest(files)},
         "inputs": tally.inputs,
         "bytes": tally.bytes,
         "wall_seconds": round(seconds, 1),
@@ -392,17 +393,17 @@ def main() -> int:
     parser.add_argument("--one", type=int, help="write input N to stdout instead")
     arguments = parser.parse_args()
     files = corpus()
-    make: Inputs = Inputs(files, arguments.seed)
     if arguments.bit_flips:
         arguments.count = arguments.bit_flips
-        make = BitFlips([file for file in files if not decoded(file.data)], arguments.seed)
+        files = [file for file in files if not decoded(file.data)]
+    make = (BitFlips if arguments.bit_flips else Inputs)(files, arguments.seed)
     if arguments.one is not None:
         sys.stdout.buffer.write(make(arguments.one).mutant.data)
         return 0
     start = time.monotonic()
     until = start + 60 * arguments.minutes
     tally = Campaign(make, arguments.count, arguments.jobs, bool(arguments.bit_flips), until).run()
-    result = json.dumps(summary(tally, time.monotonic() - start, arguments), indent=1)
+    result = json.dumps(summary(tally, time.monotonic() - start, arguments, files), indent=1)
     if arguments.out is not None:
         arguments.out.write_text(result + "\n")
     print(result)

@@ -76,7 +76,7 @@ def decoded_model(
 def _perceptron(network: Network, dtype: type) -> Mlp:
     first, second = network.layers
     with np.errstate(over="ignore"):  # a weight may be any product of two finite numbers
-        matrices = first.matrix.astype(dtype), second.matrix.astype(dtype)
+        matrices: tuple[Floats, Floats] = first.matrix.astype(dtype), second.matrix.astype(dtype)
     return Mlp(matrices, (first.biases.astype(dtype), second.biases.astype(dtype)))
 
 

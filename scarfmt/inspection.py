@@ -6,6 +6,7 @@ One read of at most 2280 bytes answers, whatever the file's size; only METADATA 
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 from scarfmt.container import Container, Header
@@ -102,7 +103,8 @@ def read_metadata(container: Container) -> dict[str, Any] | None:
         message = f"{entry.length} bytes exceed this reader's limit of {container.limits.metadata_bytes}"
         raise LimitExceeded("limit-metadata", message, offset=entry.offset, field="METADATA")
     try:
-        value = json.loads(container.read_block(entry).decode("utf-8"), parse_constant=_refuse_constant)
+        text = container.read_block(entry).decode("utf-8")
+        value = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_whole)
     except (ValueError, RecursionError) as error:
         raise Malformed("bad-metadata", f"not JSON: {error}", offset=entry.offset, field="METADATA") from error
     if not isinstance(value, dict):
@@ -113,6 +115,18 @@ def read_metadata(container: Container) -> dict[str, Any] | None:
 
 def _refuse_constant(name: str) -> Any:
     raise ValueError(f"{name} is not JSON")
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if math.isinf(number):
+        raise ValueError(f"{text[:20]} is beyond binary64")
+    return number
+
+
+def _whole(text: str) -> int:
+    _finite(text)
+    return int(text)
 
 
 def format_text(report: dict[str, Any]) -> str:

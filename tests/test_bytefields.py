@@ -203,3 +203,24 @@ def test_garbage_and_damage_raise_only_our_errors(tail: bytes, place: int, value
         except ScarError:
             continue
         assert 0 < len(content) <= 1000
+
+
+@given(st.lists(st.integers(0, 2**32 - 1) | st.integers(0, 130), max_size=60), st.binary(max_size=12))
+def test_many_varints_at_once_are_those_one_by_one(values: list[int], tail: bytes) -> None:
+    """The same integers, the same place afterwards, and the same refusal of the first that is wrong."""
+    data = b"".join(map(unsigned_varint, values)) + tail
+    for count in (len(values), len(values) + 3):
+        for bits in (24, 32):
+            answers = []
+            for at_once in (False, True):
+                reader = ByteReader(data, "x")
+                try:
+                    found = (
+                        reader.unsigned_array(bits, count).tolist()
+                        if at_once
+                        else [reader.unsigned(bits) for _ in range(count)]
+                    )
+                    answers.append((found, reader.rest(99)))
+                except ScarError as error:
+                    answers.append(error.refusal)
+            assert answers[0] == answers[1]

@@ -166,7 +166,7 @@ def _few_children(reader: SymbolReader, start: I64, count: I64, prefix: U64, bit
 def _few_splits(reader: SymbolReader, counts: list[int]) -> list[int]:
     """As :func:`_get_splits`."""
     if max(counts) > LARGEST_OWN_TABLE:
-        return _get_splits(reader, np.array(counts, np.int64)).tolist()
+        return list(map(int, _get_splits(reader, np.array(counts, np.int64))))
     lower = [0] * len(counts)
     for n in sorted(set(counts)):
         nodes = [node for node, size in enumerate(counts) if size == n]

@@ -12,7 +12,8 @@ import pytest
 from fuzz.target import decoded, validated
 
 FOLDER = Path(__file__).resolve().parents[2] / "fuzz" / "regressions"
-ROWS = dict(re.findall(r"^\| `([\w-]+)\.scar` \| (?:`([\w-]+)`)? *\|", (FOLDER / "README.md").read_text(), re.MULTILINE))
+TABLE = (FOLDER / "README.md").read_text()
+ROWS = dict(re.findall(r"^\| `([\w-]+)\.scar` \| (?:`([\w-]+)`)? *\|", TABLE, re.MULTILINE))
 
 
 def test_the_table_lists_the_files() -> None:

@@ -64,9 +64,8 @@ export class Groups {
    * @param {Uint8Array} contexts (n) or more
    * @param {number} n
    * @param {Int32Array} out (n) or more
-   * @param {((values: Int32Array, n: number) => void) | null} [check] the rule on the values of a group
    */
-  readByContext(component, step, contexts, n, out, check = null) {
+  readByContext(component, step, contexts, n, out) {
     if (n === 0) return;
     if (n > this.order.length) this.order = new Uint32Array(2 * n);
     const { order } = this;
@@ -80,7 +79,6 @@ export class Groups {
       const size = starts[c + 1] - start;
       if (size === 0) continue;
       const values = this.read(component, step, c, size);
-      if (check !== null) check(values, size);
       for (let i = 0; i < size; i++) out[order[start + i]] = values[i];
     }
   }

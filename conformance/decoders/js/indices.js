@@ -30,12 +30,9 @@ export function readIndices(tile, k, groups, trace) {
     });
     const values = new Int32Array(anchors.length);
     trace?.atStage(stage);
-    groups.readByContext(stage, 0, contexts, anchors.length, values, (group, n) => {
-      for (let i = 0; i < n; i++) {
-        demand(group[i] >= 0 && group[i] < size, "bad-index", `index ${group[i]} of ${size}`);
-      }
-    });
+    groups.readByContext(stage, 0, contexts, anchors.length, values);
     trace?.atStage(null);
+    for (const value of values) demand(value >= 0 && value < size, "bad-index", `index ${value} of ${size}`);
     for (let m = 0; m < anchors.length; m++) tile.index[anchors[m] * tile.stages + stage - 1] = values[m];
   }
 }

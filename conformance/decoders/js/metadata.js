@@ -31,5 +31,21 @@ export function readMetadata(container, limits) {
   }
   const object = typeof value === "object" && value !== null && !Array.isArray(value);
   demand(object, "bad-metadata", "METADATA is not an object", offset[e]);
+  demand(holdsFiniteNumbers(value), "bad-metadata", "METADATA holds a number too large for binary64", offset[e]);
   return { text, value };
+}
+
+/**
+ * Without recursion, which nested data could exhaust.
+ * @param {unknown} value of JSON.parse
+ * @returns {boolean}
+ */
+function holdsFiniteNumbers(value) {
+  const open = [value];
+  while (open.length > 0) {
+    const next = open.pop();
+    if (typeof next === "number" && !Number.isFinite(next)) return false;
+    if (typeof next === "object" && next !== null) for (const part of Object.values(next)) open.push(part);
+  }
+  return true;
 }

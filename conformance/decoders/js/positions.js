@@ -105,12 +105,13 @@ function readSplits(groups, counts, n, lower) {
   for (let count = 2; count <= LARGEST_COUNTED; count++) {
     const nodes = byCount[count];
     const values = groups.read(0, 0, count, nodes.length);
-    nodes.forEach((_, i) => requireBetween(values[i], count));
     nodes.forEach((node, i) => {
       lower[node] = values[i];
     });
   }
   readLargeSplits(groups, counts, byCount[LARGEST_COUNTED + 1], lower);
+  // A negative count became a large one.
+  for (let i = 0; i < n; i++) requireBetween(lower[i], counts[i]);
 }
 
 /** @param {number} value @param {number} most */

@@ -184,9 +184,10 @@ export class Tile {
     for (let s = 0; s < slots; s++) {
       const anchors = Uint32Array.from({ length: size }, (_, a) => a).filter((a) => slotLayer[a * slots + s] === 0);
       const contexts = Uint8Array.from(anchors, (a) => on[a]);
-      groups.readByContext(0, 0, contexts, anchors.length, bits, (values, n) => {
-        for (let i = 0; i < n; i++) demand(values[i] === 0 || values[i] === 1, "bad-mask", `mask symbol ${values[i]}`);
-      });
+      groups.readByContext(0, 0, contexts, anchors.length, bits);
+      for (let i = 0; i < anchors.length; i++) {
+        demand(bits[i] === 0 || bits[i] === 1, "bad-mask", `mask symbol ${bits[i]}`);
+      }
       for (let i = 0; i < anchors.length; i++) {
         if (bits[i] === 0) continue;
         slotLayer[anchors[i] * slots + s] = k;
