@@ -31,6 +31,7 @@ from conformance.schemas import LICENCE, expect_schema, manifest_schema
 from conformance.stream_faults import stream_faults
 from conformance.truncated_cases import truncated_cases
 from conformance.valid_cases import named, valid_cases, with_origin
+from conformance.work_cases import work_cases
 
 ROOT = Path(__file__).resolve().parent
 VECTORS = ROOT / "vectors"
@@ -65,6 +66,7 @@ def _all_cases() -> Iterator[Case]:
     yield from stream_faults(files)
     yield from model_faults(files)
     yield from limit_faults()
+    yield from work_cases()
     yield from either_cases(files)
     yield from (with_origin(case, by_name) for case in truncated_cases(files))
 

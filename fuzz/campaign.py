@@ -143,7 +143,7 @@ class Runner:
 
     Args:
         make: input n.
-        must_refuse: count accepted inputs as findings.
+        must_refuse: inputs that validate finds nothing in are findings.
     """
 
     def __init__(self, make: Callable[[int], Input], must_refuse: bool) -> None:
@@ -187,8 +187,11 @@ class Runner:
         """What decoding refuses is not valid; the converse is false, by rules marked (V)."""
         if refusal and not finding:
             self._found(one, tally, "disagree", f"decode refuses {refusal}, validate finds nothing")
-        if self._must_refuse and not refusal:
-            self._found(one, tally, "unnoticed", "decoded")
+        if self._must_refuse and not finding:
+            self._found(one, tally, "unnoticed", "valid")
+        elif self._must_refuse and not refusal:
+            # A decoder does not read blocks it has no need of (SPEC §5.6).
+            tally.outcomes["noticed by validate alone"] += 1
 
     def _ask(self, what: str, act: Callable[[bytes], str], one: Input, tally: Tally) -> str | None:
         signal.setitimer(signal.ITIMER_REAL, SECONDS)
@@ -251,7 +254,7 @@ class Campaign:
         make: input n.
         count: inputs.
         jobs: worker processes.
-        must_refuse: an accepted input is a finding.
+        must_refuse: an input that is valid is a finding.
         until: when to give out no more work, by `time.monotonic`.
     """
 

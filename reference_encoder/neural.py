@@ -29,7 +29,8 @@ from reference_encoder.rechoose import rechosen
 from reference_encoder.targets import Targets
 from scarfmt.bytefields import compress
 from scarfmt.directory import local_bits
-from scarfmt.limits import FORMAT_LIMITS
+from scarfmt.errors import LimitExceeded
+from scarfmt.limits import DEFAULT_LIMITS, FORMAT_LIMITS, Limits
 from scarfmt.model import DecodedContext, LayerRow, SceneModel
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.reader import SceneReader
@@ -37,6 +38,7 @@ from scarfmt.schema import BlockKind, Stream
 from scarfmt.source import BytesSource
 from scarfmt.symbols import SymbolTable, TableKey, pack_tables
 from scarfmt.tile import TileContent
+from scarfmt.truncate import truncate
 from scarfmt.writer import QuantisedScene, Report, silent, write_scene
 
 I16 = NDArray[np.int16]
@@ -73,8 +75,22 @@ def smallest_file(
         if index_bytes(data) < index_bytes(static):
             if targets is not None:
                 data = rechosen_file(learned, data, targets, options, report)
-            return min(static, data, key=len)
-    return static if predicted is None else min(static, write_scene(predicted, report), key=len)
+            return _smaller(static, data)
+    return static if predicted is None else _smaller(static, write_scene(predicted, report))
+
+
+def _smaller(static: bytes, neural: bytes) -> bytes:
+    return neural if len(neural) < len(static) and within_limits(neural) else static
+
+
+def within_limits(data: bytes, limits: Limits = DEFAULT_LIMITS) -> bool:
+    """Whether readers of these limits take a file, and all that truncation makes of it (SPEC R-13.2-2)."""
+    try:
+        for layer in range(1, SceneReader(BytesSource(data)).layers + 1):
+            SceneReader(BytesSource(truncate(BytesSource(data), layer)), limits=limits).models()
+    except LimitExceeded:
+        return False
+    return True
 
 
 def index_bytes(data: bytes) -> int:

@@ -50,6 +50,8 @@ PRODUCT = 2
 """A multiply-add of what is applied to every anchor in the end, in binary64."""
 NUMBER = 1 << 4
 """Making one number of the result, or one frequency."""
+OUTPUT = 1 << 10
+"""Keeping one output of the latent decoder: what it is counted for is memory."""
 BIT = 1 << 6
 """One bit of a hash grid."""
 
@@ -100,7 +102,7 @@ class DeclaredWork:
         tables: static tables in force in each layer, by key.
         predictors: in force in each layer, by key.
         network, books, grid: of the index network, or None.
-        networks: what is applied to every anchor in the end.
+        networks: what is applied to every anchor in the end, the latent decoder first.
     """
 
     def __init__(
@@ -193,11 +195,11 @@ class DeclaredWork:
 
     def _of_result(self) -> int:
         numbers = sum(channel.components for channel in self._model.channels)
-        products = 0
+        products, kept = 0, self._networks[0].outputs if self._networks else 0
         for network in self._networks:
             products += sum(layer.weights.size for layer in network.layers)
             numbers += max(layer.weights.shape[0] for layer in network.layers) + network.inputs
-        return PRODUCT * products + NUMBER * numbers
+        return PRODUCT * products + NUMBER * numbers + OUTPUT * kept
 
 
 class Contents:

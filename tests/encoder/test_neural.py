@@ -12,9 +12,10 @@ from scene_samples import random_scene
 from reference_encoder.encode import EncodeOptions, encode
 from reference_encoder.entropy.defaults import narrower, shape_for
 from reference_encoder.explicit_profile import encode_explicit
-from reference_encoder.neural import index_bytes, multiply_adds, smallest_file
+from reference_encoder.neural import index_bytes, multiply_adds, smallest_file, within_limits
 from scarfmt.errors import InvalidInput
 from scarfmt.inspection import inspect
+from scarfmt.limits import Limits
 from scarfmt.models_report import describe_models
 from scarfmt.scene import GaussianScene
 from scarfmt.schema import Profile, Stream
@@ -69,6 +70,17 @@ def test_networks_make_a_file_smaller_where_neighbours_tell_something(
 def test_the_same_seed_gives_the_same_networks(quantised: QuantisedScene, data: bytes) -> None:
     """Training included."""
     assert smallest_file(quantised, OPTIONS) == data
+
+
+def test_no_file_is_written_that_asks_readers_for_too_much(
+    quantised: QuantisedScene, data: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SPEC R-13.2-2: networks beyond the limit of work, in whichever layer it is cut, are given up."""
+    assert within_limits(data)
+    monkeypatch.setattr("scarfmt.work.FREE_WORK", 0)
+    assert not within_limits(data, Limits(work_per_byte=1000))
+    monkeypatch.setattr("reference_encoder.neural.within_limits", lambda data: False)
+    assert smallest_file(quantised, OPTIONS) == write_scene(quantised)
 
 
 @pytest.mark.parametrize(("profile", "seed"), [(Profile.EXPLICIT, 1), (Profile.ANCHOR, 2)])
