@@ -85,6 +85,10 @@ def _same(a: Any, b: Any) -> bool:
     return True
 
 
+def _vectors() -> list[Path]:
+    return sorted(path for kind in ("valid", "edge") for path in VECTORS.glob(f"{kind}/*/input.scar"))
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", type=Path, help="files to decode besides the conformance vectors")
@@ -98,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     results = {
         "random networks": compare_networks(do),
         "indices of synthetic streams": compare_streams(do),
-        "files": compare_files(chosen.backend, itertools.chain(sorted(VECTORS.glob("[ev][da]*/*/input.scar")), chosen.files)),
+        "files": compare_files(chosen.backend, itertools.chain(_vectors(), chosen.files)),
     }
     for what, (count, differ) in results.items():
         print(f"{chosen.backend} against numpy: {count:,} {what}, {differ:,} differ")

@@ -1,4 +1,4 @@
-"""Small files that ask for much: just within and beyond what every reader does for a file of their length (SPEC §13.2)."""
+"""Small files that ask for much: within and beyond what every reader does for a file of their length (SPEC §13.2)."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ def work_cases() -> Iterator[Case]:
     rules = ("R-13.2-1",)
     within, beyond = (vector_file(_wide_scene(count), options=_RUNS) for count in (1900, 2300))
     _check_sides(len(within), len(beyond))
-    yield Case("edge/limit-work-met", "a wide network for 1900 anchors in a cell: nearly the most that a reader must do",
+    yield Case("edge/limit-work-met", "a wide network for 1900 anchors in a cell, near the most that a reader must do",
                within, rules, scene=_wide_scene(1900))  # fmt: skip
-    yield Case("either/limit-work", "a wide network for 2300 anchors in a cell, more than a reader must do", beyond, rules,
-               scene=_wide_scene(2300), refusals=("limit-work",), stage="models")  # fmt: skip
+    yield Case("either/limit-work", "a wide network for 2300 anchors in a cell, more than a reader must do", beyond,
+               rules, scene=_wide_scene(2300), refusals=("limit-work",), stage="models")  # fmt: skip
     yield Case("either/limit-expansion-tables", "1.3 MB of tables that code nothing, in a small frame",
                vector_file(_wide_scene(3), options=_with_idle_tables()), (*rules, "R-8.3-4"), scene=_wide_scene(3),
                refusals=("limit-expansion",), stage="models")  # fmt: skip

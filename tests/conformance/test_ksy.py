@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 import pytest
+from kaitai_scar import Scar
 from kaitaistruct import KaitaiStructError
 
 import conformance
@@ -16,7 +17,6 @@ from scarfmt.model import DecodedContext
 from scarfmt.schema import BlockKind
 from scarfmt.source import BytesSource
 from scarfmt.substreams import unpack_table
-from kaitai_scar import Scar
 
 SUITE = Path(conformance.__file__).parent
 VECTORS = sorted(path.parent for path in (SUITE / "vectors").glob("**/expect.json"))

@@ -42,7 +42,7 @@ class _Recorder:
 
     seen: list[NDArray[Any]] = field(default_factory=list)
 
-    def embed(self, x: NDArray[Any]) -> NDArray[Any]:
+    def embed(self, x: NDArray[Any], _watch: object = None) -> NDArray[Any]:
         self.seen.append(np.asarray(x))
         return x
 
