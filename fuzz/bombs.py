@@ -277,20 +277,20 @@ BOMBS: dict[str, Callable[[], bytes]] = {
     "small tiles, 16 layers": lambda: small_tiles(2_300, 16),
     "broken tiles": broken_blocks,
     "many steps, small file": lambda: many_steps(9_000, 0),
-    "many steps": lambda: many_steps(80_000, MIB - 5000),
+    "many steps": lambda: many_steps(200_000, MIB - 5000),
     "many steps, one component": lambda: many_steps(1_000_000, MIB - 5000, 1),
-    "many contexts": lambda: many_contexts(240, 60, MIB - 160_000),
-    "wide decoder": lambda: wide_decoder(10_000, MIB - 5000),
+    "many contexts": lambda: many_contexts(240, 150, MIB - 160_000),
+    "wide decoder": lambda: wide_decoder(27_000, MIB - 5000),
     "wide features": lambda: wide_features(65_536, 0),
-    "wide features, large file": lambda: wide_features(48_000, MIB - 9000),
+    "wide features, large file": lambda: wide_features(65_000, MIB - 9000),
     "many slots": lambda: many_slots(260_000, 32, MIB - 9000),
     "large tables": lambda: large_tables(1100, 4096, MIB - 9000),
     "many tables": lambda: large_tables(65_000, 1, MIB - 130_000),
-    "deep network": lambda: deep_network(1000, 0),
-    "shallow network": lambda: shallow_network(6000, MIB - 200_000, 60),
+    "deep network": lambda: deep_network(2600, 0),
+    "shallow network": lambda: shallow_network(15_000, MIB - 200_000, 150),
     "large grid": lambda: large_grid(MIB - 9000),
-    "many predictors": lambda: many_predictors(9000, MIB - 600_000),
-    "many predictors, small tiles": lambda: many_predictors(2000, MIB - 600_000, 100),
+    "many predictors": lambda: many_predictors(24_000, MIB - 600_000),
+    "many predictors, small tiles": lambda: many_predictors(1000, MIB - 600_000, 50),
 }
 
 
@@ -316,8 +316,8 @@ def main() -> None:
     if arguments.measure is not None:
         measure(arguments.measure)
         return
-    folder = arguments.keep or Path("bombs")
-    folder.mkdir(exist_ok=True)
+    folder = arguments.keep or Path("build/bombs")
+    folder.mkdir(parents=True, exist_ok=True)
     for name, make in BOMBS.items():
         if arguments.only is None or arguments.only in name:
             data = make()

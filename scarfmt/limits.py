@@ -79,7 +79,7 @@ class Limits:
         content_per_byte: bytes of content of Zstandard frames per byte of the whole file, beyond `FREE_CONTENT`. Tables
             shrink to a half or a third.
         work_per_byte: multiply-adds of decoding, counted as in :mod:`scarfmt.work`, per byte of the whole file, beyond
-            `FREE_WORK`. Real scenes need up to 48,000.
+            `FREE_WORK`. Real scenes need up to 56,000.
         metadata_bytes: bytes of the METADATA block, when it is parsed.
     """
 

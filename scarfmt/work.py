@@ -50,7 +50,7 @@ PRODUCT = 2
 """A multiply-add of what is applied to every anchor in the end, in binary64."""
 NUMBER = 1 << 4
 """Making one number of the result, or one frequency."""
-OUTPUT = 1 << 10
+OUTPUT = 1 << 11
 """Keeping one output of the latent decoder: what it is counted for is memory."""
 BIT = 1 << 6
 """One bit of a hash grid."""
