@@ -5,26 +5,32 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from conformance import minimal_answers
+from conformance.files import vector_file
 from conformance.minimal_fields import Rans, Refused, Table, cumulative
 from fuzz.corpus import corpus
 from fuzz.target import decoded
+from reference_decoder import answers
+from reference_decoder.answers import Manner
 from reference_decoder.decode import decode
 from scarfmt.errors import ScarError
+from scarfmt.neural.operations import NUMPY
 from scarfmt.rans import FrequencyTable, RansDecoder
 from scarfmt.schema import Profile
 from scarfmt.testing.mutators import mutate
 from scarfmt.testing.neural_scenes import neural_scene
-from scarfmt.writer import write_scene
+from scarfmt.testing.scenes import random_scene
+from scarfmt.writer import QuantisedScene, write_scene
 
 CLI = Path(__file__).resolve().parents[2] / "conformance" / "decoders" / "js" / "cli.js"
 
@@ -50,6 +56,27 @@ def test_textbook_rans_reads_the_same(words: list[int], groups: list[tuple[list[
         table = FrequencyTable.from_weights(np.array(weights))
         assert slow.read(key, count) == fast.decode(table, count).tolist()
     assert _ends(slow.seal) == _ends(fast.finish)
+
+
+@settings(deadline=None, max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.integers(0, 10_000), st.sampled_from(list(Profile)), st.sampled_from([random_scene, neural_scene]))
+def test_the_second_decoder_reads_scenes_the_same(
+    tmp_path: Path, seed: int, profile: Profile, make: Callable[..., QuantisedScene]
+) -> None:
+    """Every exact array of every stage, after every layer: a writer and two readers that share no code."""
+    data = vector_file(make(seed, profile, anchors=30, layers=1 + seed % 3, tiles=2))
+    path = tmp_path / "scene.scar"
+    path.write_bytes(data)
+    for layer in range(1, 2 + seed % 3):
+        ours = answers.answer(str(path), layer, "all", Manner(NUMPY))
+        theirs = minimal_answers.answer(data, layer, "all")
+        for stage in minimal_answers.EXACT:
+            assert _hashes(ours, stage) == _hashes(theirs, stage)
+
+
+def _hashes(answer: dict[str, Any], stage: str) -> dict[str, tuple[str, list[int], str]]:
+    arrays = answer["stages"][stage]["arrays"]
+    return {name: (array["dtype"], array["shape"], array["sha256"]) for name, array in arrays.items()}
 
 
 def _ends(finish: Any) -> bool:
