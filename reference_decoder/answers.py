@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from scarfmt import __version__
 from scarfmt.errors import InvalidInput, ScarError
+from scarfmt.suite.protocol import PROTOCOL, STAGES
 
 if TYPE_CHECKING:
     # The rest comes when it is needed: a suite starts this program hundreds of times.
@@ -26,20 +27,8 @@ if TYPE_CHECKING:
     from scarfmt.neural.operations import Operations
     from scarfmt.reader import SceneReader
 
-STAGES = (
-    "container",
-    "models",
-    "context",
-    "frequencies",
-    "indices",
-    "integers",
-    "sums",
-    "values",
-    "activated",
-    "metadata",
-)
 CAPABILITIES = {
-    "protocol": "scar-conformance 2",
+    "protocol": PROTOCOL,
     "decoder": f"scarfmt reference {__version__}",
     "versions": ["0.1"],
     "profiles": ["explicit", "anchor"],

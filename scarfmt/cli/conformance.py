@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 _REFERENCE = "-"
 _SHOWN_FAILURES = 20
-_STAGES = ("container", "models", "context", "frequencies", "indices", "integers", "sums", "values", "activated")
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -82,9 +81,11 @@ def parse_stages(_ctx: click.Context, _parameter: click.Parameter, value: str | 
     """
     if value is None:
         return None
+    from scarfmt.suite.protocol import STAGES
+
     names = tuple(value.split(","))
-    if not set(names) <= {*_STAGES, "metadata"}:
-        raise click.BadParameter(f"{value!r}: choose from {', '.join((*_STAGES, 'metadata'))}")
+    if not set(names) <= set(STAGES):
+        raise click.BadParameter(f"{value!r}: choose from {', '.join(STAGES)}")
     return names
 
 
@@ -140,12 +141,12 @@ def run_(ctx: click.Context, /, decoder: str | None, session: str | None, **want
       scarfmt conformance run --session './mine -s' --only 'valid/index-*' --stages models,indices -v
     """
     from scarfmt.suite import report
+    from scarfmt.suite.protocol import STAGES
     from scarfmt.suite.runner import Options, run
 
     asked = _asked(decoder, session, wanted["timeout"], wanted["memory"])
     suite, vectors = _selected(wanted["suite"], {name: wanted[name] for name in ("only", "classes", "features")})
-    stages = wanted["stages"] or (*_STAGES, "metadata")
-    options = Options(stages, not wanted["all_layers"], wanted["jobs"], wanted["fail_fast"])
+    options = Options(wanted["stages"] or STAGES, not wanted["all_layers"], wanted["jobs"], wanted["fail_fast"])
     with ExitStack() as files, progress(wanted["format_"] == "json" or wanted["verbose"]) as bar:
         names = {name: wanted[name] for name in ("output", "junit") if wanted[name] is not None}
         outputs = {name: files.enter_context(open_output(path, wanted["force"])) for name, path in names.items()}
