@@ -55,6 +55,13 @@ def table_faults(static: bytes) -> Iterator[Fault]:
     yield "alphabet-first-high", "an alphabet from 2^31", *_TABLE, last(top + 1)
     yield "alphabet-last-high", "an alphabet up to 2^31", *_TABLE, last(0, top + 1, weights=(1, 1))
     yield ("alphabet-wide-gap", "a gap of 2^32 - 1, to far above 2^31", *_TABLE, last(-top, 1 + top, weights=(1, 1)))
+    def cut_after(record: Record) -> bytes:
+        return content(lambda c: unsigned_varint(c[0] + 1) + c[1:] + record.packed()[:-1])
+
+    yield ("alphabet-high-cut", "an alphabet that leaves 2^31 - 1, and then ends too early", *_TABLE,
+           cut_after(Record(_UNUSED, (top, top + 1), (1, 1))))
+    yield ("weight-zero-cut", "a weight of 0, and then the block ends too early", *_TABLE,
+           cut_after(Record(_UNUSED, (0, 1, 2), (1, 0, 1))))
     yield "key-33-bits", "a key of 33 bits", *_VARINT, records(lambda r: [*r, Record(1 << 32, (0,), (1,))])
     yield "weight-25-bits", "a weight of 2^24", *_VARINT, last(0, weights=(1 << 24,))
     yield ("weight-two-bytes", "a weight of 1 in two bytes", *_VARINT,

@@ -148,12 +148,14 @@ def parse_tables(block: bytes) -> dict[int, Table]:
         previous = number
         size = reader.count(4096)
         require(size >= 1, "bad-table")
-        values = [reader.svarint(33)]
-        for _ in range(size - 1):
-            values.append(values[-1] + reader.varint(32) + 1)
-        require(abs(values[0]) < 1 << 31 and values[-1] < 1 << 31, "bad-table")
-        weights = [reader.varint(24) for _ in range(size)]
-        require(min(weights) >= 1, "bad-table")
+        values: list[int] = []
+        weights: list[int] = []
+        for i in range(size):
+            values.append(values[-1] + reader.varint(32) + 1 if i else reader.svarint(33))
+            require(abs(values[-1]) < 1 << 31, "bad-table")
+        for _ in range(size):
+            weights.append(reader.varint(24))
+            require(weights[-1] >= 1, "bad-table")
         tables[number] = Table(values, cumulative(weights))
     reader.finish()
     return tables

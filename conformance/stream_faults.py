@@ -357,3 +357,7 @@ def _index_faults(base: bytes) -> Iterator[Fault]:
     yield ("index-above", "an index of 12 in a codebook of 12", *rule, _with_value(base, 1, stage(1), None, 12))
     yield ("index-residual", "an index of stage 2 beyond the residual codebook", *rule,
            _with_value(base, 2, stage(2), None, 12))
+    late = _with_value(base, 3, lambda record: record.key == number(Stream.INDICES, 1, 0, 16), None, 12)
+    yield ("index-above-without-table", "an index of 12 in one context, and no table for the next of that stage",
+           "R-8.3-3", "missing-table",
+           with_tables(late, 3, lambda rs: [r for r in rs if r.key != number(Stream.INDICES, 1, 0, 32)]))

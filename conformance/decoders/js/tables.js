@@ -134,21 +134,17 @@ export class TableBlock {
 function readRecord(reader, out) {
   const size = reader.count(4096);
   reader.demand(size >= 1, "bad-table", "a table without symbols");
-  const first = reader.svarint(33);
-  let value = first;
+  let value = reader.svarint(33);
   for (let i = 0; i < size; i++) {
     if (i > 0) value += reader.varint(32) + 1;
+    reader.demand(Math.abs(value) < 2 ** 31, "bad-table", `alphabet value ${value}`);
     if (out !== null) out.values[i] = value;
   }
-  const within = Math.abs(first) < 2 ** 31 && value < 2 ** 31;
-  reader.demand(within, "bad-table", `an alphabet from ${first} to ${value}`);
-  let least = Infinity;
   for (let i = 0; i < size; i++) {
     const weight = reader.varint(24);
-    least = Math.min(least, weight);
+    reader.demand(weight >= 1, "bad-table", "a weight of 0");
     if (out !== null) out.weights[i] = weight;
   }
-  reader.demand(least >= 1, "bad-table", "a weight of 0");
 }
 
 /**
