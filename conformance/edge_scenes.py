@@ -28,7 +28,7 @@ from conformance.scenes import (
     steady,
 )
 from conformance.table_records import number
-from conformance.writer import BlockForm, FrameStyle, Renewal, RiceStyle, Table, Weights, WriteOptions
+from conformance.writer import BlockForm, FrameStyle, Renewal, RiceStyle, Table, Weights, WriteOptions, kept_frame
 from scarfmt.container import Block, Tile
 from scarfmt.model import Channel, ContextRule, LayerRow
 from scarfmt.schema import BlockFlag, BlockKind, Profile, Stream
@@ -389,6 +389,18 @@ def _frame_cases() -> Iterator[Case]:
     for name, (what, style) in styles.items():
         options = WriteOptions(frames=dict.fromkeys(_COMPRESSED, style), wide_weights=name == "matches")
         yield _edge(f"frame-{name}", f"Zstandard frames of {what}", _modelled(name), rules, options, ("zstd",))
+    yield _library_case()
+
+
+def _library_case() -> Case:
+    """Frames as a Zstandard library makes them of real files: Huffman and FSE codes."""
+    rule = ContextRule()
+    many = tuple(channel(stream, 0.5, *(rule,) * n) for stream, n in ((Stream.SCALE, 3), (Stream.ROTATION, 3)))
+    plan = _plan("library", (240,), channels=many, rows=(LayerRow((1, 1, 1), ((2, 1),) * 3),), dimension=8, degree=2,
+                 spread=30)  # fmt: skip
+    options = WriteOptions(frames=dict.fromkeys(_COMPRESSED, kept_frame))
+    return _edge("frame-library", "Zstandard frames with Huffman and FSE codes, made by libzstd", plan,
+                 ("R-5.8-1", "R-5.8-3", "R-5.8-4"), options, ("zstd",))  # fmt: skip
 
 
 def _rice_cases() -> Iterator[Case]:

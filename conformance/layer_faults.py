@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 from conformance.files import changed
 from scarfmt.codecs.layer import pack_layer
@@ -136,9 +137,9 @@ def _rule_faults(explicit: File, anchor: File) -> Iterator[Fault]:
 
 
 def _row_faults(explicit: File, anchor: File) -> Iterator[Fault]:
-    def row(layer: int, file: File = explicit, /, **fields: object) -> bytes:
+    def row(layer: int, file: File = explicit, /, **fields: Any) -> bytes:
         data, scene = file
-        return _with_row(data, scene.model, layer, replace(scene.model.layers[layer - 1], **fields))  # type: ignore[arg-type]
+        return _with_row(data, scene.model, layer, replace(scene.model.layers[layer - 1], **fields))
 
     third = explicit[1].model.layers[2]
     channels = len(explicit[1].model.channels)

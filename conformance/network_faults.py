@@ -162,9 +162,9 @@ def _wide_faults(deep: bytes, predictors: bytes) -> Iterator[Fault]:
     """Numbers near the ends of 32 bits, where a check in too narrow a type fails to see them."""
     network = network_of(deep)
     for name, what, value in (("lowest", "-2^31", -(1 << 31)), ("wraps", "2^16 + 1", (1 << 16) + 1)):
-        weights = network.mixer.weights.astype(np.int64)
+        weights: Any = network.mixer.weights.astype(np.int64)
         weights[0, 0] = value
-        mixer = Linear(weights, network.mixer.biases, network.mixer.shift)  # type: ignore[arg-type]
+        mixer = Linear(weights, network.mixer.biases, network.mixer.shift)
         yield (f"mixer-weight-{name}", f"a weight of {what}", "R-10.5-1", "bad-network",
                _with_network(deep, replace(network, mixer=mixer)))
     biases = network.mixer.biases.copy()
@@ -175,9 +175,9 @@ def _wide_faults(deep: bytes, predictors: bytes) -> Iterator[Fault]:
 
     def edit(payload: bytes) -> bytes:
         first, *others = unpack_predictors(payload)
-        weights = first.output.weights.astype(np.int64)
+        weights: Any = first.output.weights.astype(np.int64)
         weights[1, -1] = -(1 << 31)
-        output = Linear(weights, first.output.biases, first.output.shift)  # type: ignore[arg-type]
+        output = Linear(weights, first.output.biases, first.output.shift)
         return pack_predictors((replace(first, output=output), *others))
 
     yield ("predictor-weight-lowest", "a weight of -2^31", "R-10.3-2", "bad-predictor",

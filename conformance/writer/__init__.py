@@ -9,7 +9,7 @@ from conformance.writer.entropy import Table
 from conformance.writer.fields import RiceStyle
 from conformance.writer.file import write_file
 from conformance.writer.frames import BlockForm, FrameStyle
-from conformance.writer.library_frames import library_frame
+from conformance.writer.kept_frames import kept_frame
 from conformance.writer.options import Renewal, Weights, WriteOptions
 from conformance.writer.tile import tile_block
 
@@ -21,7 +21,7 @@ __all__ = [
     "Table",
     "Weights",
     "WriteOptions",
-    "library_frame",
+    "kept_frame",
     "tile_block",
     "write_container",
     "write_file",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from hypothesis import strategies as st
 
@@ -17,25 +17,24 @@ _SEEDS = st.integers(0, 2**32 - 1)
 
 def quantised_scenes(max_anchors: int = 60, max_layers: int = 4) -> st.SearchStrategy[QuantisedScene]:
     """Small scenes of both profiles, coded by static tables."""
-    return st.builds(
-        random_scene,
-        _SEEDS,
-        st.sampled_from(Profile),
-        anchors=st.integers(0, max_anchors),
-        layers=st.integers(1, max_layers),
-        tiles=st.integers(1, 4),
-    )
+    return _built(random_scene, max_anchors, max_layers, 4)
 
 
 def neural_scenes(max_anchors: int = 60, max_layers: int = 4) -> st.SearchStrategy[QuantisedScene]:
     """Small scenes of both profiles with predictors, an index network and a hash grid."""
+    return _built(neural_scene, max_anchors, max_layers, 3)
+
+
+def _built(
+    make: Callable[..., QuantisedScene], max_anchors: int, max_layers: int, max_tiles: int
+) -> st.SearchStrategy[QuantisedScene]:
     return st.builds(
-        neural_scene,
+        make,
         _SEEDS,
         st.sampled_from(Profile),
         anchors=st.integers(0, max_anchors),
         layers=st.integers(1, max_layers),
-        tiles=st.integers(1, 3),
+        tiles=st.integers(1, max_tiles),
     )
 
 

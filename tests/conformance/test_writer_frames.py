@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from conformance.minimal_fields import Payload
 from conformance.minimal_zstd import BadFrame, NeedsLibrary, frame_content
-from conformance.writer import BlockForm, FrameStyle, RiceStyle, library_frames
+from conformance.writer import BlockForm, FrameStyle, RiceStyle, kept_frames
 from conformance.writer.fields import rice, shifted, svarint, varint
-from conformance.writer.library_frames import library_frame
+from conformance.writer.kept_frames import kept_frame
 from scarfmt.bytefields import decompress
 
 WINDOWS = (None, 0, 5, 0x18, 0x68)
@@ -73,17 +73,17 @@ def test_broken_frames_are_told_from_those_that_need_a_library() -> None:
         frame_content(zstandard.ZstdCompressor(level=19).compress(b"the quick brown fox jumps over the lazy dog" * 9))
 
 
-def test_library_frames_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kept_frames_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that is not kept is made only when that is asked for; one that is kept is never made again."""
     content = b"content"
-    monkeypatch.setattr(library_frames, "PLACE", tmp_path / "frames.json")
+    monkeypatch.setattr(kept_frames, "PLACE", tmp_path / "frames.json")
     with pytest.raises(LookupError):
-        library_frame(content)
-    monkeypatch.setenv(library_frames.ADD, "1")
-    made = library_frame(content)
+        kept_frame(content)
+    monkeypatch.setenv(kept_frames.ADD, "1")
+    made = kept_frame(content)
     assert decompress(made, 100, "test") == content
-    library_frames.PLACE.write_text(json.dumps({hashlib.sha256(content).hexdigest(): "a2VwdA=="}))
-    assert library_frame(content) == b"kept"
+    kept_frames.PLACE.write_text(json.dumps({hashlib.sha256(content).hexdigest(): "a2VwdA=="}))
+    assert kept_frame(content) == b"kept"
 
 
 @given(st.lists(st.integers(-(2**31), 2**31 - 1) | st.integers(-300, 300), max_size=30), st.integers(-31, 31))

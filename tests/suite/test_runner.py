@@ -43,7 +43,10 @@ class Stub:
 
 def ask(suite: SuiteWriter, stub: Stub, options: Options | None = None) -> Run:
     loaded = suite.load()
-    connect: Callable[[threading.Event], Decoder] = lambda _stop: stub  # noqa: E731
+
+    def connect(_stop: threading.Event) -> Decoder:
+        return stub
+
     return run(loaded, loaded.vectors, connect, options or Options())
 
 

@@ -1,6 +1,6 @@
 """Frames that libzstd made once, with Huffman and FSE codes, which :mod:`conformance.writer.frames` does not write.
 
-They are kept in ``library_frames.json``, by the SHA-256 of their content, so that vectors do not change with libzstd.
+They are kept in ``kept_frames.json``, by the SHA-256 of their content, so that vectors do not change with libzstd.
 With the environment variable ``SCAR_ADD_FRAMES=1`` a frame that is missing is made and added.
 """
 
@@ -14,12 +14,12 @@ from pathlib import Path
 
 import zstandard
 
-PLACE = Path(__file__).with_name("library_frames.json")
+PLACE = Path(__file__).with_name("kept_frames.json")
 ADD = "SCAR_ADD_FRAMES"
 _LEVEL = 19
 
 
-def library_frame(content: bytes) -> bytes:
+def kept_frame(content: bytes) -> bytes:
     """The frame kept of a content; a :data:`~conformance.writer.frames.Frame`.
 
     Raises:
