@@ -47,17 +47,11 @@ types: $(STAMP) ## mypy --strict
 
 check: test lint types ## what CI runs
 
-bench: $(STAMP) ## short benchmark of the example scene, a minute or two; writes nothing into docs/
-	$(BIN)/python -m benchmarks.quality --scenes plush-toys --effort 1 --qualities 45 --no-write
-	$(BIN)/python -m benchmarks.positions --scenes plush-toys --no-write
-	$(BIN)/python -m benchmarks.speed --scenes plush-toys --efforts 1 --no-write
-	$(BIN)/python -m benchmarks.entropy_speed
+bench: $(STAMP) ## every benchmark, short, on the example scene: prints, writes to build/bench/ alone
+	$(BIN)/python -m benchmarks.all --short
 
-bench-full: $(STAMP) ## every benchmark on every scene found, about an hour; rewrites docs/benchmarks.md
-	$(BIN)/python -m benchmarks.quality
-	$(BIN)/python -m benchmarks.positions
-	$(BIN)/python -m benchmarks.speed
-	$(BIN)/python -m benchmarks.pictures
+bench-full: $(STAMP) ## every benchmark on every scene found, three quarters of an hour; rewrites docs/
+	$(BIN)/python -m benchmarks.all --full
 
 pictures: $(STAMP) ## redraw docs/images/
 	$(BIN)/python -m benchmarks.pictures

@@ -1,8 +1,9 @@
-"""Other ways to do the evaluator's operations: in float64, with sums in a random order, counting extremes."""
+"""Other ways to do the evaluator's operations: in float64 or int64, in random orders, counting extremes."""
 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from scarfmt.neural.operations import NumpyOperations
 from scarfmt.neural.tables import EXP2_LAST, LAST
 
 F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
 Floats = NDArray[np.floating[Any]]
 
 
@@ -47,6 +49,61 @@ class ShuffledOperations(NumpyOperations):
         out = np.zeros(len(a), np.float32)
         for column in self._rng.permutation(a.shape[1]):
             out += a[:, column] * b[:, column]
+        return out
+
+
+class PermutedOperations(NumpyOperations):
+    """Binary32 by the library's own products, of rows and columns in random order, and of batches of random size.
+
+    Whole files are decoded with it: many times faster than :class:`ShuffledOperations`, and batches of anchors meet
+    the library's blocks in another order at every product.
+    """
+
+    def __init__(self, seed: int) -> None:
+        super().__init__()
+        self._rng = np.random.default_rng(seed)
+        self.chunk = int(self._rng.integers(1, 3000))
+        self.elements = 1 << int(self._rng.integers(10, 20))
+
+    def product(self, x: F32, weights: F32) -> F32:
+        rows, columns = self._rng.permutation(len(x)), self._rng.permutation(len(weights))
+        out = np.empty((len(x), weights.shape[1]), np.float32)
+        out[rows] = x[np.ix_(rows, columns)] @ weights[columns]
+        return out
+
+    def dots(self, a: F32, b: F32) -> F32:
+        columns = self._rng.permutation(a.shape[1])
+        return super().dots(a[:, columns], b[:, columns])
+
+    def shares(self, scores: F32, exp2: F32) -> F32:
+        anchors = self._rng.permutation(scores.shape[1])
+        out = np.empty_like(scores)
+        out[:, anchors] = super().shares(scores[:, anchors], exp2)
+        return out
+
+    def frequency_rows(self, logits: F32, exp2: F32) -> F64:
+        anchors = self._rng.permutation(logits.shape[1])
+        found = super().frequency_rows(logits[:, anchors], exp2)
+        out = np.empty_like(found)
+        out[anchors] = found
+        return out
+
+
+class IntegerOperations(NumpyOperations):
+    """Products in int64, which rounds nothing: of operands scaled up until they are whole."""
+
+    def product(self, x: F32, weights: F32) -> F32:
+        return self._whole(x, weights, np.matmul)
+
+    def dots(self, a: F32, b: F32) -> F32:
+        return self._whole(a, b, lambda left, right: (left * right).sum(axis=1))
+
+    @staticmethod
+    def _whole(a: F32, b: F32, act: Callable[[I64, I64], I64]) -> F32:
+        # In binary64 from here on: the units of both are powers of two.
+        wide, units = (a.astype(np.float64), b.astype(np.float64)), (_unit(a), _unit(b))
+        left, right = ((values / unit).astype(np.int64) for values, unit in zip(wide, units, strict=True))
+        out: F32 = (act(left, right) * (units[0] * units[1])).astype(np.float32)
         return out
 
 

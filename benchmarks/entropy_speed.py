@@ -1,6 +1,6 @@
 """How fast the index network decodes, beside the limit of this machine for the same arithmetic.
 
-    python -m benchmarks.entropy_speed            a few shapes, under a minute; prints and writes nothing
+    python -m benchmarks.entropy_speed            a few shapes, under a minute; prints and writes nothing (--short)
     python -m benchmarks.entropy_speed --full     every shape; rewrites docs/entropy-speed.md and its JSON
 
 Decoding is the network and the rANS reading of indices: not the cell means that are its inputs, nor other channels.
@@ -257,6 +257,7 @@ def measure(full: bool) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true", help="every shape, more runs; keeps the results")
+    parser.add_argument("--short", action="store_true", help="a few shapes: what is done without --full")
     parser.add_argument("--no-write", action="store_true", help="with --full: print the tables instead")
     parser.add_argument("--child", choices=BACKENDS, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
@@ -265,8 +266,7 @@ def main() -> None:
         return
     results = measure(arguments.full)
     keep = arguments.full and not arguments.no_write
-    if keep:
-        save_results(NAME, results)
+    save_results(NAME, results, keep)
     show = partial(replace_section, NAME, page=PAGE) if keep else print
     show(markdown(results))
 

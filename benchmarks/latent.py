@@ -2,7 +2,9 @@
 
     python -m benchmarks.latent plush-on-bed.ply --frame=-y:125:70
     python -m benchmarks.latent plush-on-bed.npz --cameras cameras.json
+    python -m benchmarks.latent --short                        few vectors of the example scene, few steps
 
+It prints its table and writes nothing.
 Error is weighted by visibility, counts every anchor and includes what the latent cannot represent; it is given
 in dB relative to sending nothing but the mean. Bits are those of ideal static tables per class and stage, plus
 codebooks and decoder as stored.
@@ -19,6 +21,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.report import add_arguments
+from benchmarks.scenes import chosen
 from reference_encoder.allocate import classify, entropy_bits
 from reference_encoder.anchor_sensitivity import measure_anchors
 from reference_encoder.assemble import codebook_size
@@ -75,9 +79,7 @@ def anchor_problem(path: Path, cameras: Path, quality: float) -> Problem:
 def thinned(problem: Problem, limit: int) -> Problem:
     """At most `limit` of the vectors."""
     kept = np.linspace(0, len(problem.vectors) - 1, min(limit, len(problem.vectors))).astype(np.int64)
-    return replace(
-        problem, vectors=problem.vectors[kept], weight=problem.weight[kept], classes=problem.classes[kept]
-    )
+    return replace(problem, vectors=problem.vectors[kept], weight=problem.weight[kept], classes=problem.classes[kept])
 
 
 def curve(problem: Problem, latent: Latent, chosen: RvqResult) -> list[tuple[float, float]]:
@@ -103,9 +105,7 @@ def variants(rvq: RvqOptions, steps: int) -> Iterator[tuple[str, AutoencoderOpti
     yield "paper, H=0", replace(paper, hidden=0)
     yield "paper + final codebook pass", replace(paper, rvq=rvq)
     yield "no LayerNorm, L2 + final codebook pass", replace(paper, layer_norm=False, loss="l2", rvq=rvq)
-    yield "no LayerNorm, L2, H=0 + final codebook pass", replace(
-        paper, layer_norm=False, loss="l2", hidden=0, rvq=rvq
-    )
+    yield "no LayerNorm, L2, H=0 + final codebook pass", replace(paper, layer_norm=False, loss="l2", hidden=0, rvq=rvq)
 
 
 Curves = list[list[tuple[float, float]]]
@@ -145,20 +145,24 @@ def at_bits(curves: Curves, bits: F64) -> F64:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", type=Path)
+    parser.add_argument("scene", type=Path, nargs="?", help="default: the example scene of this repository")
     parser.add_argument("--cameras", type=Path, help="for an anchor model")
     parser.add_argument("--frame", default="-y", help="for a scene")
     parser.add_argument("--quality", type=float, default=45.0)
-    parser.add_argument("--steps", type=int, default=800)
+    parser.add_argument("--steps", type=int)
     parser.add_argument("--bits", type=float, nargs="+", default=[5.0, 8.0, 12.0, 16.0])
-    parser.add_argument("--limit", type=int, default=20_000, help="most anchors, drawn evenly")
+    parser.add_argument("--limit", type=int, help="most anchors, drawn evenly")
     parser.add_argument("--seed", type=int, default=0)
+    add_arguments(parser, scenes=False)
     arguments = parser.parse_args()
-    if arguments.scene.suffix == ".npz":
-        problem = anchor_problem(arguments.scene, arguments.cameras, arguments.quality)
+    path = arguments.scene or chosen(["plush-toys"])[0].path
+    if path.suffix == ".npz":
+        problem = anchor_problem(path, arguments.cameras, arguments.quality)
     else:
-        problem = explicit_problem(arguments.scene, arguments.frame, arguments.quality)
-    table(thinned(problem, arguments.limit), arguments.steps, np.array(arguments.bits), arguments.seed)
+        problem = explicit_problem(path, arguments.frame, arguments.quality)
+    limit, steps = (2_000, 20) if arguments.short else (20_000, 800)
+    steps = steps if arguments.steps is None else arguments.steps
+    table(thinned(problem, arguments.limit or limit), steps, np.array(arguments.bits), arguments.seed)
 
 
 def table(problem: Problem, steps: int, bits: F64, seed: int) -> None:

@@ -1,9 +1,9 @@
 """Sheets of the layers of a scene: docs/images/NAME-layers.jpg for scenes of ours, for README.md and docs/.
 
-    python -m benchmarks.pictures [--scenes NAME ...] [--quality 47] [--effort 2]
+    python -m benchmarks.pictures [--scenes NAME ...] [--quality 47] [--effort 2] [--short] [--no-write]
 
-Uses the file that `benchmarks.quality` left in build/benchmarks/, or encodes it. Sheets of scenes that others made
-are written there too: not all of them may be published.
+Uses the file that `benchmarks.quality` left in build/benchmarks/, or encodes it. Sheets of scenes that others made are
+written there too, as not all of them may be published; with --no-write, all are.
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ from pathlib import Path
 
 from PIL import Image
 
-from benchmarks import child
-from benchmarks.quality import encoded_path
-from benchmarks.report import SCRATCH
+from benchmarks.encoded import encoded
+from benchmarks.report import SCRATCH, add_arguments
 from benchmarks.scenes import REPOSITORY, Scene, chosen
 from scarfmt.cli.scenes import Subject, layer_table, load_subject
 from scarfmt.render.camera import Camera
@@ -64,24 +63,22 @@ DETAILS = {
 }
 
 
-def sheet(scene: Scene, quality: float, effort: int) -> Path:
+def sheet(scene: Scene, quality: float, effort: int, publish: bool = True) -> Path:
     """Draw the sheet of one scene: its layers with bytes per Gaussian and mean PSNR, then the source."""
-    path = encoded_path(scene, quality, effort)
-    if not path.exists():
-        child.run(job="encode", scene=scene.name, quality=quality, effort=effort, out=str(path))
+    path = encoded(scene, quality, effort)["path"]
     original = load_subject(str(scene.path)).remembering()
     cameras = scene.judged_cameras(original)
     detail = DETAILS.get(scene.name, Detail())
     pictures, labels = [], []
-    for row in layer_table(str(path)):
-        decoded = load_subject(str(path), row["layer"])
+    for row in layer_table(path):
+        decoded = load_subject(path, row["layer"])
         psnr = compare(original.view, decoded.view, cameras, ssim=False).mean_psnr_db
         pictures.append(detail.of(decoded, cameras))
         labels.append(f"layer {row['layer']}: {row['bytes_per_source']:.2f} B/Gaussian, {psnr:.1f} dB")
     size = scene.path.stat().st_size / len(original.placed)
     pictures.append(detail.of(original, cameras))
     labels.append(f"source: {size:.0f} B/Gaussian")
-    folder = IMAGES if scene.ours else SCRATCH
+    folder = IMAGES if scene.ours and publish else SCRATCH
     folder.mkdir(parents=True, exist_ok=True)
     target = folder / f"{scene.name}-layers.jpg"
     image = Image.fromarray(to_bytes(contact_sheet(pictures, labels, COLUMNS)))
@@ -91,12 +88,14 @@ def sheet(scene: Scene, quality: float, effort: int) -> Path:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", nargs="+", metavar="NAME", default=list(DETAILS))
-    parser.add_argument("--quality", type=float, default=47.0)
-    parser.add_argument("--effort", type=int, default=2)
+    add_arguments(parser)
+    parser.add_argument("--quality", type=float)
+    parser.add_argument("--effort", type=int)
     arguments = parser.parse_args()
-    for scene in chosen(arguments.scenes):
-        target = sheet(scene, arguments.quality, arguments.effort)
+    short = arguments.short
+    quality, effort = arguments.quality or (45.0 if short else 47.0), arguments.effort or (1 if short else 2)
+    for scene in chosen(arguments.scenes or (["plush-toys"] if short else list(DETAILS))):
+        target = sheet(scene, quality, effort, publish=not arguments.no_write)
         print(f"{target.relative_to(REPOSITORY)}: {target.stat().st_size:,} bytes", file=sys.stderr)
 
 

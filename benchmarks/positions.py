@@ -1,6 +1,6 @@
 """What positions cost: the binary splits of SPEC §7.2 against order-0 octrees, on real scenes.
 
-    python -m benchmarks.positions [--scenes NAME ...]
+    python -m benchmarks.positions [--scenes NAME ...] [--short] [--no-write]
 
 All anchors are coded as one tile on one lattice, whose voxel is chosen so that the 1-99 % core takes 12 or 14 bits on
 its longest axis. Ours is the length of a real sealed stream and its packed tables, read back. The octrees are code
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.report import load_results, replace_section, save_results, table
+from benchmarks.report import add_arguments, load_results, replace_section, save_results, table
 from benchmarks.scenes import SCENES, chosen
 from scarfmt.cli.scenes import load_subject
 from scarfmt.codecs.positions import get_positions, put_positions
@@ -124,12 +124,11 @@ def markdown(results: dict[str, Any]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", nargs="+", metavar="NAME", help="scenes to measure [default: all that are here]")
-    parser.add_argument("--no-write", action="store_true", help="print the table instead of keeping results")
+    add_arguments(parser)
     arguments = parser.parse_args()
     results = {} if arguments.no_write else load_results(NAME)
     measured = set()
-    for scene in chosen(arguments.scenes):
+    for scene in chosen(arguments.scenes or (["plush-toys"] if arguments.short else None)):
         if scene.path in measured:
             continue
         measured.add(scene.path)
@@ -140,8 +139,7 @@ def main() -> None:
                 print(f"{scene.name}: outliers need over {MAX_LOCAL_BITS} bits at {core_bits}", file=sys.stderr)
             else:
                 results[f"{scene.name} {core_bits}"] = {"scene": scene.name, **figures}
-    if not arguments.no_write:
-        save_results(NAME, results)
+    save_results(NAME, results, keep=not arguments.no_write)
     show = print if arguments.no_write else partial(replace_section, NAME)
     show(markdown(results))
 

@@ -1,21 +1,26 @@
 """Rate and distortion of every layer on every scene.
 
-    python -m benchmarks.quality                            everything: about an hour
+    python -m benchmarks.quality                            everything: about twenty minutes
     python -m benchmarks.quality --scenes flowers plush-dog --qualities 41 47 --effort 2
+    python -m benchmarks.quality --short --no-write         the example scene at effort 1, printed
     python -m benchmarks.quality --report                   only rewrite the tables from earlier results
 
+Encoded files and what was measured of their pictures are kept in build/benchmarks/ for whoever needs them next.
 Results are merged into benchmarks/results/quality.json, from which docs/benchmarks.md and README.md get their tables.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from pathlib import Path
 from typing import Any
 
 from benchmarks import child
-from benchmarks.report import SCRATCH, load_results, machine, replace_section, save_results, table
+from benchmarks.encoded import encoded, file_key, key_of, source_key
+from benchmarks.encoded import encoded_path as encoded_path
+from benchmarks.report import add_arguments, load_results, machine, replace_section, save_results, table
 from benchmarks.rivals import RIVALS, Rival
 from benchmarks.scenes import REPOSITORY, SCENES, Scene, chosen
 from scarfmt.cli.scenes import Subject, layer_table, load_subject
@@ -24,6 +29,7 @@ from scarfmt.render.compare import compare, compare_with_photos
 from scarfmt.source import open_source
 
 QUALITIES = (41.0, 47.0)
+SHORT_SCENES, SHORT_QUALITY = ["plush-toys"], 45.0
 NAME = "quality"
 README = REPOSITORY / "README.md"
 # The scenes README.md tells of, and at which PSNR, dB.
@@ -31,21 +37,13 @@ SUMMARY_SCENES = ("plush-toys", "plush-on-bed", "flowers", "plush-dog")
 SUMMARY_DB = (41.0, 47.0)
 
 
-def encoded_path(scene: Scene, quality: float, effort: int) -> Path:
-    """Where the encoded file of a run is kept."""
-    SCRATCH.mkdir(parents=True, exist_ok=True)
-    stem = "".join(c if c.isalnum() or c == "-" else "_" for c in scene.name)
-    return SCRATCH / f"{stem}-q{quality:g}-e{effort}.scar"
-
-
 def measure(scene: Scene, quality: float, effort: int) -> dict[str, Any]:
     """Encode and decode `scene` in processes of their own, then compare all layers with the source."""
-    path = encoded_path(scene, quality, effort)
-    encoded = child.run(job="encode", scene=scene.name, quality=quality, effort=effort, out=str(path))
+    file = encoded(scene, quality, effort)
+    path = Path(file["path"])
     decoded = child.run(job="decode", file=str(path), threads=2)
     with open_source(path) as source:
         facts = inspect(source)
-    original = load_subject(str(scene.path)).remembering()
     return {
         "scene": scene.name,
         "note": scene.note,
@@ -54,14 +52,29 @@ def measure(scene: Scene, quality: float, effort: int) -> dict[str, Any]:
         "profile": facts["profile"],
         "source_count": facts["source_count"],
         "source_bytes": scene.path.stat().st_size,
-        "encode_seconds": encoded["seconds"],
-        "encode_peak_bytes": encoded["peak_bytes"],
+        "encode_seconds": file["seconds"],
+        "encode_peak_bytes": file["peak_bytes"],
         "decode_seconds": decoded["seconds"],
         "decode_peak_bytes": decoded["peak_bytes"],
-        "source_photos_psnr_db": _photos_psnr(original, scene),
-        "layers": [_layer(original, scene, path, row) for row in layer_table(str(path))],
+        **distortion(scene, path),
         "machine": machine(),
     }
+
+
+def distortion(scene: Scene, path: Path) -> dict[str, Any]:
+    """How far each layer of an encoded file is from its source: measured once for each file, then kept beside it.
+
+    Returns:
+        ``source_photos_psnr_db``, and ``layers``: bytes, PSNR and SSIM over the judged views of each.
+    """
+    how = source_key(("reference_decoder",)), file_key(REPOSITORY / "benchmarks" / "scenes.py")
+    kept = path.with_name(f"{path.name}.{key_of(how)}.layers.json")
+    if not kept.exists():
+        original = load_subject(str(scene.path)).remembering()
+        layers = [_layer(original, scene, path, row) for row in layer_table(str(path))]
+        found = {"source_photos_psnr_db": _photos_psnr(original, scene), "layers": layers}
+        kept.write_text(json.dumps(found), encoding="utf-8")
+    return dict(json.loads(kept.read_text(encoding="utf-8")))
 
 
 def _layer(original: Subject, scene: Scene, path: Path, row: dict[str, Any]) -> dict[str, Any]:
@@ -233,20 +246,21 @@ def _costs(runs: list[dict[str, Any]]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", nargs="+", metavar="NAME", help="scenes to measure [default: all that are here]")
-    parser.add_argument("--qualities", nargs="+", type=float, default=QUALITIES)
-    parser.add_argument("--effort", type=int, default=2)
+    add_arguments(parser)
+    parser.add_argument("--qualities", nargs="+", type=float)
+    parser.add_argument("--effort", type=int)
     parser.add_argument("--report", action="store_true", help="measure nothing, rewrite the tables")
-    parser.add_argument("--no-write", action="store_true", help="print the tables instead of keeping results")
     arguments = parser.parse_args()
+    short = arguments.short
+    qualities = arguments.qualities or ([SHORT_QUALITY] if short else QUALITIES)
+    effort = arguments.effort or (1 if short else 2)
     results = {} if arguments.no_write else load_results(NAME)
-    scenes = [] if arguments.report else chosen(arguments.scenes)
-    for scene, quality in ((scene, quality) for scene in scenes for quality in arguments.qualities):
-        print(f"{scene.name}, quality {quality:g}, effort {arguments.effort}", file=sys.stderr)
-        run = measure(scene, quality, arguments.effort)
+    scenes = [] if arguments.report else chosen(arguments.scenes or (SHORT_SCENES if short else None))
+    for scene, quality in ((scene, quality) for scene in scenes for quality in qualities):
+        print(f"{scene.name}, quality {quality:g}, effort {effort}", file=sys.stderr)
+        run = measure(scene, quality, effort)
         results[run_key(run)] = run
-        if not arguments.no_write:
-            save_results(NAME, results)
+        save_results(NAME, results, keep=not arguments.no_write)
     runs = list(results.values())
     if arguments.no_write:
         print(tables(runs))

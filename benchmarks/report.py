@@ -1,7 +1,8 @@
-"""Results as JSON next to the scripts, and as tables between markers of docs/benchmarks.md."""
+"""Results as JSON next to the scripts, and as tables between markers of a page of docs/."""
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
@@ -16,6 +17,8 @@ RESULTS = REPOSITORY / "benchmarks" / "results"
 PAGE = REPOSITORY / "docs" / "benchmarks.md"
 # Encoded files, kept between commands; not part of the repository.
 SCRATCH = REPOSITORY / "build" / "benchmarks"
+# Results of runs that keep nothing.
+SHORT_RESULTS = REPOSITORY / "build" / "bench"
 
 
 def load_results(name: str) -> dict[str, Any]:
@@ -24,11 +27,20 @@ def load_results(name: str) -> dict[str, Any]:
     return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
 
 
-def save_results(name: str, results: dict[str, Any]) -> None:
-    """Keep the results of benchmark `name`."""
-    RESULTS.mkdir(exist_ok=True)
+def save_results(name: str, results: dict[str, Any], keep: bool = True) -> None:
+    """Keep the results of benchmark `name`; without `keep`, only under build/bench/, for a look at them."""
+    folder = RESULTS if keep else SHORT_RESULTS
+    folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(results, indent=1, sort_keys=True, ensure_ascii=False)
-    (RESULTS / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+    (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
+
+
+def add_arguments(parser: argparse.ArgumentParser, scenes: bool = True) -> None:
+    """What every benchmark takes: ``--short``, ``--no-write`` and, with `scenes`, ``--scenes``."""
+    parser.add_argument("--short", action="store_true", help="little of it, on the example scene of this repository")
+    parser.add_argument("--no-write", action="store_true", help="print the tables; JSON goes to build/bench/ only")
+    if scenes:
+        parser.add_argument("--scenes", nargs="+", metavar="NAME", help="scenes to measure [default: all it is about]")
 
 
 def machine() -> str:

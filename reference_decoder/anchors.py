@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from reference_decoder.explicit import CHUNK, network_outputs, opacity_logits
 from scarfmt.codecs.mlp import Network
+from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput
 from scarfmt.reader import SceneModels
 from scarfmt.scene import F32, F64, AnchorModel, GaussianScene, Mlp
@@ -51,6 +52,7 @@ def decoded_model(
     indices: I16,
     stages: I64,
     dtype: type = np.float32,
+    counters: Counters | None = None,
 ) -> AnchorModel:
     """The anchor model of N decoded anchors.
 
@@ -62,13 +64,13 @@ def decoded_model(
         indices: (N, M) int16 codeword numbers.
         stages: (N,) int64 stages received.
         dtype: of the features: float32, or float64 for the reference.
-
+        counters: of the latent decoder's multiply-adds.
     """
     assert models.decoder is not None  # layer 1 of the anchor profile has one (SPEC §6.5)
     features: NDArray[Any] = np.zeros((len(positions), models.decoder.outputs), dtype)
     for first in range(0, len(positions), CHUNK):
         rows = slice(first, first + CHUNK)
-        features[rows] = network_outputs(models, values.get(Stream.LATENT), indices, stages, rows, dtype)
+        features[rows] = network_outputs(models, values.get(Stream.LATENT), indices, stages, rows, dtype, counters)
     mlps = {name: _perceptron(network, dtype) for name, network in zip(NETWORKS, models.scene_mlps, strict=True)}
     return AnchorModel(positions, features, values[Stream.OFFSETS], values[Stream.SCALE], mlps, slots)
 

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from reference_decoder.anchors import NETWORKS, log_sigmoid, outlook, run, sigmoid, slot_centres, unit_quaternions
 from reference_decoder.explicit import opacity_logits
+from scarfmt.counters import Counters, Part
 from scarfmt.errors import InvalidInput
 from scarfmt.rotation import matrix_from_quaternion, quaternion_from_matrix
-from scarfmt.scene import F64, AnchorModel, GaussianScene
+from scarfmt.scene import F64, AnchorModel, GaussianScene, Mlp
 
 I64 = NDArray[np.int64]
 
@@ -67,13 +68,14 @@ def comments(eyes: int, sh_degree: int) -> tuple[str, ...]:
     )
 
 
-def bake(model: AnchorModel, eyes: F64, sh_degree: int = 2) -> GaussianScene:
+def bake(model: AnchorModel, eyes: F64, sh_degree: int = 2, counters: Counters | None = None) -> GaussianScene:
     """Fit view-independent Gaussians to an anchor model.
 
     Args:
         model: a decoded or imported model with all three networks.
         eyes: (E, 3) float64 camera centres, at least one; those the scene was captured from fit best.
         sh_degree: of the fitted spherical harmonics, 0..3.
+        counters: of the networks' multiply-adds.
 
     Returns:
         Slots ever drawn from an eye, in anchor then slot order.
@@ -87,14 +89,20 @@ def bake(model: AnchorModel, eyes: F64, sh_degree: int = 2) -> GaussianScene:
     if not set(NETWORKS) <= set(model.mlps):
         raise InvalidInput("input-mlp", f"an anchor model needs the networks {', '.join(NETWORKS)}", field="mlps")
     parts = [
-        _bake_chunk(model, np.arange(first, min(first + BAKE_CHUNK, len(model))), eyes, sh_degree)
+        _bake_chunk(model, np.arange(first, min(first + BAKE_CHUNK, len(model))), eyes, sh_degree, counters)
         for first in range(0, max(len(model), 1), BAKE_CHUNK)
     ]
     fields = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
     return GaussianScene(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
 
 
-def _bake_chunk(model: AnchorModel, rows: I64, eyes: F64, sh_degree: int) -> GaussianScene:
+def _multiply_adds(mlp: Mlp) -> int:
+    return sum(weights.size for weights in mlp.weights)
+
+
+def _bake_chunk(model: AnchorModel, rows: I64, eyes: F64, sh_degree: int, counters: Counters | None) -> GaussianScene:
+    if counters is not None:
+        counters.multiply(Part.SCENE_NETWORKS, len(rows) * len(eyes), sum(map(_multiply_adds, model.mlps.values())))
     inputs = [outlook(model, rows, eye, np.float32) for eye in eyes]
     opacity = np.stack([np.tanh(run(model.mlps["opacity"], x)) for x in inputs]).astype(np.float64)
     opacity = np.maximum(opacity, 0.0)

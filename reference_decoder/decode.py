@@ -21,6 +21,7 @@ from reference_decoder.anchors import decoded_model
 from reference_decoder.backends import operations
 from reference_decoder.dequantise import channel_values, latents, offset_values, positions, tile_boxes
 from scarfmt.codecs.channels import cell_widths
+from scarfmt.counters import Counters, transfers
 from scarfmt.errors import InvalidInput
 from scarfmt.header import HeaderFields
 from scarfmt.limits import DEFAULT_LIMITS, Limits
@@ -109,17 +110,22 @@ class Decoded:
         """
         return self.activated()
 
-    def activated(self, dtype: type = np.float32) -> GaussianScene | AnchorModel:
-        """As `scene`, computed in `dtype`: float64 is the reference of the tolerances (SPEC §9.5)."""
+    def activated(self, dtype: type = np.float32, counters: Counters | None = None) -> GaussianScene | AnchorModel:
+        """As `scene`, computed in `dtype`: float64 is the reference of the tolerances (SPEC §9.5).
+
+        Args:
+            dtype: of the result.
+            counters: the latent decoder's multiply-adds are added to them.
+        """
         missing = [name for name in ATTRIBUTES if name not in self.attributes]
         if missing:
             message = f"a scene needs all attributes, {', '.join(missing)} were left out"
             raise InvalidInput("input-attributes", message, field="attributes")
         at, indices = self._decoded("positions", self.positions), self._decoded("latents", self.indices)
         if self.fields.profile == Profile.ANCHOR:
-            return decoded_model(at, self.values, self.models, self.slots, indices, self.stages, dtype)
+            return decoded_model(at, self.values, self.models, self.slots, indices, self.stages, dtype, counters)
         degree = self.fields.sh_degree
-        return explicit.gaussians(at, self.values, self.models, degree, indices, self.stages, dtype)
+        return explicit.gaussians(at, self.values, self.models, degree, indices, self.stages, dtype, counters)
 
     def _decoded(self, name: str, values: NDArray[Any] | None) -> NDArray[Any]:
         if values is None:
@@ -170,6 +176,7 @@ def decode(
     threads: int = 1,
     allow_truncated: bool = False,
     backend: str = "numpy",
+    counters: Counters | None = None,
 ) -> Decoded:
     """Decode a file, or what is asked of it, into memory. Only the bytes needed are read.
 
@@ -184,14 +191,15 @@ def decode(
         threads: tiles decoded side by side; the result does not depend on it.
         allow_truncated: use the whole layers of a file cut short instead of refusing it.
         backend: what computes the index network: one of `backends.BACKENDS`; the result does not depend on it.
+        counters: what was read and computed is added to them; activating what is decoded is not part of it.
 
     Raises:
         InvalidInput: ``input-layers``, ``input-tiles``, ``input-box``, ``input-attributes``, ``input-backend`` for
             arguments that do not fit; ``input-source`` when the source cannot be opened.
         Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
     """
-    with opened(source) as stream:
-        request = _Request(stream, layers, tiles, box, attributes, limits, threads, allow_truncated, backend)
+    with opened(source) as stream, transfers(stream, counters):
+        request = _Request(stream, layers, tiles, box, attributes, limits, threads, allow_truncated, backend, counters)
         return joined(request.parts(), request.empty, request.most_anchors)
 
 
@@ -206,13 +214,15 @@ def iter_tiles(
     threads: int = 1,
     allow_truncated: bool = False,
     backend: str = "numpy",
+    counters: Counters | None = None,
 ) -> Iterator[Decoded]:
     """The same as :func:`decode`, a tile at a time: memory does not grow with the scene.
 
-    Together, in order, the parts are exactly what :func:`decode` gives. Tiles without anchors are left out.
+    Together, in order, the parts are exactly what :func:`decode` gives. Tiles without anchors are left out. Bytes are
+    counted when the last part was taken.
     """
-    with opened(source) as stream:
-        request = _Request(stream, layers, tiles, box, attributes, limits, threads, allow_truncated, backend)
+    with opened(source) as stream, transfers(stream, counters):
+        request = _Request(stream, layers, tiles, box, attributes, limits, threads, allow_truncated, backend, counters)
         yield from request.parts()
 
 
@@ -240,6 +250,7 @@ class _Request:
         threads: int,
         allow_truncated: bool,
         backend: str,
+        counters: Counters | None,
     ) -> None:
         self.attributes = _names(attributes, box is not None)
         self.box = None if box is None else _corners(box)
@@ -247,7 +258,8 @@ class _Request:
             source, limits=limits, allow_truncated=allow_truncated, operations=operations(backend)
         )
         self.threads = threads
-        self.models = self.reader.models(layers)
+        self.counters = counters
+        self.models = self.reader.models(layers, counters)
         self.tiles = self._chosen(tiles)
 
     def _chosen(self, tiles: Sequence[int] | None) -> list[int]:
@@ -283,7 +295,8 @@ class _Request:
 
     def parts(self) -> Iterator[Decoded]:
         """What was asked for, a tile at a time; never an empty part."""
-        for tile, content in self.reader.tiles(self.models, self.tiles, self.streams, self.threads):
+        found = self.reader.tiles(self.models, self.tiles, self.streams, self.threads, counters=self.counters)
+        for tile, content in found:
             if not len(content):
                 continue
             part = self._part(tile, content)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.dequantise import latents
+from scarfmt.counters import Counters, Part
 from scarfmt.reader import SceneModels
 from scarfmt.requirements import network_coefficients
 from scarfmt.rotation import quaternion_from
@@ -50,6 +51,7 @@ def gaussians(
     indices: I16,
     stages: I64,
     dtype: type = np.float32,
+    counters: Counters | None = None,
 ) -> GaussianScene:
     """The Gaussians of n anchors.
 
@@ -61,6 +63,7 @@ def gaussians(
         indices: (n, M) int16 codeword numbers.
         stages: (n,) int64 stages received.
         dtype: float32, or float64 for the reference the tolerances are relative to (SPEC §9.5).
+        counters: of the latent decoder's multiply-adds.
     """
     count = len(positions)
     rotations: NDArray[Any] = np.zeros((count, 4), dtype)
@@ -75,7 +78,7 @@ def gaussians(
         if Stream.COLOUR in values:
             sh[rows, 0] = spherical_harmonics_from_colour(values[Stream.COLOUR][rows].astype(dtype))
         if given:
-            rest = network_outputs(models, values.get(Stream.LATENT), indices, stages, rows, dtype)
+            rest = network_outputs(models, values.get(Stream.LATENT), indices, stages, rows, dtype, counters)
             sh[rows, sh.shape[1] - given :] = rest.reshape(-1, given, 3)
     if Stream.OPACITY not in values:
         logits[:] = opacity_logits(np.zeros(1))
@@ -83,10 +86,19 @@ def gaussians(
 
 
 def network_outputs(
-    models: SceneModels, refinements: F32 | None, indices: I16, stages: I64, rows: slice, dtype: type
+    models: SceneModels,
+    refinements: F32 | None,
+    indices: I16,
+    stages: I64,
+    rows: slice,
+    dtype: type,
+    counters: Counters | None = None,
 ) -> Floats:
     """(n, outputs) of the latent decoder for `rows`, computed in `dtype`; the latents themselves are exact."""
     assert models.decoder is not None
+    if counters is not None:
+        products = sum(layer.weights.size for layer in models.decoder.layers)
+        counters.multiply(Part.LATENT_DECODER, len(indices[rows]), products)
     refined = None if refinements is None else refinements[rows]
     z = latents(models.codebooks, indices[rows], stages[rows], refined, models.decoder.inputs)
     with np.errstate(over="ignore", invalid="ignore"):  # weights may be any finite number: not a reason to warn

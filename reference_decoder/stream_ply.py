@@ -16,6 +16,7 @@ from reference_decoder.bake import comments as bake_comments
 from reference_decoder.decode import Box, Decoded, Origin, iter_tiles, opened
 from reference_decoder.export_ply import ply_header, ply_rows, property_names
 from scarfmt.atomic import atomic_write
+from scarfmt.counters import Counters, transfers
 from scarfmt.header import HeaderFields
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.reader import SceneReader
@@ -41,6 +42,7 @@ def export_ply(
     bake_degree: int = 2,
     comments: Sequence[str] = (),
     force: bool = False,
+    counters: Counters | None = None,
 ) -> int:
     """Write what a file holds as an INRIA PLY. An anchor model is baked, which loses its view dependence.
 
@@ -53,6 +55,7 @@ def export_ply(
         bake_degree: anchor profile: degree of the fitted spherical harmonics, 0..3.
         comments: header comment lines, ASCII, after those of a baked model.
         force: overwrite an existing file.
+        counters: all that is read and computed is added to them.
 
     Returns:
         Gaussians written.
@@ -73,13 +76,14 @@ def export_ply(
             threads=threads,
             allow_truncated=allow_truncated,
             backend=backend,
+            counters=counters,
         )
 
     ply_header(0, [], comments)  # a comment that cannot be written is better refused before than after decoding
-    fields, anchors = _facts(source, layers, limits, allow_truncated)
+    fields, anchors = _facts(source, layers, limits, allow_truncated, counters)
     explicit = fields.profile == Profile.EXPLICIT
     names = property_names(((fields.sh_degree if explicit else bake_degree) + 1) ** 2 - 1)
-    scenes = _scenes(parts, eyes, bake_degree)
+    scenes = _scenes(parts, eyes, bake_degree, counters)
     with _target(destination, force) as target:
         if not explicit or tiles is not None or box is not None:
             return _write_counting(scenes, target, names, comments)
@@ -90,10 +94,10 @@ def export_ply(
 
 
 def _facts(
-    source: Origin, layers: int | None, limits: Limits, allow_truncated: bool
+    source: Origin, layers: int | None, limits: Limits, allow_truncated: bool, counters: Counters | None
 ) -> tuple[HeaderFields, int]:
     """Header fields, and anchors after `layers` layers, which the directory confirms."""
-    with opened(source) as stream:
+    with opened(source) as stream, transfers(stream, counters):
         reader = SceneReader(stream, limits=limits, allow_truncated=allow_truncated)
         return reader.header.fields, reader.header.layers[reader.layer_number(layers) - 1].anchor_count
 
@@ -116,17 +120,20 @@ def _write_counting(
 
 
 def _scenes(
-    parts: Callable[[frozenset[str] | None], Iterator[Decoded]], eyes: F64 | None, degree: int
+    parts: Callable[[frozenset[str] | None], Iterator[Decoded]],
+    eyes: F64 | None,
+    degree: int,
+    counters: Counters | None,
 ) -> Iterator[tuple[GaussianScene, tuple[str, ...]]]:
     """The Gaussians of each tile, and the comments that belong to them."""
     for part in parts(None):
-        scene = part.scene
+        scene = part.activated(counters=counters)
         if isinstance(scene, GaussianScene):
             yield scene, ()
             continue
         if eyes is None:
             eyes = default_eyes(_sample(parts(frozenset({"positions"}))))
-        yield bake(scene, eyes, degree), bake_comments(len(eyes), degree)
+        yield bake(scene, eyes, degree, counters), bake_comments(len(eyes), degree)
 
 
 def _sample(parts: Iterator[Decoded]) -> F64:

@@ -127,7 +127,7 @@ def _encode(
 def _problem(job: _Job, lost: float, importance: F64, report: Report) -> Problem:
     model, seen, classes, rate = job.model, job.seen, job.classes, job.rate
     weight = (seen.shape * seen.inverse_variance).sum(axis=1)
-    placement = place(model.anchors, best_step(weight, rate))
+    placement = place(model.anchors, best_step(weight, rate), job.options.tile_anchors)
     latent, rvq = fit_latent(model.features, seen.feature, classes, rate, 1, job.options, report, seen.metric)
     if latent is None:
         raise InvalidInput("input-anchors", "no feature of this model is visible from the given cameras")

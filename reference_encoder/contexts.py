@@ -6,19 +6,23 @@ cheapest by measured bits, tables included, is taken.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.allocate import entropy_bits
+from reference_encoder.allocate import TABLE_ENTRY_BITS
 from scarfmt.codecs.channels import contexts
 from scarfmt.model import ContextRule
 from scarfmt.schema import Stream
 
+F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 _SAMPLE = 200_000
+_MOST_BINS = 1 << 20
+"""Histograms with more possible entries are made by sorting."""
 
 
 def choose_rules(streams: Sequence[Stream], firsts: Sequence[I64], classes: I64) -> list[tuple[ContextRule, ...]]:
@@ -30,42 +34,64 @@ def choose_rules(streams: Sequence[Stream], firsts: Sequence[I64], classes: I64)
         classes: (N,) class numbers.
     """
     stride = max(1, len(classes) // _SAMPLE)
-    sample = [first[::stride] for first in firsts]
     kinds = classes[::stride]
     scale = len(classes) / max(len(kinds), 1)
+    nothing = np.zeros(len(kinds), np.int64)
+    sources: list[_Source] = []
     out = []
-    for channel, first in enumerate(sample):
+    for channel, first in enumerate(firsts):
         rules = []
-        for component in range(first.shape[1]):
-            rules.append(_best_rule(channel, component, sample, kinds, scale, streams))
+        for component, column in enumerate(first[::stride].T):
+            values = np.unique(column, return_inverse=True)[1]
+            candidates = list(_rules(_Source(ContextRule(), nothing), values, kinds, scale))
+            if streams[channel] != Stream.POSITION_RESIDUAL:
+                candidates += [pair for source in sources for pair in _rules(source, values, kinds, scale)]
+                sources.append(_Source.of(channel, component, column))
+            rules.append(min(candidates, key=lambda pair: pair[0])[1])
         out.append(tuple(rules))
     return out
 
 
-def _best_rule(
-    channel: int, component: int, firsts: Sequence[I64], classes: I64, scale: float, streams: Sequence[Stream]
-) -> ContextRule:
-    candidates = [ContextRule(by_class=False), ContextRule(by_class=True)]
-    if streams[channel] != Stream.POSITION_RESIDUAL:
-        candidates += _sources(channel, component, firsts, streams)
-    values = firsts[channel][:, component]
+@dataclass(frozen=True)
+class _Source:
+    """A rule without the class, and the (n,) context numbers that it gives."""
 
-    def cost(rule: ContextRule) -> float:
-        kinds = contexts(rule, classes, firsts)
-        tables = 8.0 * len(np.unique(kinds * 4096 + values - values.min())) if len(values) else 0.0
-        return (entropy_bits(values, kinds) - tables) * scale + tables
+    rule: ContextRule
+    buckets: I64
 
-    return min(candidates, key=cost)
+    @classmethod
+    def of(cls, channel: int, component: int, values: I64) -> _Source:
+        """Buckets of an earlier component's (n,) first-step values: most of their range is spread over all."""
+        low, high = (int(q) for q in np.percentile(values, [2, 98])) if len(values) else (0, 0)
+        shift = max(0, int(high - low + 1).bit_length() - 4)
+        alone = ContextRule(False, 0, 0, low, shift)
+        buckets = contexts(alone, np.zeros(len(values), np.int64), [values[:, None]])
+        return cls(replace(alone, source_channel=channel, source_component=component), buckets)
 
 
-def _sources(channel: int, component: int, firsts: Sequence[I64], streams: Sequence[Stream]) -> list[ContextRule]:
-    rules = []
-    for source in range(channel + 1):
-        if streams[source] == Stream.POSITION_RESIDUAL:
-            continue
-        for part in range(firsts[source].shape[1] if source < channel else component):
-            values = firsts[source][:, part]
-            low, high = (int(q) for q in np.percentile(values, [2, 98]))
-            shift = max(0, int(high - low + 1).bit_length() - 4)
-            rules += [ContextRule(flag, source, part, low, shift) for flag in (False, True)]
-    return rules
+def _rules(source: _Source, values: I64, classes: I64, scale: float) -> Iterator[tuple[float, ContextRule]]:
+    """(bits, rule) of a source without and with the class; (n,) `values` are numbered 0, 1, 2, .."""
+    width, buckets = int(values.max(initial=0)) + 1, int(source.buckets.max(initial=0)) + 1
+    bins = buckets * width
+    joint = (classes * buckets + source.buckets) * width + values
+    if (int(classes.max(initial=0)) + 1) * bins <= _MOST_BINS:
+        counts = np.bincount(joint)
+        cells = np.flatnonzero(counts)
+        counts = counts[cells]
+    else:
+        cells, counts = np.unique(joint, return_counts=True)
+    # One count for both: added up over the classes it is that of the rule without them.
+    pooled = np.bincount(cells % bins, counts, bins)
+    used = np.flatnonzero(pooled)
+    yield _bits(used // width, pooled[used], scale), replace(source.rule, by_class=False)
+    yield _bits(cells // width, counts.astype(np.float64), scale), replace(source.rule, by_class=True)
+
+
+def _bits(contexts: I64, counts: F64, scale: float) -> float:
+    """Bits of `scale` times as many symbols as were counted, and of their tables.
+
+    Args:
+        contexts, counts: (m,) of every context and value that occur together.
+    """
+    totals = np.bincount(contexts, counts)[contexts]
+    return scale * float((counts * np.log2(totals / counts)).sum()) + TABLE_ENTRY_BITS * len(counts)

@@ -82,7 +82,8 @@ class _Seen:
 def _problem(seen: _Seen, degree: int, options: EncodeOptions, report: Report) -> Problem:
     attributes, classes, rate = seen.attributes, seen.classes, seen.rate
     weights = dict(seen.sensitivity.channels)
-    placement = place(attributes.positions, best_step(weights[Stream.POSITION_RESIDUAL][:, 0], rate))
+    wanted = best_step(weights[Stream.POSITION_RESIDUAL][:, 0], rate)
+    placement = place(attributes.positions, wanted, options.tile_anchors)
     weights[Stream.POSITION_RESIDUAL] = weights[Stream.POSITION_RESIDUAL] * (placement.cell**2)[:, None]
     latent, rvq = None, None
     if degree:

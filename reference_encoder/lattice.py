@@ -1,7 +1,7 @@
 """Choosing the position lattice and the tiles (SPEC §6.2; encoder side).
 
-Tiles are the octree cubes that hold at most `TILE_ANCHORS` anchors. Each gets as many local bits as its
-own anchors can use: an outlier at 1e4 times the core's extent sits in a coarse tile of its own.
+Tiles are the largest octree cubes that hold few enough anchors. Each gets as many local bits as its own anchors can
+use: an outlier at 1e4 times the core's extent sits in a coarse tile of its own.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ I64 = NDArray[np.int64]
 U64 = NDArray[np.uint64]
 
 TILE_ANCHORS = 32768
+"""Most anchors of a tile, unless asked otherwise: docs/decisions/0015-tile-size.md."""
 # A leaf cell this many times the step that pays for the 70th percentile of a tile's anchors; those who
 # need more get it from the position residual.
 _CELL_FACTOR = 1.5
@@ -50,8 +51,8 @@ class Placement:
     cell: F64
 
 
-def place(positions: F64, wanted_step: F64) -> Placement:
-    """Tiles and cells for (N, 3) positions whose quantiser step should be about (N,) `wanted_step`."""
+def place(positions: F64, wanted_step: F64, tile_anchors: int = TILE_ANCHORS) -> Placement:
+    """Tiles of at most `tile_anchors`, and cells, for (N, 3) positions whose step should be about (N,) `wanted_step`."""
     low = positions.min(axis=0)
     reach = float(np.abs(positions).max())
     side = float(np.max(positions.max(axis=0) - low))
@@ -59,7 +60,7 @@ def place(positions: F64, wanted_step: F64) -> Placement:
     unit = np.clip((positions - low) / side, 0.0, np.nextafter(1.0, 0.0))
     path = interleave((unit * (1 << MAX_TILE_DEPTH)).astype(np.uint64))
     order = np.argsort(path, kind="stable")
-    depth, prefix, first = _split(path[order])
+    depth, prefix, first = split(path[order], MAX_TILE_DEPTH, tile_anchors)
     tile = np.empty(len(positions), np.int64)
     tile[order] = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(positions))))
     bits = _local_bits(depth, tile, wanted_step, side, reach)
@@ -70,16 +71,25 @@ def place(positions: F64, wanted_step: F64) -> Placement:
     return _cells(positions, lattice, tiles, tile, depth, bits)
 
 
-def _split(path: U64) -> tuple[I64, U64, I64]:
-    """Depth, prefix and first anchor of the cubes that split sorted paths into small enough tiles."""
+def split(path: U64, bits: int, most: int) -> tuple[I64, U64, I64]:
+    """The largest cubes that hold at most `most` of the points on sorted paths; at the last bit, more.
+
+    Args:
+        path: (n,) Morton codes of `bits` bits an axis, not descending; n >= 1.
+        bits: of a path; no cube is deeper.
+        most: points of a cube, at least 1.
+
+    Returns:
+        Depth, Morton prefix and first point of each cube, in Morton order.
+    """
     found: list[tuple[int, int, int]] = []
     stack = [(0, 0, len(path))]
     while stack:
         depth, first, past = stack.pop()
-        if past - first <= TILE_ANCHORS or depth == MAX_TILE_DEPTH:
-            found.append((depth, int(path[first]) >> (3 * (MAX_TILE_DEPTH - depth)), first))
+        if past - first <= most or depth == bits:
+            found.append((depth, int(path[first]) >> (3 * (bits - depth)), first))
             continue
-        digits = path[first:past] >> np.uint64(3 * (MAX_TILE_DEPTH - depth - 1))
+        digits = path[first:past] >> np.uint64(3 * (bits - depth - 1))
         edges = np.append(np.flatnonzero(np.diff(digits)) + 1, past - first) + first
         begin = first
         for end in edges.tolist():

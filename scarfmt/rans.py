@@ -174,7 +174,12 @@ def _check_rows(rows: F64, count: int) -> None:
         )
 
 
-def _words(data: bytes) -> NDArray[np.uint32]:
+def words_of(data: bytes) -> NDArray[np.uint32]:
+    """The 32-bit words of a stream (SPEC §8.2).
+
+    Raises:
+        Malformed: ``rans-length``, ``rans-last-word``.
+    """
     if len(data) % 4:
         raise Malformed("rans-length", f"a rANS stream of {len(data)} bytes is not whole 32-bit words (SPEC §8.2)")
     words = np.frombuffer(data, dtype="<u4").astype(np.uint32)
@@ -183,7 +188,8 @@ def _words(data: bytes) -> NDArray[np.uint32]:
     return words
 
 
-def _seal_error() -> Malformed:
+def seal_error() -> Malformed:
+    """The refusal of a stream that is not used up."""
     return Malformed("rans-seal", "the rANS stream does not end in the empty state (SPEC §8.2): it is damaged")
 
 
@@ -191,7 +197,7 @@ class RansDecoder:
     """Fast decoder, on constriction's AnsCoder."""
 
     def __init__(self, data: bytes) -> None:
-        self._coder = AnsCoder(_words(data))
+        self._coder = AnsCoder(words_of(data))
 
     def decode(self, table: FrequencyTable, count: int) -> I32:
         """The next `count` symbols, (count,) int32. `count` must come from a validated number."""
@@ -217,14 +223,14 @@ class RansDecoder:
             Malformed: ``rans-seal`` when words or state are left.
         """
         if not self._coder.is_empty():
-            raise _seal_error()
+            raise seal_error()
 
 
 class PureRansDecoder:
     """The normative decoder of SPEC §8.2, in plain integers."""
 
     def __init__(self, data: bytes) -> None:
-        self._words = [int(word) for word in _words(data)]
+        self._words = [int(word) for word in words_of(data)]
         self._state = 0
         for _ in range(2):
             self._refill()
@@ -257,4 +263,4 @@ class PureRansDecoder:
     def finish(self) -> None:
         """As :meth:`RansDecoder.finish`."""
         if self._state or self._words:
-            raise _seal_error()
+            raise seal_error()

@@ -25,6 +25,7 @@ from scarfmt.codecs.network import unpack_network
 from scarfmt.codecs.neural_indices import index_coder
 from scarfmt.codecs.predictors import unpack_predictors
 from scarfmt.container import COALESCE_BYTES, Container, Entry, check_crc
+from scarfmt.counters import Counters
 from scarfmt.directory import block_name, tile_frame
 from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
 from scarfmt.limits import DEFAULT_LIMITS, Limits
@@ -33,12 +34,13 @@ from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.predictors import Predictor, check_predictors
+from scarfmt.neural.products import NetworkWork
 from scarfmt.observe import LayerObserver, Observe, ObservedReader
 from scarfmt.requirements import check_index_network, check_networks
 from scarfmt.schema import BlockKind, Profile, Stream
 from scarfmt.source import ByteSource
 from scarfmt.substreams import MAX_TABLE_SIZE, Substream, check_substream, unpack_table
-from scarfmt.symbols import SymbolReader, SymbolTable, TableKey, unpack_tables
+from scarfmt.symbols import StaticTables, SymbolReader, SymbolTable, TableKey, unpack_tables
 from scarfmt.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
 from scarfmt.work import Contents, DeclaredWork, check_work, extent
 
@@ -80,6 +82,9 @@ class _ModelBlocks:
     def __init__(self, payloads: dict[Entry, bytes]) -> None:
         self._blocks = {(entry.kind, entry.layer): (entry, payload) for entry, payload in payloads.items()}
 
+    def __len__(self) -> int:
+        return len(self._blocks)
+
     def optional(self, kind: BlockKind, layer: int, parse: Callable[[bytes], T]) -> T | None:
         """What `parse` makes of a block, None where the file has none."""
         if (kind, layer) not in self._blocks:
@@ -111,7 +116,7 @@ class SceneModels:
     """
 
     model: SceneModel
-    tables: tuple[dict[TableKey, SymbolTable], ...]
+    tables: tuple[StaticTables, ...]
     codebooks: Codebooks | None
     decoder: Network | None
     scene_mlps: tuple[Network, ...]
@@ -127,10 +132,13 @@ class SceneModels:
             self.model, self.tables, self.predictors, self.network, self.codebooks, self.grid, networks
         )
 
-    def neural(self, operations: Operations = NUMPY) -> tuple[NeuralModels, ...]:
-        """What codes symbols beside static tables, per layer; `operations` does the network's arithmetic."""
+    def neural(self, operations: Operations = NUMPY, *, indices: bool = True) -> tuple[NeuralModels, ...]:
+        """What codes symbols beside static tables, per layer; `operations` does the network's arithmetic.
+
+        Without `indices`, the index network is not prepared: none can be decoded.
+        """
         coder = None
-        if self.network is not None and self.codebooks is not None:
+        if indices and self.network is not None and self.codebooks is not None:
             coder = index_coder(self.network, self.codebooks, self.grid, operations)
         return tuple(NeuralModels(predictors, coder) for predictors in self.predictors)
 
@@ -154,7 +162,7 @@ class SceneReader:
         operations: Operations = NUMPY,
     ) -> None:
         self._operations = operations
-        self._prepared: tuple[SceneModels, tuple[NeuralModels, ...]] | None = None
+        self._prepared: tuple[tuple[SceneModels, bool], tuple[NeuralModels, ...]] | None = None
         self.container = Container.open(source, limits=limits, allow_truncated=allow_truncated)
         self.header = self.container.header
         self.lattice = Lattice(self.header.fields.origin, self.header.fields.voxel, self.header.fields.lattice_bits)
@@ -185,8 +193,8 @@ class SceneReader:
         entries = [self.container.find(kind, layer) for layer in range(1, layers + 1) for kind in _MODEL_KINDS]
         return _ModelBlocks(dict(self.container.read_blocks(entry for entry in entries if entry is not None)))
 
-    def models(self, layers: int | None = None) -> SceneModels:
-        """All model blocks of the first `layers` layers (None: all).
+    def models(self, layers: int | None = None, counters: Counters | None = None) -> SceneModels:
+        """All model blocks of the first `layers` layers (None: all), added to `counters`.
 
         Raises:
             Malformed: a block is missing or breaks its rules.
@@ -196,8 +204,10 @@ class SceneReader:
         fields = self.header.fields
         rows: list[LayerRow] = []
         opening: Opening = ((), DecodedContext())
-        tables: list[dict[TableKey, SymbolTable]] = []
+        tables: list[StaticTables] = []
         blocks = self._model_blocks(count)
+        if counters is not None:
+            counters.model_blocks += len(blocks)
         contents = Contents(self.header.file_length, self.container.limits)
         for layer in range(1, count + 1):
             row, opening = blocks.required(
@@ -205,7 +215,7 @@ class SceneReader:
             )
             rows.append(row)
             new = blocks.optional(BlockKind.TABLES, layer, partial(_tables_from, contents))
-            tables.append({**(tables[-1] if tables else {}), **(new or {})})
+            tables.append(StaticTables({**(tables[-1] if tables else {}), **(new or {})}))
         channels, context = opening
         model = SceneModel(fields.profile, fields.slots, channels, tuple(rows), context)
         model.check()
@@ -241,6 +251,7 @@ class SceneReader:
         streams: Collection[Stream] = ALL_STREAMS,
         threads: int = 1,
         observe: Observe | None = None,
+        counters: Counters | None = None,
     ) -> Iterator[tuple[int, TileContent]]:
         """(tile index, content after the models' last layer) of each tile asked for, in that order.
 
@@ -250,11 +261,12 @@ class SceneReader:
             streams: attribute streams wanted; others are not read and their values stay 0.
             threads: tiles decoded side by side; the result does not depend on it.
             observe: gives the observers of what is computed on the way.
+            counters: the work of a tile is added before it is yielded; bytes are not, the source counts those.
 
         Raises:
             InvalidInput: ``input-tiles`` for an index the file does not have; at once, before anything is read.
         """
-        return self._decoded(models, self.check_tiles(tiles), frozenset(streams), threads, observe)
+        return self._decoded(models, self.check_tiles(tiles), frozenset(streams), threads, observe, counters)
 
     def check_tiles(self, tiles: Sequence[int] | None) -> list[int]:
         """`tiles` checked against the file; None means all.
@@ -275,44 +287,56 @@ class SceneReader:
         streams: frozenset[Stream],
         threads: int,
         observe: Observe | None,
+        counters: Counters | None,
     ) -> Iterator[tuple[int, TileContent]]:
-        neural = self._neural(models)
+        neural = self._neural(models, Stream.INDICES in streams, counters)
         # A layer's predictors may look at what only earlier layers send: what is needed last is needed first.
         needed = streams | needed_streams(models.model, streams, neural[-1])
 
         empty = TileContent.empty(models.model)
 
-        def one(tile: int, blocks: TileBlocks) -> TileContent:
+        def one(tile: int, blocks: TileBlocks) -> tuple[TileContent, Counters | None]:
+            own = None if counters is None else Counters()
             # A table of a few bytes can list many tiles of which nothing else is said.
             if not any(entry for entry, _ in blocks):
-                return empty
-            return self._tile(models, neural, tile, blocks, needed, observe)
+                return empty, own
+            return self._tile(models, neural, tile, blocks, needed, observe, own), own
+
+        def added(content: TileContent, own: Counters | None) -> TileContent:
+            if counters is not None and own is not None:
+                counters.add(own)
+            return content
 
         supply = zip(tiles, self._supply(models, tiles, streams), strict=True)
         if threads <= 1:
-            yield from ((tile, one(tile, blocks)) for tile, blocks in supply)
+            yield from ((tile, added(*one(tile, blocks))) for tile, blocks in supply)
             return
         with ThreadPoolExecutor(threads) as pool:
-            ahead: deque[tuple[int, Future[TileContent]]] = deque()
+            ahead: deque[tuple[int, Future[tuple[TileContent, Counters | None]]]] = deque()
             try:
                 for tile, blocks in supply:
                     ahead.append((tile, pool.submit(one, tile, blocks)))
                     # A slow consumer must not let all tiles of a scene pile up.
                     if len(ahead) > 2 * threads:
                         done, content = ahead.popleft()
-                        yield done, content.result()
+                        yield done, added(*content.result())
                 while ahead:
                     done, content = ahead.popleft()
-                    yield done, content.result()
+                    yield done, added(*content.result())
             finally:
                 for _, content in ahead:
                     content.cancel()
 
-    def _neural(self, models: SceneModels) -> tuple[NeuralModels, ...]:
+    def _neural(self, models: SceneModels, indices: bool, counters: Counters | None) -> tuple[NeuralModels, ...]:
         """The models' networks, prepared; kept for whoever decodes tile after tile."""
-        if self._prepared is None or self._prepared[0] is not models:
-            self._prepared = models, models.neural(self._operations)
-        return self._prepared[1]
+        kept = self._prepared
+        if kept is not None and kept[0][0] is models and kept[0][1] >= indices:
+            return kept[1]
+        neural = models.neural(self._operations, indices=indices)
+        if neural[-1].indices is not None:
+            NetworkWork(neural[-1].indices.network, counters).prepared(neural[-1].indices.books)
+        self._prepared = (models, indices), neural
+        return neural
 
     def _supply(self, models: SceneModels, tiles: list[int], streams: frozenset[Stream]) -> Iterator[TileBlocks]:
         """The blocks of each tile. When all streams are wanted they are read ahead, neighbours in one request."""
@@ -334,6 +358,7 @@ class SceneReader:
         blocks: TileBlocks,
         streams: frozenset[Stream],
         observe: Observe | None,
+        counters: Counters | None,
     ) -> TileContent:
         model = models.model
         frame = tile_frame(self.header.fields, self.container.tiles[tile])
@@ -348,12 +373,20 @@ class SceneReader:
                 continue
             parts = self._substreams(entry, payload, model, streams) if entry else {}
             observer = observe(tile, layer) if observe is not None else None
-            here, opener = content.head(known), _opener(parts, tables, observer)
-            decode = partial(get_layer, model, layer, frame, here, new, opener, streams, sizes, beside, observer)
+            here, readers = content.head(known), _Readers(parts, tables, observer)
+            decode = partial(
+                get_layer, model, layer, frame, here, new, readers.open, streams, sizes, beside, observer, counters
+            )
             if entry is None:
                 decode()
             else:
                 _placed(entry, decode)
+            if counters is not None:
+                readers.count(counters)
+                counters.tile_blocks += entry is not None
+                counters.visits += known
+        if counters is not None:
+            counters.tiles, counters.anchors = 1, known
         return content
 
     def _substreams(
@@ -455,12 +488,28 @@ def _checked(entry: Entry, kind: Stream, part: Substream, data: bytes) -> bytes:
     return _placed(entry, lambda: check_substream(kind, part, data))
 
 
-def _opener(
-    parts: dict[Stream, bytes], tables: dict[TableKey, SymbolTable], observer: LayerObserver | None
-) -> Callable[[Stream], SymbolReader]:
-    if observer is None:
-        return lambda stream: SymbolReader(parts.get(stream, b""), tables)
-    return lambda stream: ObservedReader(parts.get(stream, b""), tables, stream, observer)
+class _Readers:
+    """The readers of one layer of one tile."""
+
+    def __init__(
+        self, parts: dict[Stream, bytes], tables: dict[TableKey, SymbolTable], observer: LayerObserver | None
+    ) -> None:
+        self._parts, self._tables, self._observer = parts, tables, observer
+        self._opened: list[tuple[Stream, SymbolReader]] = []
+
+    def open(self, stream: Stream) -> SymbolReader:
+        data = self._parts.get(stream, b"")
+        if self._observer is None:
+            reader = SymbolReader(data, self._tables)
+        else:
+            reader = ObservedReader(data, self._tables, stream, self._observer)
+        self._opened.append((stream, reader))
+        return reader
+
+    def count(self, counters: Counters) -> None:
+        """Add the symbols read."""
+        for stream, reader in self._opened:
+            counters.read(stream, reader)
 
 
 def _tables_from(contents: Contents, payload: bytes) -> dict[TableKey, SymbolTable]:

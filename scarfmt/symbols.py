@@ -8,7 +8,7 @@ nobody used costs nothing and an outlier costs two bytes, not a wide alphabet.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
@@ -18,10 +18,14 @@ from numpy.typing import NDArray
 
 from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint
 from scarfmt.errors import InvalidInput, Malformed
+from scarfmt import kernel
+from scarfmt.kernel.rans import CONTEXTS, KernelRansDecoder, PackedTables
 from scarfmt.rans import MAX_ALPHABET, PRECISION, FrequencyTable, RansDecoder, RansEncoder, SymbolSource, uniform_table
 
 Values = NDArray[np.integer[Any]]
 I64 = NDArray[np.int64]
+I32 = NDArray[np.int32]
+F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 MAX_TABLES = 1 << 16
@@ -46,6 +50,21 @@ class TableKey(NamedTuple):
     def from_number(cls, number: int) -> TableKey:
         """The inverse of :attr:`number`."""
         return cls(number >> 24, (number >> 16) & 255, (number >> 8) & 255, number & 255)
+
+
+class StepKey(NamedTuple):
+    """Names the tables of one step of some components of a stream: one a component and context.
+
+    A kind is 256 * (a component's place in `components`) + context.
+    """
+
+    stream: int
+    components: tuple[int, ...]
+    step: int
+
+    def table(self, kind: int) -> TableKey:
+        """The key of a kind's table."""
+        return TableKey(self.stream, self.components[kind // CONTEXTS], self.step, kind % CONTEXTS)
 
 
 @dataclass(frozen=True)
@@ -75,6 +94,31 @@ class SymbolTable:
         if not np.array_equal(self.alphabet[slots], alphabet):
             return float("inf")
         return float((self.table.bits[slots] * counts).sum())
+
+
+class StaticTables(dict[TableKey, SymbolTable]):
+    """The static tables in force in a layer, by key."""
+
+    def __init__(self, tables: Mapping[TableKey, SymbolTable]) -> None:
+        super().__init__(tables)
+        self._packed: dict[StepKey, PackedTables] = {}
+
+    def packed(self, key: StepKey) -> PackedTables:
+        """The tables of a step side by side, as the compiled decoder reads them. Threads may share them."""
+        if key not in self._packed:
+            found = {}
+            for place, component in enumerate(key.components):
+                for context in self._contexts.get((key.stream, component, key.step), ()):
+                    found[place, context] = self[TableKey(key.stream, component, key.step, context)]
+            self._packed[key] = PackedTables(found, len(key.components))
+        return self._packed[key]
+
+    @cached_property
+    def _contexts(self) -> dict[tuple[int, int, int], list[int]]:
+        out: dict[tuple[int, int, int], list[int]] = {}
+        for stream, component, step, context in self:
+            out.setdefault((stream, component, step), []).append(context)
+        return out
 
 
 class Emitter(Protocol):
@@ -181,11 +225,29 @@ class SymbolRecorder:
 
 
 class SymbolReader:
-    """Reads one sub-stream, group by group."""
+    """Reads one sub-stream, group by group.
+
+    Args:
+        data: the sub-stream.
+        tables: static tables in force.
+        source: decodes in place of the fastest decoder there is.
+
+    Attributes:
+        static, uniform, modelled: symbols read so far, by what coded them (:class:`scarfmt.counters.Coding`).
+    """
 
     def __init__(self, data: bytes, tables: Mapping[TableKey, SymbolTable], source: SymbolSource | None = None) -> None:
         self._tables = tables
-        self._rans = RansDecoder(data) if source is None else source
+        library = kernel.library()
+        if source is None:
+            source = RansDecoder(data) if library is None else KernelRansDecoder(library, data)
+        self._rans = source
+        self.static = self.uniform = self.modelled = 0
+
+    @property
+    def compiled(self) -> KernelRansDecoder | None:
+        """The decoder, if it is the compiled one and nobody wants to see single groups."""
+        return self._rans if isinstance(self._rans, KernelRansDecoder) else None
 
     def read(self, key: TableKey, count: int) -> I64:
         """The next `count` values, (count,) int64.
@@ -197,22 +259,71 @@ class SymbolReader:
             return np.zeros(0, np.int64)
         entry = self._tables.get(key)
         if entry is None:
-            raise Malformed("missing-table", f"no static table for {key} (SPEC §8.3)", field="tables")
+            raise missing_table(key)
+        self.static += count
         if len(entry.alphabet) == 1:
             return np.repeat(entry.alphabet, count)
         return entry.alphabet.take(self._rans.decode(entry.table, count))
 
+    def packed(self, key: StepKey) -> PackedTables:
+        """The tables of a step, for :attr:`compiled`."""
+        if not isinstance(self._tables, StaticTables):
+            self._tables = StaticTables(self._tables)
+        return self._tables.packed(key)
+
+    def read_grouped(self, key: StepKey, kinds: Values) -> I32:
+        """The next values, (n,) int32, grouped by ascending kind, order kept within each group (SPEC §8.4).
+
+        Args:
+            key: of the tables.
+            kinds: (n,) what :class:`StepKey` says, below 2^14.
+
+        Raises:
+            Malformed: ``missing-table``.
+        """
+        compiled = self.compiled
+        if compiled is not None:
+            found = compiled.grouped(self.packed(key), kinds.astype(np.uint16, copy=False))
+            if isinstance(found, int):
+                raise missing_table(key.table(found))
+            self.static += len(kinds)
+            return found
+        out = np.empty(len(kinds), np.int32)
+        arranged = np.empty(len(kinds), np.int32)
+        order, runs = by_context(kinds)
+        for kind, start, past in runs:
+            arranged[start:past] = self.read(key.table(kind), past - start)
+        out[order] = arranged
+        return out
+
     def read_uniform(self, size: int, count: int) -> I64:
         """The next `count` values of a uniform alphabet 0..size-1."""
+        self.uniform += count
+        if isinstance(self._rans, KernelRansDecoder):
+            return self._rans.uniform(size, count).astype(np.int64)
         return self._rans.decode(cached_uniform(size), count).astype(np.int64)
 
     def read_rows(self, weights: F64, stage: int) -> I64:
         """The next (n,) values of a stage, each with its own row of (n, k) `weights`: f - 1 (SPEC §10.5)."""
+        self.modelled += len(weights)
         return self._rans.decode_rows(weights).astype(np.int64)
+
+    def read_logits(self, logits: F32 | None, weights: Callable[[], F64], stage: int) -> I64:
+        """The same, of (k, n) integer `logits` where they are at hand, else of the `weights` that come from them."""
+        compiled = self.compiled
+        if compiled is None or logits is None:
+            return self.read_rows(weights(), stage)
+        self.modelled += logits.shape[1]
+        return compiled.decode_logits(logits).astype(np.int64)
 
     def finish(self) -> None:
         """Check the seal (SPEC §8.2)."""
         self._rans.finish()
+
+
+def missing_table(key: TableKey) -> Malformed:
+    """The refusal of a symbol whose table was not sent."""
+    return Malformed("missing-table", f"no static table for {key} (SPEC §8.3)", field="tables")
 
 
 # Few sizes are in use; large tables take 130 KB each with their model, so not all of them are kept.
@@ -342,10 +453,6 @@ def emit_by_context(emitter: Emitter, key: TableKey, contexts: I64, values: Valu
         emitter.emit(TableKey(key.stream, key.component, key.step, context), arranged[start:past])
 
 
-def read_by_context(reader: SymbolReader, key: TableKey, contexts: I64) -> I64:
-    """The inverse of :func:`emit_by_context`: (n,) int64."""
-    out = np.empty(len(contexts), np.int64)
-    order, runs = by_context(contexts)
-    for context, start, past in runs:
-        out[order[start:past]] = reader.read(TableKey(key.stream, key.component, key.step, context), past - start)
-    return out
+def read_by_context(reader: SymbolReader, key: TableKey, contexts: I64) -> I32:
+    """The inverse of :func:`emit_by_context`: (n,) int32."""
+    return reader.read_grouped(StepKey(key.stream, (key.component,), key.step), contexts)

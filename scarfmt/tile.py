@@ -21,6 +21,7 @@ from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
 from scarfmt.codecs.neural_indices import IndexCoder, get_neural_indices, put_neural_indices
 from scarfmt.codecs.positions import get_positions, put_positions
+from scarfmt.counters import Counters
 from scarfmt.directory import TileFrame
 from scarfmt.model import SceneModel
 from scarfmt.neural.layer_context import LayerContext
@@ -201,11 +202,12 @@ def _context(
     predictors: PredictorSet,
     coder: IndexCoder | None,
     observer: LayerObserver | None = None,
+    counters: Counters | None = None,
 ) -> LayerContext | None:
     """The decoded context of a tile-layer, None where nothing looks at it."""
     if coder is None and not predictors:
         return None
-    return LayerContext(model, frame, content.codes, content.classes, observer)
+    return LayerContext(model, frame, content.codes, content.classes, observer, counters)
 
 
 def _predicted(
@@ -253,6 +255,7 @@ def get_layer(
     book_sizes: tuple[int, int],
     neural: NeuralModels = STATIC,
     observer: LayerObserver | None = None,
+    counters: Counters | None = None,
 ) -> None:
     """Read one layer of one tile, in place: the inverse of :func:`put_layer`.
 
@@ -264,6 +267,7 @@ def get_layer(
         book_sizes: codewords in the coarse and the residual codebook.
         neural: predictors and index network.
         observer: told what they compute.
+        counters: of their multiply-adds.
     """
     known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
     classes = content.classes
@@ -280,7 +284,7 @@ def get_layer(
         content.slot_layers[turned_on] = layer
     need = needed_streams(model, wanted, neural)
     coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
-    context = _context(model, frame, content, neural.sets, coder, observer)
+    context = _context(model, frame, content, neural.sets, coder, observer, counters)
     for index, channel in enumerate(model.channels):
         if channel.stream not in need:
             continue

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output
+from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json
 
 if TYPE_CHECKING:
     from reference_decoder.decode import Decoded
+    from scarfmt.counters import Counters
     from scarfmt.scene import F64
     from scarfmt.source import ByteSource
 
@@ -84,7 +85,8 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
     show_default=True,
     help="What computes the index network; the result is the same.",
 )
-@click.option("--stats", is_flag=True, help="Tell bytes read and time taken, on stderr.")
+@click.option("--stats", is_flag=True, help="Tell what was read and computed, and the time, on stderr.")
+@click.option("--json", "as_json", is_flag=True, help="Print what --stats tells as a JSON object on stdout.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 def decode(
@@ -93,6 +95,7 @@ def decode(
     bake: bool,
     cameras: str | None,
     stats: bool,
+    as_json: bool,
     force: bool,
     quiet: bool,
     **wanted: Any,
@@ -114,19 +117,32 @@ def decode(
         raise click.UsageError("--cameras is for --bake")
     if wanted["attributes"] is not None and extension == ".ply":
         raise click.UsageError("--attributes needs an .npz output: a PLY holds all of them")
+    if as_json and output == STANDARD:
+        raise click.UsageError("--json needs standard output for itself: give OUTPUT a name")
+    from scarfmt.counters import Counters
+
+    counters = Counters()
     start = time.perf_counter()
     with open_output(output, force) as target, open_input(input_) as source:
         if extension == ".ply":
-            done = _write_ply(source, target, bake, cameras, wanted)
+            done = _write_ply(source, target, bake, cameras, wanted, counters)
         else:
-            done = _write_npz(source, target, wanted)
+            done = _write_npz(source, target, wanted, counters)
         if not quiet:
             click.echo(done, err=True)
-        if stats:
-            _print_stats(source, time.perf_counter() - start)
+        if stats or as_json:
+            from scarfmt.cli.stats import decode_stats, format_stats
+
+            found = decode_stats(source, counters, time.perf_counter() - start)
+            if stats:
+                click.echo(format_stats(found), err=True, nl=False)
+            if as_json:
+                print_json(found)
 
 
-def _write_ply(source: ByteSource, target: BinaryIO, bake: bool, cameras: str | None, wanted: dict[str, Any]) -> str:
+def _write_ply(
+    source: ByteSource, target: BinaryIO, bake: bool, cameras: str | None, wanted: dict[str, Any], counters: Counters
+) -> str:
     """Write a PLY tile by tile; returns what was written, for people."""
     from reference_decoder.stream_ply import export_ply
     from scarfmt.container import read_header
@@ -136,7 +152,7 @@ def _write_ply(source: ByteSource, target: BinaryIO, bake: bool, cameras: str | 
     if header.fields.profile == Profile.ANCHOR and not bake:
         raise click.UsageError("an anchor model has no fixed Gaussians: decode to .npz, or give --bake")
     options = {name: value for name, value in wanted.items() if name != "attributes"}
-    count = export_ply(source, target, eyes=_eyes(cameras), **options)
+    count = export_ply(source, target, eyes=_eyes(cameras), counters=counters, **options)
     return f"{count:,} Gaussians"
 
 
@@ -151,7 +167,7 @@ def _eyes(cameras: str | None) -> F64 | None:
     return np.array([camera.centre for camera in load_cameras(cameras)]).reshape(-1, 3)
 
 
-def _write_npz(source: ByteSource, target: BinaryIO, wanted: dict[str, Any]) -> str:
+def _write_npz(source: ByteSource, target: BinaryIO, wanted: dict[str, Any], counters: Counters) -> str:
     """Write the arrays of a scene, or of some attributes; returns what was written, for people."""
     import numpy as np
 
@@ -159,14 +175,17 @@ def _write_npz(source: ByteSource, target: BinaryIO, wanted: dict[str, Any]) -> 
     from reference_encoder.importers import save_anchor_npz
     from scarfmt.scene import AnchorModel
 
-    decoded = decode(source, **wanted)
+    decoded = decode(source, counters=counters, **wanted)
+    done = f"{len(decoded):,} anchors of {decoded.layers} layers"
     if decoded.attributes != frozenset(ATTRIBUTES):
         np.savez(target, **_attribute_arrays(decoded))
-    elif isinstance(decoded.scene, AnchorModel):
-        save_anchor_npz(decoded.scene, target)
+        return done
+    scene = decoded.activated(counters=counters)
+    if isinstance(scene, AnchorModel):
+        save_anchor_npz(scene, target)
     else:
-        np.savez(target, **vars(decoded.scene))
-    return f"{len(decoded):,} anchors of {decoded.layers} layers"
+        np.savez(target, **vars(scene))
+    return done
 
 
 def _attribute_arrays(decoded: Decoded) -> dict[str, Any]:
@@ -182,9 +201,3 @@ def _attribute_arrays(decoded: Decoded) -> dict[str, Any]:
     if decoded.indices is not None:
         arrays["latents"] = decoded.latents
     return arrays
-
-
-def _print_stats(source: ByteSource, seconds: float) -> None:
-    part = 100 * source.bytes_read / source.size if source.size else 0.0
-    click.echo(f"{source.bytes_read:,} of {source.size:,} bytes read ({part:.1f} %) in {source.reads} reads", err=True)
-    click.echo(f"{seconds:.2f} s", err=True)

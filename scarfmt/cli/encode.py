@@ -75,6 +75,14 @@ def _refuse_constant(name: str) -> Any:
     help="Most multiply-adds of integer networks per Gaussian or anchor that decoding may take; 0: static tables"
     " alone, decoded fastest [default: whatever is smallest].",
 )
+@click.option(
+    "--tile-size",
+    "tile_anchors",
+    type=click.IntRange(1024, 65536),
+    metavar="N",
+    help="Most anchors a tile, 1024 to 65536: smaller tiles cost bytes and time, and make regions cheaper to decode"
+    " [default: 32768].",
+)
 @click.option("--seed", type=click.IntRange(min=0), help="Of all random choices: equal seeds give equal files.")
 @click.option(
     "--metadata", multiple=True, metavar="KEY=VALUE", callback=parse_metadata, help="Annotate the file; repeatable."

@@ -13,11 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.errors import Malformed
+from scarfmt.kernel.channel import BAD_TRIT, VALUE_RANGE, KernelChannel
+from scarfmt.kernel.rans import ALL_READ, CONTEXTS, KernelRansDecoder
 from scarfmt.model import MAX_STEPS, NO_SOURCE, Channel, ContextRule
 from scarfmt.neural.predicted import PredictedChannel
 from scarfmt.schema import Stream
-from scarfmt.symbols import Emitter, SymbolReader, TableKey, by_context, emit_by_context, read_by_context
+from scarfmt.symbols import Emitter, StepKey, SymbolReader, TableKey, emit_by_context, missing_table, read_by_context
 
+I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
 Ints = NDArray[np.integer[Any]]
@@ -26,13 +29,12 @@ REACH = 1.0
 """Largest magnitude of a position residual, in cells of 2^shift voxels: it bounds where a tile's anchors can be."""
 
 _SOURCE_CONTEXTS = 16
-_COMPONENT_CONTEXTS = 256
 VALUE_LIMIT = (1 << 31) - 1
 """Largest magnitude of a channel value: -2^31 is left out, so that every value can be negated."""
 # (anchors, step, components, contexts, values before) -> values after; one row a component.
 Exchange = Callable[[I64, int, Sequence[int], Sequence[I64], I64], I64]
 # First-step values of the channels decoded so far, one (n, components) array a channel.
-FirstValues = Sequence[Ints]
+FirstValues = Sequence[I32]
 
 
 def coarsen(values: Ints, steps: I64 | int) -> I64:
@@ -130,6 +132,11 @@ def get_channel(
         Malformed: ``bad-trit`` or ``value-range`` for symbols outside SPEC §7.5.
     """
 
+    compiled = reader.compiled
+    if compiled is not None:
+        _get_compiled(reader, compiled, channel, classes, (before, after), values, first, predicted)
+        return
+
     def get(part: I64, step: int, components: Sequence[int], kinds: Sequence[I64], coarse: I64) -> I64:
         symbols = _read_components(reader, channel, step, components, kinds)
         here = _in_range(symbols if step == 1 else 3 * coarse + _checked(symbols), channel)
@@ -156,6 +163,38 @@ def get_channel(
             values[chosen] = _refined(reader, channel, step, kinds, values[chosen]).T
         if predicted is not None:
             predicted.settle(step, chosen, values[chosen])
+
+
+def _get_compiled(
+    reader: SymbolReader,
+    compiled: KernelRansDecoder,
+    channel: Channel,
+    classes: I64,
+    steps: tuple[I64, I64],
+    values: I32,
+    first: Sequence[I32],
+    predicted: PredictedChannel | None,
+) -> None:
+    """As :func:`get_channel`, a call of the compiled library for each step."""
+    before, after = steps
+    target = KernelChannel(compiled, channel, classes, values, first, before.astype(np.int64))
+    for step in _steps_coded(before, after):
+        chosen = np.flatnonzero((before < step) & (after >= step))
+        if not len(chosen):
+            continue
+        key = StepKey(channel.stream, tuple(range(channel.components)), step)
+        parts, around = [chosen], None
+        if predicted is not None:
+            parts, around = predicted.passes(step, chosen), predicted.surroundings(compiled.library, step)
+            predicted.count(step, len(chosen))
+        read = target.read(step, parts, reader.packed(key), around)
+        if read == BAD_TRIT:
+            raise _bad_trit()
+        if read == VALUE_RANGE:
+            raise _value_range(channel)
+        if read != ALL_READ:
+            raise missing_table(key.table(read))
+        reader.static += len(chosen) * channel.components
 
 
 def _steps_coded(before: I64, after: I64) -> range:
@@ -200,16 +239,9 @@ def _read_components(
     reader: SymbolReader, channel: Channel, step: int, components: Sequence[int], kinds: Sequence[I64]
 ) -> I64:
     """(components, n) symbols, component by component, each grouped by ascending context."""
-    keys = np.concatenate([c + _COMPONENT_CONTEXTS * number for number, c in enumerate(kinds)])
-    order, runs = by_context(keys)
-    out = np.empty(len(keys), np.int64)
-    arranged = np.empty(len(keys), np.int64)
-    for context, start, past in runs:
-        component = components[context // _COMPONENT_CONTEXTS]
-        key = TableKey(channel.stream, component, step, context % _COMPONENT_CONTEXTS)
-        arranged[start:past] = reader.read(key, past - start)
-    out[order] = arranged
-    return out.reshape(len(components), -1)
+    keys = np.concatenate([place * CONTEXTS + numbers for place, numbers in enumerate(kinds)])
+    key = StepKey(channel.stream, tuple(components), step)
+    return reader.read_grouped(key, keys).astype(np.int64).reshape(len(components), -1)
 
 
 def _refined(reader: SymbolReader, channel: Channel, step: int, kinds: I64, values: Ints) -> Ints:
@@ -220,17 +252,12 @@ def _refined(reader: SymbolReader, channel: Channel, step: int, kinds: I64, valu
     """
     coarse = np.ascontiguousarray(values.T)
     keys = np.clip(coarse, -2, 2).astype(np.int16)
-    keys += (2 + _COMPONENT_CONTEXTS * np.arange(len(coarse), dtype=np.int16))[:, None]
+    keys += (2 + CONTEXTS * np.arange(len(coarse), dtype=np.int16))[:, None]
     by_class = np.array([[rule.by_class] for rule in channel.rules])
     if by_class.any():
         keys += by_class * (kinds * _SOURCE_CONTEXTS).astype(np.int16)
-    order, runs = by_context(keys.ravel())
-    arranged = np.empty(order.shape, np.int32)
-    for context, start, past in runs:
-        key = TableKey(channel.stream, context // _COMPONENT_CONTEXTS, step, context % _COMPONENT_CONTEXTS)
-        arranged[start:past] = reader.read(key, past - start)
-    trits = np.empty(coarse.shape, np.int8)
-    trits.ravel()[order] = _checked(arranged)
+    key = StepKey(channel.stream, tuple(range(len(coarse))), step)
+    trits = _checked(reader.read_grouped(key, keys.ravel())).astype(np.int8).reshape(coarse.shape)
     if _reach_of(coarse) > VALUE_LIMIT // 3 - 1:
         return _in_range(3 * coarse.astype(np.int64) + trits, channel)
     coarse *= 3
@@ -244,14 +271,22 @@ def _reach_of(values: Ints) -> int:
 
 def _in_range(values: I64, channel: Channel) -> I64:
     if _reach_of(values) > VALUE_LIMIT:
-        raise Malformed("value-range", "a channel value leaves 32 bits (SPEC §7.5)", field=channel.stream.name)
+        raise _value_range(channel)
     return values
+
+
+def _value_range(channel: Channel) -> Malformed:
+    return Malformed("value-range", "a channel value leaves 32 bits (SPEC §7.5)", field=channel.stream.name)
 
 
 def _checked(trits: Ints) -> Ints:
     if _reach_of(trits) > 1:
-        raise Malformed("bad-trit", "a refinement is not -1, 0 or 1 (SPEC §7.5)", field="trit")
+        raise _bad_trit()
     return trits
+
+
+def _bad_trit() -> Malformed:
+    return Malformed("bad-trit", "a refinement is not -1, 0 or 1 (SPEC §7.5)", field="trit")
 
 
 def cell_widths(step: Sequence[float], steps: I64) -> F64:

@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.counters import Part
 from scarfmt.neural.context import CellSums, count_features
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Operations
+from scarfmt.neural.products import NetworkWork, grid_products
 from scarfmt.symbols import Emitter, SymbolReader
 
 I16 = NDArray[np.int16]
@@ -132,6 +134,8 @@ def _grid_features(coder: IndexCoder, context: LayerContext, group: I64) -> I16:
         # In Morton order, in which neighbours share cells.
         ordered = group[np.argsort(context.rows(group))]
         out[ordered] = coder.grid.features(context.lattice_positions(ordered))
+        if context.counters is not None:
+            context.counters.multiply(Part.HASH_GRID, len(group), grid_products(coder.grid))
     return out
 
 
@@ -146,16 +150,20 @@ def _code_pass(
     """All stages of the anchors of one pass; the recurrent state runs over stages received earlier, too."""
     evaluator, observer = coder.evaluator, around.context.observer
     before, after = stages
+    work = NetworkWork(coder.network, around.context.counters)
     watch = None if observer is None else observer.embedding
     embedded = evaluator.embed(embedding_inputs(coder, around, part), watch)
+    work.embedded(len(part))
     state = evaluator.start(len(part))
     for stage in range(1, int(after.max(initial=0)) + 1):
         coded = np.flatnonzero((before < stage) & (after >= stage))
         if len(coded):
             whole = len(coded) == len(part)
             here = (embedded, state) if whole else (embedded[coded], evaluator.take(state, coded))
-            exchange(stage, part[coded], evaluator.context(*here))
+            work.mixed(stage, len(coded))
+            work.coded(stage, exchange(stage, part[coded], evaluator.context(*here)))
         if stage < int(after.max()):
+            work.advanced(stage, len(part))
             # Anchors without this stage are not coded later: their state no longer matters.
             state = evaluator.advance(state, stage, np.where(after >= stage, indices[part, stage - 1], 0))
 

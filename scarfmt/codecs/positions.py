@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from scarfmt.errors import Malformed
 from scarfmt.schema import Stream
-from scarfmt.symbols import Emitter, SymbolReader, TableKey
+from scarfmt.symbols import Emitter, StepKey, SymbolReader, TableKey
 
 U64 = NDArray[np.uint64]
 I64 = NDArray[np.int64]
@@ -27,6 +27,9 @@ _BINS = 16
 _BIT_CHUNK = 12
 # So few nodes are split faster one by one.
 _FEW_NODES = 4
+
+
+_KEY = StepKey(Stream.POSITIONS, (0,), 0)
 
 
 def _key(count: int) -> TableKey:
@@ -50,12 +53,6 @@ def _children(start: I64, count: I64, lower: I64) -> tuple[I64, I64, I64]:
     counts = _pairs(lower, count - lower)
     kept = np.flatnonzero(counts)
     return _pairs(start, start + lower)[kept], counts[kept], kept
-
-
-def _by_size(count: I64) -> tuple[I64, list[int]]:
-    """Stable order of nodes by their table, and where each table's nodes end in it: one sort, not 16 searches."""
-    size = np.minimum(count, LARGEST_OWN_TABLE + 1).astype(np.uint8)
-    return np.argsort(size, kind="stable"), np.cumsum(np.bincount(size, minlength=LARGEST_OWN_TABLE + 2)).tolist()
 
 
 def put_positions(emitter: Emitter, codes: U64, bits: int) -> None:
@@ -184,11 +181,9 @@ def _too_many_below() -> Malformed:
 
 def _get_splits(reader: SymbolReader, count: I64) -> I64:
     lower = np.zeros(len(count), np.int64)
-    order, ends = _by_size(count)
-    for n in range(2, LARGEST_OWN_TABLE + 1):
-        if ends[n] > ends[n - 1]:
-            lower[order[ends[n - 1] : ends[n]]] = reader.read(_key(n), ends[n] - ends[n - 1])
-    large = order[ends[LARGEST_OWN_TABLE] :]
+    few = count <= LARGEST_OWN_TABLE
+    small, large = np.flatnonzero(few), np.flatnonzero(~few)
+    lower[small] = reader.read_grouped(_KEY, count[small])
     if len(large):
         lower[large] = _get_large_splits(reader, count[large])
     if bool(((lower < 0) | (lower > count)).any()):

@@ -7,16 +7,21 @@ Everything is exact: float64 arrays here carry integers whose sums stay far belo
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt import kernel
+from scarfmt.kernel.cells import KernelCellSums, kernel_fine
 from scarfmt.limits import MAX_LOCAL_BITS
 from scarfmt.model import MAX_STEPS
 
 I64 = NDArray[np.int64]
+I32 = NDArray[np.int32]
 F64 = NDArray[np.float64]
 U64 = NDArray[np.uint64]
 Ints = NDArray[np.integer[Any]]
@@ -46,6 +51,9 @@ def fine(values: Ints, steps: Ints) -> I64:
         values: (n, components) v after `steps` steps, |v| < 2^31.
         steps: (n,), or (1,) for all, ternary steps received, 0..20; with none the value is 0.
     """
+    library = kernel.library()
+    if library is not None:
+        return kernel_fine(library, values, np.broadcast_to(steps, len(values)))
     power = cell_power(steps)[:, None]
     # Exact: the numerator is below 2^43, and the quotient of integers so small never rounds up to the next integer.
     scaled = np.floor((values * (2.0 * _FINE_ONE) + power) / (2 * power))
@@ -99,7 +107,7 @@ class CellMeans:
         self.depths = len(shifts)
         # Per depth: (n,) the cell of each row, and (cells,) the first row of each cell.
         self.cell: list[I64] = []
-        firsts: list[I64] = []
+        self._firsts = firsts = list[I64]()
         for shift in shifts:
             new = np.ones(len(codes), np.bool_)
             new[1:] = joining > shift
@@ -109,9 +117,21 @@ class CellMeans:
         self.parents = [cell[firsts[-1]] for cell in self.cell]
         self.starts = [np.searchsorted(firsts[-1], first) for first in firsts]
 
-    def sums(self, columns: int) -> CellSums:
+    def sums(self, columns: int) -> CellSums | KernelCellSums:
         """No anchors yet, `columns` values each."""
-        return CellSums(self, columns)
+        library = kernel.library()
+        if library is None:
+            return CellSums(self, columns)
+        return self.kernel_sums(library, columns, self.compact)
+
+    def kernel_sums(self, library: ctypes.CDLL, columns: int, cell: Sequence[I32]) -> KernelCellSums:
+        """The same, compiled; `cell` is that of :attr:`compact`, or of other names for the rows."""
+        return KernelCellSums(library, cell, [len(starts) for starts in self._firsts], columns)
+
+    @cached_property
+    def compact(self) -> list[I32]:
+        """Per depth, the (n,) int32 cell of each row."""
+        return [cell.astype(np.int32) for cell in self.cell]
 
 
 class CellSums:

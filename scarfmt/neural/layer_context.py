@@ -5,17 +5,22 @@ Encoder and decoder fill it in alike, channel by channel.
 
 from __future__ import annotations
 
+import ctypes
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.counters import Counters
 from scarfmt.directory import TileFrame
+from scarfmt.kernel.cells import KernelCellSums
 from scarfmt.model import SceneModel
 from scarfmt.morton import deinterleave
 from scarfmt.neural.context import CellMeans, depth_shifts, fine, passes
 from scarfmt.observe import LayerObserver
 
+I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 U64 = NDArray[np.uint64]
 Ints = NDArray[np.integer[Any]]
@@ -30,6 +35,7 @@ class LayerContext:
         codes: (n,) uint64 local Morton codes.
         classes: (n,) int64.
         observer: of the tile-layer, if there is one.
+        counters: of what networks compute from it, if it is counted.
     """
 
     def __init__(
@@ -39,10 +45,12 @@ class LayerContext:
         codes: U64,
         classes: I64,
         observer: LayerObserver | None = None,
+        counters: Counters | None = None,
     ) -> None:
         self.model = model
         self.classes = classes
         self.observer = observer
+        self.counters = counters
         self._frame = frame
         self._codes = codes
         # Rows of `cells` are anchors by (code, index).
@@ -64,6 +72,14 @@ class LayerContext:
         """(n, A) int64 fine values of the attribute channels settled, or of those before channel `before`."""
         chosen = [self._fine[k] for k in self.model.attributes if before is None or k < before]
         return np.concatenate(chosen, axis=1) if chosen else np.zeros((len(self), 0), np.int64)
+
+    def kernel_sums(self, library: ctypes.CDLL, columns: int) -> KernelCellSums:
+        """Sums over the cells, compiled, of no anchors yet; anchors go by their own number, not their row."""
+        return self.cells.kernel_sums(library, columns, self._anchor_cells)
+
+    @cached_property
+    def _anchor_cells(self) -> list[I32]:
+        return [cell[self._rows] for cell in self.cells.compact]
 
     def rows(self, anchors: I64) -> I64:
         """The rows of some anchors in :attr:`cells`."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator, Mapping
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.counters import Part
+from scarfmt.kernel.channel import PackedPredictors, Surroundings
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predictor_group import PredictorGroup
 from scarfmt.neural.predictors import PassInputs, Predictor, StepContext
@@ -41,6 +44,7 @@ class PredictorSet:
             self._steps.setdefault((stream, step), {})[component] = predictor
         self.streams = frozenset(Stream(stream) for stream, _ in self._steps)
         self._groups: dict[tuple[int, int], list[PredictorGroup]] = {}
+        self._packed: dict[tuple[int, int], PackedPredictors] = {}
 
     def __bool__(self) -> bool:
         return bool(self._steps)
@@ -59,6 +63,13 @@ class PredictorSet:
             parts = [{c: p} for c, p in sorted(found.items())] if step == 1 else [found]
             self._groups[stream, step] = [PredictorGroup(part, components, depths) for part in parts]
         return self._groups[stream, step]
+
+    def packed(self, stream: Stream, step: int, components: int) -> PackedPredictors | None:
+        """The same, for the compiled library; None where static contexts apply."""
+        found = {c: p for c, p in self.step(stream, step).items() if isinstance(p, Predictor)}
+        if found and (stream, step) not in self._packed:
+            self._packed[stream, step] = PackedPredictors(found, components)
+        return self._packed.get((stream, step))
 
 
 class PredictedChannel:
@@ -115,9 +126,29 @@ class PredictedChannel:
         if predictor is None:
             return None
         found = self._evaluated(component, predictor)
+        if self._context.counters is not None and isinstance(predictor, Predictor):
+            self._context.counters.multiply(Part.PREDICTORS, len(found), predictor.multiply_adds)
         if self._context.observer is not None:
             self._context.observer.contexts(self._stream, component, self._step, found)
         return found
+
+    def surroundings(self, library: ctypes.CDLL, step: int) -> Surroundings | None:
+        """What the compiled reader of a step looks at; None where only static contexts apply."""
+        packed = self._predictors.packed(self._stream, step, self._values.shape[1])
+        if packed is None:
+            return None
+        return Surroundings(self._settled, self._context.kernel_sums(library, self._values.shape[1]), packed)
+
+    def passes(self, step: int, chosen: I64) -> list[I64]:
+        """The anchors `chosen` of a step, pass by pass; all at once where only static contexts apply."""
+        return [part for part in self._context.parts(chosen) if len(part)] if self.covers(step) else [chosen]
+
+    def count(self, step: int, anchors: int) -> None:
+        """Count the work of predictors evaluated elsewhere."""
+        if self._context.counters is not None:
+            for predictor in self._predictors.step(self._stream, step).values():
+                if isinstance(predictor, Predictor):
+                    self._context.counters.multiply(Part.PREDICTORS, anchors, predictor.multiply_adds)
 
     def _evaluated(self, component: int, predictor: Contexts) -> I64:
         assert self._inputs is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ from reference_decoder.decode import ATTRIBUTES
 from reference_decoder.decode import decode as decode_file
 from reference_encoder.importers import load
 from scarfmt.cli.decode import ATTRIBUTE_NAMES
+from scarfmt.counters import Counters
 from scarfmt.scene import AnchorModel, GaussianScene
 from scarfmt.schema import Profile
+from scarfmt.source import HEAD_BYTES
 from scarfmt.writer import write_scene
 from tests.cli.conftest import Run
 
@@ -82,9 +85,52 @@ def test_a_cut_file_needs_leave(run: Run, explicit_scar: Path, tmp_path: Path) -
     assert len(load(tmp_path / "a.ply")) == len(expected)
 
 
-def test_stats_tell_that_little_was_read(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
-    result = run("decode", explicit_scar, tmp_path / "a.ply", "--layers", 1, "--stats")
-    assert f" of {explicit_scar.stat().st_size:,} bytes read" in result.stderr
+def test_stats_are_a_small_table_on_stderr(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    """What was read beside what the file has, then what was computed."""
+    result = run("decode", explicit_scar, tmp_path / "a.npz", "--layers", 1, "--stats", "--quiet")
+    rows = {line.split()[0]: line.split()[1:] for line in result.stderr.splitlines()}
+    assert list(rows)[:5] == ["bytes", "blocks", "tiles", "anchors", "symbols"]
+    assert list(rows)[-1] == "seconds"
+    counters = Counters()
+    decode_file(explicit_scar, layers=1, counters=counters)
+    size = f"{explicit_scar.stat().st_size:,}"
+    share = f"({100 * counters.bytes_read / explicit_scar.stat().st_size:.1f}"
+    assert rows["bytes"] == [f"{counters.bytes_read:,}", "of", size, share, "%),", "in", str(counters.reads), "reads"]
+    assert rows["symbols"] == [f"{counters.symbols_of():,}"]
+    assert result.stdout == ""
+
+
+def test_stats_as_json_are_the_counters_of_the_decode(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    """On stdout, with or without the table; the latent decoder, which only a scene needs, is in them."""
+    result = run("decode", explicit_scar, tmp_path / "a.npz", "--json", "--quiet")
+    found = json.loads(result.stdout)
+    counters = Counters()
+    decode_file(explicit_scar, counters=counters).activated(counters=counters)
+    assert found["decoded"] == counters.report()
+    assert found["file"]["bytes"] == explicit_scar.stat().st_size
+    assert found["decoded"]["anchors"] == found["file"]["anchors"]
+    assert found["seconds"] >= 0
+    assert result.stderr == ""
+
+
+def test_json_does_not_mix_with_a_ply_on_stdout(run: Run, explicit_scar: Path) -> None:
+    """Two things on one stream are none."""
+    assert run("decode", explicit_scar, "-", "--json").exit_code == 2
+
+
+@pytest.mark.parametrize("options", [(), ("--layers", 1), ("--tiles", "1"), ("--attributes", "positions")])
+def test_of_a_url_less_is_transferred_and_computed(
+    run: Run, explicit_scar: Path, tmp_path: Path, options: tuple[object, ...]
+) -> None:
+    """The same counts as of a file, but for the first read, which brings what lies next to the header."""
+    pytest.importorskip("fsspec")
+    arguments = (tmp_path / "a.npz", "--json", "--force", *options)
+    local = json.loads(run("decode", explicit_scar, *arguments).stdout)["decoded"]
+    remote = json.loads(run("decode", f"file://{explicit_scar}", *arguments).stdout)["decoded"]
+    assert remote["bytes_read"] <= max(local["bytes_read"], HEAD_BYTES)
+    for found in (local, remote):
+        del found["bytes_read"], found["reads"]
+    assert remote == local
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,93 @@
+"""All benchmarks, one after the other, each in a process of its own.
+
+    python -m benchmarks.all --short                 the example scene; prints, and writes to build/bench/ alone
+    python -m benchmarks.all --full                  every scene found; rewrites tables and plots of docs/
+    python -m benchmarks.all --full --only quality time_error
+
+One that fails does not keep back the others; what each took is told at the end, and the exit status is 1 if any failed.
+`quality` comes first: the files it encodes are used again by those after it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import NamedTuple
+
+from benchmarks.report import SHORT_RESULTS, table
+from benchmarks.scenes import REPOSITORY
+
+SHORT: tuple[str, ...] = ("--short", "--no-write")
+FULL: tuple[str, ...] = ()
+COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "quality": (SHORT, FULL),
+    "positions": (SHORT, FULL),
+    "time_error": (SHORT, FULL),
+    "rivals_run": (SHORT, FULL),
+    "scaling": (SHORT, FULL),
+    "regions": (SHORT, FULL),
+    "stability": (SHORT, FULL),
+    "entropy_speed": (SHORT, ("--full",)),
+    "gain": (SHORT, FULL),
+    "latent": (SHORT, ("--no-write",)),
+    "pictures": (SHORT, FULL),
+}
+"""Arguments of every benchmark in the short mode and in the full one."""
+
+
+class Outcome(NamedTuple):
+    """What became of one benchmark: its exit status and the seconds it took."""
+
+    name: str
+    status: int
+    seconds: float
+
+
+Start = Callable[[Sequence[str]], int]
+
+
+def start(command: Sequence[str]) -> int:
+    """Run a command from the repository's root; its exit status."""
+    return subprocess.run(command, cwd=REPOSITORY).returncode
+
+
+def run(names: Iterable[str], full: bool, start: Start = start) -> list[Outcome]:
+    """Run benchmarks in the order of `COMMANDS`, whatever becomes of those before."""
+    chosen, found = set(names), []
+    for name, modes in COMMANDS.items():
+        if name not in chosen:
+            continue
+        arguments = modes[full]
+        print(f"--- {name} {' '.join(arguments)}", file=sys.stderr, flush=True)
+        began = time.perf_counter()
+        status = start([sys.executable, "-m", f"benchmarks.{name}", *arguments])
+        found.append(Outcome(name, status, time.perf_counter() - began))
+    return found
+
+
+def summary(outcomes: Sequence[Outcome]) -> str:
+    """A table of what each took and whether it did what it should."""
+    rows = [[o.name, f"{o.seconds:.0f}", "" if o.status == 0 else f"failed: exit status {o.status}"] for o in outcomes]
+    return table(["benchmark", "s", ""], [*rows, ["all", f"{sum(o.seconds for o in outcomes):.0f}", ""]])
+
+
+def main(arguments: Sequence[str] | None = None, start: Start = start) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    mode = parser.add_mutually_exclusive_group(required=True)
+    mode.add_argument("--short", action="store_true", help="a minute or two; needs no scene but the example")
+    mode.add_argument("--full", action="store_true", help="everything, three quarters of an hour")
+    parser.add_argument("--only", nargs="+", choices=COMMANDS, default=list(COMMANDS), metavar="NAME")
+    asked = parser.parse_args(arguments)
+    outcomes = run(asked.only, asked.full, start)
+    text = summary(outcomes)
+    print(f"\n{text}")
+    SHORT_RESULTS.mkdir(parents=True, exist_ok=True)
+    (SHORT_RESULTS / "all.md").write_text(text, encoding="utf-8")
+    return int(any(outcome.status for outcome in outcomes))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

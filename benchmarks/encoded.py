@@ -1,0 +1,90 @@
+"""Encoded files, kept between benchmarks and never used once they are out of date.
+
+The name of a file tells what it was made from: scene, options, and a hash of the encoder's source, of the packages it
+computes with and of the scene's own bytes. So a file that is there is right, whichever benchmark made it. Beside it
+lies FILE.json with what making it took.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from benchmarks import child
+from benchmarks.report import SCRATCH
+from benchmarks.scenes import REPOSITORY, Scene
+
+ENCODER = ("reference_encoder", "scarfmt")
+"""Packages whose source decides what a file holds."""
+_NOT_ENCODER = ("scarfmt/cli", "scarfmt/suite", "scarfmt/testing")
+_SOURCE = {".py", ".c", ".h"}
+_COMPUTES = ("numpy", "torch")
+_DIGITS = 12
+
+
+@lru_cache
+def source_key(packages: tuple[str, ...] = ENCODER) -> str:
+    """Hex digits that change with any source file of `packages`; the command line and test helpers do not count."""
+    paths = (path for package in packages for path in (REPOSITORY / package).rglob("*") if path.suffix in _SOURCE)
+    names = {path.relative_to(REPOSITORY).as_posix(): path for path in paths}
+    digest = hashlib.sha256()
+    for name in sorted(names):
+        if not name.startswith(_NOT_ENCODER):
+            digest.update(f"{name}\0{file_key(names[name])}\0".encode())
+    return digest.hexdigest()
+
+
+@lru_cache
+def file_key(path: Path) -> str:
+    """Hex digits of a hash of a file's bytes."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def key_of(parts: Iterable[object]) -> str:
+    """Some hex digits of a hash of `parts`, with the encoder's source and packages."""
+    packages = [f"{name} {version(name)}" for name in _COMPUTES]
+    text = "\0".join(map(str, [source_key(), *packages, *parts]))
+    return hashlib.sha256(text.encode()).hexdigest()[:_DIGITS]
+
+
+def scene_parts(scene: Scene) -> list[str]:
+    """What of a scene an encoded file depends on: the bytes of its files, and the frame."""
+    known = [] if scene.known is None else [file_key(scene.known)]
+    return [file_key(scene.path), scene.frame, *known]
+
+
+def kept_path(scene: Scene, what: str, suffix: str = ".scar") -> Path:
+    """Where what was made of `scene` is kept; `what` names it and everything it depends on but scene and source."""
+    SCRATCH.mkdir(parents=True, exist_ok=True)
+    stem = "".join(c if c.isalnum() or c == "-" else "_" for c in scene.name)
+    short = "".join(c if c.isalnum() or c in "-." else "_" for c in what)
+    return SCRATCH / f"{stem}-{short}-{key_of([*scene_parts(scene), what])}{suffix}"
+
+
+def encoded_path(scene: Scene, quality: float, effort: int) -> Path:
+    """Where the encoded file of `scene` is, or would be: another path as soon as the encoder's source changes."""
+    return kept_path(scene, f"q{quality:g}-e{effort}")
+
+
+def encoded(scene: Scene, quality: float, effort: int) -> dict[str, Any]:
+    """The file of a scene, encoded in a process of its own unless it is there.
+
+    Returns:
+        ``path``, ``bytes``, ``seconds``, ``peak_bytes`` and ``machine``, as it was when the file was made.
+    """
+    path = encoded_path(scene, quality, effort)
+    note = note_path(path)
+    if not (path.exists() and note.exists()):
+        child.run(job="encode", scene=scene.name, quality=quality, effort=effort, out=str(path))
+    return {"path": str(path), **json.loads(note.read_text(encoding="utf-8"))}
+
+
+def note_path(path: Path) -> Path:
+    """What is known of a kept file lies there."""
+    return path.with_name(path.name + ".json")

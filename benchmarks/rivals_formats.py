@@ -1,0 +1,169 @@
+"""What a user would pick instead: each file format at each setting, how it is written and how it is read."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import zstandard
+
+from benchmarks.rivals_tools import Command, splat_transform
+from reference_encoder.importers import load, spz
+from reference_encoder.importers.dequantise import SH_C0
+from reference_encoder.importers.source import Source
+from scarfmt.scene import AnchorModel, GaussianScene
+
+FAMILIES = ("spz", "sog", "compressed-ply", "splat", "ply-zstd")
+"""What --formats chooses from, beside ``scar``."""
+
+# SPZ: the farthest a coordinate can lie, and the largest log scale.
+_SPZ_REACH, _SPZ_LARGEST = 2047.0, 255 / 16 - 10
+# Positions of SPZ are multiples of 2^-12: so many of them in the thickness of the median Gaussian are enough.
+_SPZ_STEP, _STEPS_A_GAUSSIAN = 2.0**-12, 64
+_SPZ_DEFAULT_BITS = (5, 4)
+# Of the first band and of the others.
+_SPZ_BITS = (_SPZ_DEFAULT_BITS, (6, 5), (7, 6), (8, 8))
+_ZSTD_LEVEL = 19
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format at one setting.
+
+    Attributes:
+        name: as tables show it.
+        family: one of `FAMILIES`.
+        suffix: of its files.
+        command: how to write it, of the source as INRIA's PLY and of the path to write.
+        scale: the scene is enlarged by this much before it is written; a power of two.
+    """
+
+    name: str
+    family: str
+    suffix: str
+    command: Callable[[Path, Path], Command]
+    scale: float = 1.0
+
+    @property
+    def of_npm(self) -> bool:
+        """Whether @playcanvas/splat-transform writes it."""
+        return self.family in ("spz", "sog", "compressed-ply")
+
+
+def formats(scene: GaussianScene) -> list[Format]:
+    """Everything that is measured on `scene`."""
+    return [
+        *_spz(scene),
+        Format("SOG", "sog", ".sog", lambda source, out: splat_transform(str(source), str(out))),
+        Format(
+            "compressed.ply",
+            "compressed-ply",
+            ".compressed.ply",
+            lambda source, out: splat_transform(str(source), str(out)),
+        ),
+        Format(".splat", "splat", ".splat", _own("splat")),
+        Format(f"PLY + zstd -{_ZSTD_LEVEL}", "ply-zstd", ".ply.zst", _own("ply-zstd")),
+    ]
+
+
+def _spz(scene: GaussianScene) -> list[Format]:
+    found = [
+        Format("SPZ v3", "spz", ".spz", _spz_command(3, 1.0, _SPZ_DEFAULT_BITS)),
+        Format("SPZ v4", "spz", ".spz", _spz_command(4, 1.0, _SPZ_DEFAULT_BITS)),
+    ]
+    fitted = spz_scale(scene)
+    for scale in (1.0, fitted) if fitted != 1 else (1.0,):
+        for bits in _SPZ_BITS if scene.sh_degree else (_SPZ_DEFAULT_BITS,):
+            if (scale, bits) == (1.0, _SPZ_DEFAULT_BITS):
+                continue
+            words = ["SPZ v4"]
+            words += [f"times {scale:g}"] if scale != 1 else []
+            words += [f"SH {bits[0]}+{bits[1]} bit"] if scene.sh_degree else []
+            found.append(Format(", ".join(words), "spz", ".spz", _spz_command(4, scale, bits), scale))
+    return found
+
+
+def spz_scale(scene: GaussianScene) -> float:
+    """The enlargement, a power of two, that makes SPZ's steps of position small against the Gaussians.
+
+    Never so large that a coordinate or a scale leaves the range SPZ has for it.
+    """
+    log_scales = scene.log_scales.astype(np.float64)
+    thickness = math.exp(float(np.median(log_scales.min(axis=1))))
+    wanted = _SPZ_STEP * _STEPS_A_GAUSSIAN / thickness
+    reach = _SPZ_REACH / max(float(np.abs(scene.positions).max()), 1e-30)
+    room = math.exp(_SPZ_LARGEST - float(log_scales.max()))
+    return 2.0 ** math.floor(math.log2(min(wanted, reach, room)))
+
+
+def _spz_command(version: int, scale: float, bits: tuple[int, int]) -> Callable[[Path, Path], Command]:
+    def command(source: Path, out: Path) -> Command:
+        enlarge = [] if scale == 1 else ["--scale", repr(scale)]
+        words = [str(source), *enlarge, "--spz-version", str(version), str(out)]
+        return splat_transform(*words, SPZ_SH1_BITS=str(bits[0]), SPZ_SH_REST_BITS=str(bits[1]))
+
+    return command
+
+
+def _own(kind: str) -> Callable[[Path, Path], Command]:
+    def command(source: Path, out: Path) -> Command:
+        job = {"job": "benchmarks.rivals_formats:write_job", "kind": kind, "source": str(source), "out": str(out)}
+        return Command((sys.executable, "-m", "benchmarks.child", json.dumps(job)), {})
+
+    return command
+
+
+def write_job(job: dict[str, str]) -> dict[str, int]:
+    """Job of `benchmarks.child`: write the formats that need no other program."""
+    source = Path(job["source"])
+    if job["kind"] == "splat":
+        data = splat_rows(_explicit(load(source)))
+    else:
+        data = zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(source.read_bytes())
+    Path(job["out"]).write_bytes(data)
+    return {"bytes": len(data)}
+
+
+def splat_rows(scene: GaussianScene) -> bytes:
+    """A `.splat` file: 32 bytes a Gaussian, those that cover most first, as its own converter sorts them."""
+    rows = np.zeros(
+        len(scene), [("position", "<f4", 3), ("scale", "<f4", 3), ("colour", "u1", 4), ("rotation", "u1", 4)]
+    )
+    opacity = 1 / (1 + np.exp(-scene.opacity_logits.astype(np.float64)))
+    colour = 0.5 + SH_C0 * scene.sh[:, 0].astype(np.float64)
+    unit = scene.rotations / np.linalg.norm(scene.rotations, axis=1, keepdims=True)
+    rows["position"], rows["scale"] = scene.positions, np.exp(scene.log_scales)
+    rows["colour"] = np.clip(np.concatenate([colour, opacity[:, None]], axis=1) * 255, 0, 255)
+    rows["rotation"] = np.clip(unit * 128 + 128, 0, 255)
+    importance = np.exp(scene.log_scales.astype(np.float64).sum(axis=1)) * opacity
+    return rows[np.argsort(-importance, kind="stable")].tobytes()
+
+
+def read(path: Path, scale: float = 1.0) -> GaussianScene:
+    """A rival's file as the scene it stands for, in the axes of its source.
+
+    Args:
+        path: the file.
+        scale: what the scene was enlarged by before it was written.
+    """
+    if path.suffix == ".zst":
+        scene = _explicit(load(zstandard.ZstdDecompressor().decompress(path.read_bytes())))
+    elif path.suffix == ".spz":
+        # This writer leaves the axes as they are.
+        scene = spz.load(Source(path), frame="RUB")
+    else:
+        scene = _explicit(load(path))
+    if scale == 1:
+        return scene
+    log_scales = (scene.log_scales - np.float32(math.log(scale))).astype(np.float32)
+    return replace(scene, positions=scene.positions / scale, log_scales=log_scales)
+
+
+def _explicit(scene: GaussianScene | AnchorModel) -> GaussianScene:
+    assert isinstance(scene, GaussianScene)
+    return scene

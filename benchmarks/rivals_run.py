@@ -1,0 +1,223 @@
+"""What a user would pick instead, measured against `.scar`: the same scenes, the same views, one run.
+
+    python -m benchmarks.rivals_run                                 all scenes: a quarter of an hour, hours without cache
+    python -m benchmarks.rivals_run --short --no-write              the example scene, printed
+    python -m benchmarks.rivals_run --scenes flowers --formats spz sog --fresh
+    python -m benchmarks.rivals_run --report                        only rewrite docs/rivals.md from earlier results
+
+Needs node and npm for SPZ, SOG and compressed.ply; without them those are listed as skipped. Programs and the rivals'
+files are kept in `$SCAR_BENCH_CACHE` (build/rivals/ without it) with what writing them took; --fresh writes them
+again. Results are merged into benchmarks/results/rivals.json, from which docs/rivals.md gets its tables and plots.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import child
+from benchmarks.encoded import encoded, file_key, source_key
+from benchmarks.quality import distortion
+from benchmarks.report import add_arguments, load_results, machine, save_results
+from benchmarks.rivals_formats import FAMILIES, Format, formats, read
+from benchmarks.rivals_read import reading_cost
+from benchmarks.rivals_report import NAME, plots, tables, write_page
+from benchmarks.rivals_tools import CACHE, ToolFailed, install, install_readers, measured, tool_key
+from benchmarks.scenes import REPOSITORY, Scene, chosen
+from reference_decoder.export_ply import write_inria_ply
+from reference_encoder.clean import clean
+from reference_encoder.importers import inria_ply, load
+from reference_encoder.importers.source import Source
+from scarfmt.cli.scenes import Subject, load_subject
+from scarfmt.render.compare import compare, compare_with_photos
+from scarfmt.scene import GaussianScene
+
+QUALITIES = (41.0, 47.0)
+SCENES = (
+    *("plush-on-bed", "flowers", "plush-dog", "plush-toys", "fruit-drops", "flower-tile"),
+    *("biker", "plant", "angel", "massa"),
+)
+SCAR = "scar"
+# What equal pictures count as, dB.
+_EQUAL_DB = 100.0
+
+
+def measure(scene: Scene, families: Sequence[str], effort: int, fresh: bool, missing: str | None) -> dict[str, Any]:
+    """Everything of one scene; `missing` says why no format of npm can be written, if so."""
+    original = load_subject(str(scene.path)).remembering()
+    source = source_ply(scene, original.placed)
+    rivals, skipped = [], []
+    for rival in formats(original.placed):
+        if rival.family not in families:
+            continue
+        print(f"{scene.name}, {rival.name}", file=sys.stderr)
+        try:
+            if rival.of_npm and missing:
+                raise ToolFailed(missing)
+            rivals.append(_rival(scene, original, source, rival, fresh))
+        except ToolFailed as error:
+            skipped.append({"name": rival.name, "why": str(error)})
+    return {
+        "scene": scene.name,
+        "note": scene.note,
+        "count": len(original.placed),
+        "sh_degree": original.placed.sh_degree,
+        "source_bytes": scene.path.stat().st_size,
+        "rivals": rivals,
+        "skipped": skipped,
+        "machine": machine(),
+        **(_scar(scene, effort) if SCAR in families else {}),
+    }
+
+
+def source_ply(scene: Scene, gaussians: GaussianScene) -> Path:
+    """The scene as INRIA's PLY, which all rivals are written from: its own file, if it is one without invalid rows."""
+    origin = Source(scene.path)
+    if inria_ply.sniff(origin) and not scene.path.name.endswith(".compressed.ply") and _all_valid(origin, gaussians):
+        return scene.path
+    path = CACHE / "files" / f"{_stem(scene.name)}-{file_key(scene.path)[:12]}.ply"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_inria_ply(gaussians, path)
+    return path
+
+
+def _all_valid(origin: Source, gaussians: GaussianScene) -> bool:
+    return len(load(origin.read())) == len(gaussians)
+
+
+def _stem(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "-." else "_" for c in name)
+
+
+def _rival(scene: Scene, original: Subject, source: Path, rival: Format, fresh: bool) -> dict[str, Any]:
+    path, cost = _written(scene, source, rival, fresh)
+    reading = reading_cost(path, rival.scale)
+    return {
+        "name": rival.name,
+        "family": rival.family,
+        "bytes": path.stat().st_size,
+        "encode_seconds": round(cost["seconds"], 3),
+        "encode_peak_bytes": cost["peak_bytes"],
+        "decode_seconds": round(reading["seconds"], 5),
+        "decode_peak_bytes": reading["peak_bytes"],
+        "reader": reading["reader"],
+        **_pictures(scene, original, path, rival),
+    }
+
+
+def _written(scene: Scene, source: Path, rival: Format, fresh: bool) -> tuple[Path, dict[str, Any]]:
+    """The rival's file, and what writing it took when it was written."""
+    told = rival.command(Path("source.ply"), Path("out"))
+    how = tool_key() if rival.of_npm else file_key(REPOSITORY / "benchmarks" / "rivals_formats.py")
+    arguments = told.words[2:] if rival.of_npm else told.words[3:]
+    told_bits = sorted((name, value) for name, value in told.environment.items() if name.startswith("SPZ_"))
+    key = sha256(repr((how, arguments, told_bits, file_key(source))).encode()).hexdigest()[:12]
+    path = CACHE / "files" / f"{_stem(scene.name)}-{_stem(rival.name)}-{key}{rival.suffix}"
+    note = path.with_name(path.name + ".json")
+    if fresh or not note.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cost = measured(rival.command(source, path))
+        note.write_text(json.dumps(asdict(cost)), encoding="utf-8")
+    return path, json.loads(note.read_text(encoding="utf-8"))
+
+
+def _pictures(scene: Scene, original: Subject, path: Path, rival: Format) -> dict[str, Any]:
+    """PSNR and SSIM against the source over the judged views; kept beside the file until a picture could change."""
+    drawn = source_key(("scarfmt/render", "reference_encoder/importers")), file_key(path)
+    key = sha256(repr((drawn, file_key(REPOSITORY / "benchmarks" / "scenes.py"))).encode()).hexdigest()[:12]
+    kept = path.with_name(f"{path.name}.{key}.pictures.json")
+    if not kept.exists():
+        gaussians = clean(read(path, rival.scale), drop_invalid=True)[0]
+        assert isinstance(gaussians, GaussianScene)
+        found = compare(original.view, gaussians, scene.judged_cameras(original))
+        levels = [min(level, _EQUAL_DB) for level in found.psnr_db]
+        facts = {
+            "psnr_db": round(float(np.mean(levels)), 3),
+            "worst_psnr_db": round(min(levels), 3),
+            "ssim": round(found.mean_ssim, 5),
+            "photos_psnr_db": _against_photos(scene, gaussians),
+        }
+        kept.write_text(json.dumps(facts), encoding="utf-8")
+    return dict(json.loads(kept.read_text(encoding="utf-8")))
+
+
+def _against_photos(scene: Scene, gaussians: GaussianScene) -> float | None:
+    if scene.photos is None:
+        return None
+    return round(compare_with_photos(gaussians, scene.photos, ssim=False).mean_psnr_db, 3)
+
+
+def _scar(scene: Scene, effort: int) -> dict[str, Any]:
+    files = []
+    photos = None
+    for quality in QUALITIES:
+        print(f"{scene.name}, .scar, quality {quality:g}", file=sys.stderr)
+        file = encoded(scene, quality, effort)
+        path = Path(file["path"])
+        decoded = child.run(child.ENVIRONMENT, job="decode", file=str(path), threads=2)
+        found = distortion(scene, path)
+        photos = found["source_photos_psnr_db"]
+        files.append(
+            {
+                "quality": quality,
+                "effort": effort,
+                "encode_seconds": round(file["seconds"], 3),
+                "encode_peak_bytes": file["peak_bytes"],
+                "decode_seconds": round(decoded["seconds"], 5),
+                "decode_peak_bytes": decoded["peak_bytes"],
+                "layers": [_layer(layer) for layer in found["layers"]],
+            }
+        )
+    return {"scar": files, "source_photos_psnr_db": photos}
+
+
+def _layer(layer: dict[str, Any]) -> dict[str, Any]:
+    digits = {"psnr_db": 3, "ssim": 5, "photos_psnr_db": 3}
+    facts = {name: None if layer[name] is None else round(layer[name], digits[name]) for name in digits}
+    return {"bytes": layer["bytes"], **facts}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_arguments(parser)
+    parser.add_argument("--formats", nargs="+", choices=(SCAR, *FAMILIES), default=(SCAR, *FAMILIES))
+    parser.add_argument("--effort", type=int, help="of .scar [default: 2; 1 with --short]")
+    parser.add_argument("--fresh", action="store_true", help="write the rivals' files again, to time it")
+    parser.add_argument("--report", action="store_true", help="measure nothing, rewrite the page")
+    arguments = parser.parse_args()
+    short, keep = arguments.short, not arguments.no_write
+    results = load_results(NAME) if keep else {}
+    names = arguments.scenes or (["plush-toys"] if short else SCENES)
+    missing = None if arguments.report else install()
+    for note in filter(None, () if arguments.report else (missing, install_readers())):
+        print(note, file=sys.stderr)
+    for scene in () if arguments.report else chosen(names):
+        effort = arguments.effort or (1 if short else 2)
+        found = measure(scene, arguments.formats, effort, arguments.fresh, missing)
+        results[scene.name] = merged(results.get(scene.name, {}), found, arguments.formats)
+        save_results(NAME, results, keep)
+    runs = [results[name] for name in SCENES if name in results]
+    if keep:
+        write_page(runs)
+        plots(runs)
+    else:
+        print(tables(runs))
+
+
+def merged(old: dict[str, Any], new: dict[str, Any], families: Sequence[str]) -> dict[str, Any]:
+    """New results of a scene, with the old ones of the formats that were not measured this time."""
+    kept = [rival for rival in old.get("rivals", ()) if rival["family"] not in families]
+    return {**old, **new, "rivals": sorted([*kept, *new["rivals"]], key=lambda rival: int(rival["bytes"]))}
+
+
+if __name__ == "__main__":
+    main()

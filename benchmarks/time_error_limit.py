@@ -1,0 +1,228 @@
+"""Where the time of a decode goes, with the compiled kernel and without, and the least that it could take.
+
+The least is the sum of what no decoder can leave out, each measured alone in the same process: the matrix products of
+the file's networks in float32, as many rANS symbols from tables that are there already, and writing the arrays that
+come out. All in one thread.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from importlib import import_module
+from typing import Any
+from unittest import mock
+
+import numpy as np
+
+from benchmarks import child
+from benchmarks.encoded import encoded
+from benchmarks.scenes import Scene
+from reference_decoder import explicit
+from reference_decoder.decode import Decoded, decode
+from scarfmt import kernel, symbols
+from scarfmt.kernel.rans import KernelRansDecoder
+from scarfmt.neural.operations import NumpyOperations
+from scarfmt.neural.predictor_group import PredictorGroup
+from scarfmt.neural.predictors import Predictor
+from scarfmt.rans import FrequencyTable, RansDecoder, SymbolSource, uniform_table
+from scarfmt.scene import GaussianScene
+
+STAGES = {
+    "models": ("scarfmt.reader", "SceneReader.models"),
+    "positions": ("scarfmt.tile", "get_positions"),
+    "classes": ("scarfmt.tile", "get_classes"),
+    "channel values": ("scarfmt.tile", "get_channel"),
+    "indices, static": ("scarfmt.tile", "get_indices"),
+    "indices, network": ("scarfmt.tile", "get_neural_indices"),
+    "to world units": ("reference_decoder.decode", "tile_part"),
+    "activation": ("reference_decoder.decode", "Decoded.activated"),
+}
+"""Functions whose time is told, by what they do: module and name. None of them calls another."""
+PARTS = ("products", "rANS", "arrays written")
+RUNS = 3
+_OTHER = "reading, checks, joining tiles"
+Record = dict[str, Any]
+
+
+@contextmanager
+def stage_clock(seconds: defaultdict[str, float]) -> Iterator[None]:
+    """Inside, the seconds spent in each of `STAGES` are added to `seconds`."""
+
+    def timed(name: str, act: Callable[..., Any]) -> Callable[..., Any]:
+        def wrapped(*arguments: Any, **named: Any) -> Any:
+            began = time.perf_counter()
+            try:
+                return act(*arguments, **named)
+            finally:
+                seconds[name] += time.perf_counter() - began
+
+        return wrapped
+
+    with ExitStack() as stack:
+        for name, (module, path) in STAGES.items():
+            *owners, attribute = path.split(".")
+            owner = import_module(module)
+            for part in owners:
+                owner = getattr(owner, part)
+            stack.enter_context(mock.patch.object(owner, attribute, timed(name, getattr(owner, attribute))))
+        yield
+
+
+def stages(job: Record) -> Record:
+    """Child job: seconds of each stage of the fastest of some decodes, one thread, and of the whole."""
+    best: dict[str, float] = {}
+    for _ in range(RUNS):
+        seconds: defaultdict[str, float] = defaultdict(float)
+        began = time.perf_counter()
+        with stage_clock(seconds):
+            scene = decode(job["file"]).scene
+        whole = time.perf_counter() - began
+        del scene
+        if not best or whole < best["whole"]:
+            best = {**seconds, _OTHER: whole - sum(seconds.values()), "whole": whole}
+    return {"stages": best, "kernel": kernel.enabled(), "walls": [best["whole"]], "cpus": [best["whole"]]}
+
+
+@dataclass
+class Recording:
+    """What a decode cannot leave out.
+
+    Attributes:
+        products: how often each (rows, inner, columns) was multiplied in float32.
+        tables: by a table's identity, itself and the symbols read with it.
+        modelled: symbols with frequencies of their own, by size of the alphabet.
+        arrays: shape and type of every array that came out.
+    """
+
+    products: Counter[tuple[int, int, int]] = field(default_factory=Counter)
+    tables: dict[int, tuple[FrequencyTable, int]] = field(default_factory=dict)
+    modelled: Counter[int] = field(default_factory=Counter)
+    arrays: list[tuple[tuple[int, ...], np.dtype[Any]]] = field(default_factory=list)
+
+
+def record(path: str) -> Recording:
+    """Decode a file without the kernel, in one thread, and note what was computed."""
+    kept = Recording()
+    product, contexts, begin = NumpyOperations.product, PredictorGroup.contexts, PredictorGroup.__init__
+    sizes: dict[int, tuple[int, int]] = {}
+
+    def counted_product(self: NumpyOperations, x: Any, weights: Any) -> Any:
+        kept.products[len(x), *weights.shape] += 1
+        return product(self, x, weights)
+
+    def noted(self: PredictorGroup, predictors: Mapping[int, Predictor], *rest: Any) -> None:
+        sizes[id(self)] = len(predictors), sum(predictor.units for predictor in predictors.values())
+        begin(self, predictors, *rest)
+
+    def counted_contexts(self: PredictorGroup, x: Any) -> Any:
+        (predictors, units), (width, count) = sizes[id(self)], x.shape
+        kept.products[2 * predictors, width, count] += 1
+        if units:
+            kept.products[units, width, count] += 1
+            kept.products[2 * predictors, units, count] += 1
+        return contexts(self, x)
+
+    class Reading(RansDecoder):
+        def decode(self, table: FrequencyTable, count: int) -> Any:
+            if len(table) > 1:
+                kept.tables[id(table)] = table, kept.tables.get(id(table), (table, 0))[1] + count
+            return super().decode(table, count)
+
+        def decode_rows(self, weights: Any) -> Any:
+            if weights.shape[1] > 1:
+                kept.modelled[weights.shape[1]] += len(weights)
+            return super().decode_rows(weights)
+
+    with (
+        kernel.disabled(),
+        mock.patch.object(NumpyOperations, "product", counted_product),
+        mock.patch.object(PredictorGroup, "__init__", noted),
+        mock.patch.object(PredictorGroup, "contexts", counted_contexts),
+        mock.patch.object(symbols, "RansDecoder", Reading),
+    ):
+        decoded = decode(path)
+    kept.arrays += [(array.shape, array.dtype) for array in _results(decoded)]
+    network = decoded.models.decoder
+    if network is not None:
+        for layer in network.layers:
+            outputs, inputs = layer.weights.shape
+            kept.products[explicit.CHUNK, inputs, outputs] += -(-len(decoded) // explicit.CHUNK)
+    return kept
+
+
+def _results(decoded: Decoded) -> list[np.ndarray[Any, Any]]:
+    scene = decoded.scene
+    made = [value for value in vars(scene).values() if isinstance(value, np.ndarray)]
+    # Positions of a scene are those that were decoded.
+    fresh = made if isinstance(scene, GaussianScene) else []
+    return decoded.arrays() + [array for array in fresh if array is not decoded.positions]
+
+
+def multiply_all(kept: Recording) -> None:
+    """The products alone, on operands that are there already."""
+    rng = np.random.default_rng(0)
+    for (rows, inner, columns), times in kept.products.items():
+        left = rng.integers(-99, 99, (rows, inner)).astype(np.float32)
+        right = rng.integers(-99, 99, (inner, columns)).astype(np.float32)
+        out = np.empty((rows, columns), np.float32)
+        for _ in range(times):
+            np.matmul(left, right, out=out)
+
+
+def readers(words: bytes) -> list[SymbolSource]:
+    """The rANS decoders there are, at the beginning of `words`."""
+    library = kernel.library()
+    return [RansDecoder(words), *([] if library is None else [KernelRansDecoder(library, words)])]
+
+
+def read_all(kept: Recording, source: SymbolSource) -> None:
+    """As many symbols of the same tables, each table's in one run; those with tables of their own from equal shares."""
+    for table, count in kept.tables.values():
+        source.decode(table, count)
+    for alphabet, count in kept.modelled.items():
+        source.decode(uniform_table(alphabet), count)
+
+
+def write_all(kept: Recording) -> None:
+    """Fill fresh arrays of the same sizes."""
+    for shape, dtype in kept.arrays:
+        np.empty(shape, dtype).fill(0)
+
+
+def least(job: Record) -> Record:
+    """Child job: seconds of each of `PARTS` for a file, the best of some runs; rANS by the fastest reader."""
+    kept = record(job["file"])
+    count = sum(count for _, count in kept.tables.values()) + sum(kept.modelled.values())
+    # Symbols draw themselves from random words: about three bytes each at the very most.
+    words = np.random.default_rng(0).integers(1, 1 << 32, count + 2, dtype=np.uint64).astype("<u4").tobytes()
+    best = {name: float("inf") for name in PARTS}
+    for _ in range(RUNS):
+        best["products"] = min(best["products"], _seconds(partial(multiply_all, kept)))
+        best["arrays written"] = min(best["arrays written"], _seconds(partial(write_all, kept)))
+        for source in readers(words):
+            best["rANS"] = min(best["rANS"], _seconds(partial(read_all, kept, source)))
+    products = sum(times * rows * inner * columns for (rows, inner, columns), times in kept.products.items())
+    return {"parts": best, "symbols": count, "multiply_adds": products}
+
+
+def _seconds(act: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    act()
+    return time.perf_counter() - began
+
+
+def measure_limit(scene: Scene, quality: float, effort: int, rounds: int) -> Record:
+    """Stages of one decode with the kernel and without, in turns, and the least that it could take."""
+    path = encoded(scene, quality, effort)["path"]
+    modes = {"off": "0", **({"on": "1"} if kernel.available() else {})}
+    job = {"job": "benchmarks.time_error_limit:stages", "file": path}
+    jobs = {name: {**job, "environment": {"SCARFMT_KERNEL": value}} for name, value in modes.items()}
+    found = child.in_turns(jobs, rounds)
+    bound = child.run(child.ENVIRONMENT, job="benchmarks.time_error_limit:least", file=path)
+    stages = {name: {**report["stages"], "whole": report["min"]} for name, report in found.items()}
+    return {"scene": scene.name, "quality": quality, "effort": effort, "kernel": stages, "least": bound}

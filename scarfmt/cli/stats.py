@@ -1,0 +1,56 @@
+"""What `decode --stats` tells: the work of a decode, beside what the whole file holds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from scarfmt.counters import Counters
+    from scarfmt.source import ByteSource
+
+_TOTALS = (("bytes", "bytes_read"), ("blocks", "blocks"), ("tiles", "tiles"), ("anchors", "anchors"))
+_DETAILS = {"symbols": "symbols_by_coding", "multiply_adds": "multiply_adds_by_part"}
+
+
+def decode_stats(source: ByteSource, counters: Counters, seconds: float) -> dict[str, Any]:
+    """A JSON-able description of a decode.
+
+    Args:
+        source: what was decoded from; all it transferred so far counts.
+        counters: of the decode.
+        seconds: it took.
+
+    Returns:
+        ``seconds``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`), and of the whole ``file`` its ``bytes``,
+        ``blocks``, ``tiles``, ``anchors`` and ``layers``.
+    """
+    from scarfmt.container import read_header
+
+    counters.bytes_read, counters.reads = source.bytes_read, source.reads
+    decoded = counters.report()
+    header = read_header(source, allow_truncated=True)
+    whole = {
+        "bytes": header.file_length,
+        "blocks": header.entry_count,
+        "tiles": header.tile_count,
+        "anchors": header.anchor_count,
+        "layers": header.layer_count,
+    }
+    return {"seconds": seconds, "decoded": decoded, "file": whole}
+
+
+def format_stats(stats: dict[str, Any]) -> str:
+    """The same for people, a line each."""
+    decoded, whole = stats["decoded"], stats["file"]
+    rows = [(name, decoded[key], _share(decoded[key], whole[name])) for name, key in _TOTALS]
+    for name, key in _DETAILS.items():
+        rows.append((name.replace("_", "-"), decoded[name], ""))
+        rows += [(f"  {part.replace('_', ' ')}", count, "") for part, count in decoded[key].items() if count]
+    rows[0] = (*rows[0][:2], f"{rows[0][2]}, in {decoded['reads']} reads")
+    width = max(len(f"{count:,}") for _, count, _ in rows)
+    lines = [f"{name:<17} {count:>{width},}  {note}".rstrip() for name, count, note in rows]
+    return "\n".join([*lines, f"{'seconds':<17} {stats['seconds']:>{width}.2f}"]) + "\n"
+
+
+def _share(part: int, whole: int) -> str:
+    return f"of {whole:,} ({100 * part / whole:.1f} %)" if whole else f"of {whole:,}"

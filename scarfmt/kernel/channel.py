@@ -1,0 +1,144 @@
+"""Compiled reading of channel steps: contexts, symbols and values of all passes in one call (SPEC §7.5, §10.3)."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.kernel.cells import KernelCellSums
+from scarfmt.kernel.library import Cells, Predictor, Rule, Step
+from scarfmt.kernel.rans import KernelRansDecoder, PackedTables
+from scarfmt.model import NO_SOURCE, Channel
+from scarfmt.neural import predictors as definition
+
+I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
+
+BAD_TRIT = -2
+VALUE_RANGE = -3
+# Anchors whose inputs lie side by side, and rows of weights that are multiplied at once.
+_BLOCK, _ROWS = 16, 4
+
+
+class PackedPredictors:
+    """The predictors of one step of one channel, as the library reads them.
+
+    Args:
+        predictors: by component.
+        components: of the channel.
+    """
+
+    def __init__(self, predictors: Mapping[int, definition.Predictor], components: int) -> None:
+        self._arrays: list[NDArray[np.float32]] = []
+        self.array = (Predictor * components)()
+        for component, predictor in predictors.items():
+            self._fill(self.array[component], predictor)
+        self.inputs = next(iter(predictors.values())).inputs
+
+    def _fill(self, out: Predictor, predictor: definition.Predictor) -> None:
+        units, inputs = predictor.units, predictor.inputs
+        weights = np.zeros((-(-(units + 2) // _ROWS) * _ROWS, inputs), np.float32)
+        biases = np.zeros(units, np.float32)
+        if predictor.hidden is not None:
+            hidden, biases = predictor.hidden.folded
+            weights[:units] = hidden.T
+        last, last_biases = predictor.output.folded
+        weights[units : units + 2] = last[:inputs].T
+        out.units, out.rows = units, len(weights)
+        out.weights, out.biases, out.output = map(self._kept, (weights, biases, last[inputs:].T))
+        out.output_biases[:] = last_biases.tolist()
+        out.last[:] = [bucket - 1 for bucket in predictor.buckets]
+
+    def _kept(self, array: NDArray[np.float32]) -> int:
+        self._arrays.append(np.ascontiguousarray(array))
+        return self._arrays[-1].ctypes.data
+
+
+@dataclass
+class Surroundings:
+    """What predictors look at.
+
+    Attributes:
+        settled: (n, a) int64 fine values of the attribute channels before.
+        cells: with no anchors yet.
+        predictors: of the step.
+    """
+
+    settled: I64
+    cells: KernelCellSums
+    predictors: PackedPredictors
+
+
+class KernelChannel:
+    """One channel in one tile-layer.
+
+    Args:
+        rans: of its sub-stream.
+        channel: its model.
+        classes: (n,) int64.
+        values: (n, components) int32, changed in place.
+        first: first-step values of the channels up to and including this one; the last is changed.
+        steps: (n,) int64 steps that `values` are at, changed in place.
+    """
+
+    def __init__(
+        self,
+        rans: KernelRansDecoder,
+        channel: Channel,
+        classes: I64,
+        values: I32,
+        first: Sequence[I32],
+        steps: I64,
+    ) -> None:
+        self._rans, self._channel, self._count = rans, channel, len(classes)
+        self._rules = (Rule * channel.components)()
+        for out, rule in zip(self._rules, channel.rules, strict=True):
+            out.by_class, out.low, out.shift = rule.by_class, rule.low, rule.shift
+            if rule.source_channel != NO_SOURCE:
+                source = first[rule.source_channel]
+                out.source_columns = source.shape[1]
+                out.source = source.ctypes.data + source.itemsize * rule.source_component
+        self._kept = [np.ascontiguousarray(classes), values, *first, steps]
+        self._struct = Step(components=channel.components, rules=self._rules)
+        self._struct.classes, self._struct.values = self._kept[0].ctypes.data, values.ctypes.data
+        self._struct.first, self._struct.steps = first[-1].ctypes.data, steps.ctypes.data
+
+    def read(self, step: int, parts: Sequence[I64], tables: PackedTables, around: Surroundings | None) -> int:
+        """Read a step of the anchors of each part, one after the other.
+
+        Returns:
+            ALL_READ, BAD_TRIT, VALUE_RANGE, or a kind that has no table.
+        """
+        struct, components = self._struct, self._channel.components
+        widest = max(map(len, parts))
+        symbols = widest * (1 if step == 1 else components)
+        anchors, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
+        scratch: list[NDArray[Any]] = [
+            np.empty(symbols, np.uint16),
+            *np.empty((2, symbols), np.int32),
+            np.empty(tables.kinds + 1, np.int64),
+        ]
+        struct.step, struct.passes, struct.predicted = step, len(parts), around is not None
+        struct.anchors, struct.ends, struct.tables = anchors.ctypes.data, ends.ctypes.data, tables.pointer
+        struct.kind, struct.symbols, struct.order, struct.counts = (array.ctypes.data for array in scratch)
+        struct.predictors, struct.cells = self._no_predictors, Cells()
+        if around is not None:
+            struct.predictors, struct.cells = around.predictors.array, around.cells.struct
+            struct.settled_columns, struct.settled = around.settled.shape[1], around.settled.ctypes.data
+            depths = around.cells.struct.depths
+            struct.shared = around.predictors.inputs - depths
+            width = struct.shared + components * depths
+            scratch.append(np.empty(-(-widest // _BLOCK) * _BLOCK * width, np.float32))
+            struct.inputs = scratch[-1].ctypes.data
+        library = self._rans.library
+        return int(library.scar_channel_step(self._rans.pointer, ctypes.byref(struct), self._count))
+
+    @property
+    def _no_predictors(self) -> Any:
+        return (Predictor * self._channel.components)()
+

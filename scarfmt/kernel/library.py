@@ -1,0 +1,107 @@
+"""The compiled library: found, loaded and told which arguments its functions take."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+from ctypes import POINTER, Structure, c_float, c_int64, c_uint32, c_uint64, c_void_p
+from functools import cache
+
+DEPTHS = 4
+
+
+class Rans(Structure):
+    """State of a rANS decoder."""
+
+    _fields_ = (("state", c_uint64), ("left", c_uint64), ("words", c_void_p))
+
+
+class Tables(Structure):
+    """Static tables by kind."""
+
+    _fields_ = (
+        ("kinds", c_int64),
+        ("number", c_void_p),
+        ("starts", c_void_p),
+        ("sums", c_void_p),
+        ("values", c_void_p),
+    )
+
+
+class Cells(Structure):
+    """Sums over the anchors of each cell."""
+
+    _fields_ = (("depths", c_int64), ("columns", c_int64), ("cell", c_void_p * DEPTHS), ("sums", c_void_p * DEPTHS))
+
+
+class Predictor(Structure):
+    """One component's predictor."""
+
+    _fields_ = (
+        ("units", c_int64),
+        ("rows", c_int64),
+        ("weights", c_void_p),
+        ("biases", c_void_p),
+        ("output", c_void_p),
+        ("output_biases", c_float * 2),
+        ("last", c_float * 2),
+    )
+
+
+class Rule(Structure):
+    """One component's static context."""
+
+    _fields_ = (
+        ("by_class", c_int64),
+        ("low", c_int64),
+        ("shift", c_int64),
+        ("source_columns", c_int64),
+        ("source", c_void_p),
+    )
+
+
+class Step(Structure):
+    """One step of one channel in one tile-layer."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("step", "components", "settled_columns", "shared", "passes", "predicted")),
+        *((name, c_void_p) for name in ("classes", "settled", "values", "first", "steps", "anchors", "ends")),
+        ("predictors", POINTER(Predictor)),
+        ("rules", POINTER(Rule)),
+        ("cells", Cells),
+        ("tables", POINTER(Tables)),
+        *((name, c_void_p) for name in ("inputs", "kind", "symbols", "order", "counts")),
+    )
+
+
+_SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
+    "scar_rans_open": (None, [POINTER(Rans)]),
+    "scar_rans_table": (None, [POINTER(Rans), c_void_p, c_uint32, c_int64, c_void_p]),
+    "scar_rans_grouped": (c_int64, [POINTER(Rans), POINTER(Tables), c_void_p, c_int64, c_void_p, c_void_p, c_void_p]),
+    "scar_rans_uniform": (None, [POINTER(Rans), c_uint32, c_int64, c_void_p]),
+    "scar_rans_rows": (None, [POINTER(Rans), c_void_p, c_int64, c_int64, c_void_p]),
+    "scar_rans_logits": (
+        None,
+        [POINTER(Rans), c_void_p, c_int64, c_int64, c_int64, c_void_p, c_void_p, c_void_p],
+    ),
+    "scar_fine": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
+    "scar_cells_add": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p]),
+    "scar_cells_around": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p, c_void_p]),
+    "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Step), c_int64]),
+}
+
+
+@cache
+def load() -> ctypes.CDLL | None:
+    """The library with its functions declared; None where it was not built, or was built for another machine."""
+    spec = importlib.util.find_spec("scarfmt.kernel.native")
+    if spec is None or spec.origin is None:
+        return None
+    try:
+        library = ctypes.CDLL(spec.origin)
+        for name, (result, arguments) in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+    except (OSError, AttributeError):
+        return None
+    return library

@@ -1,0 +1,167 @@
+/* The inner loops of rANS decoding (SPEC 8.1-8.3): what scarfmt/rans.py and scarfmt/symbols.py define. */
+
+#include "kernel.h"
+
+#define PRECISION 24
+#define TOTAL (1u << PRECISION)
+#define SLOT_MASK (TOTAL - 1)
+#define LANES 16
+#define EXP2_END 512
+
+static inline void refill(Rans *rans) {
+    if (rans->state < (1ull << 32) && rans->left) rans->state = rans->state << 32 | rans->words[--rans->left];
+}
+
+static inline void advance(Rans *rans, uint32_t slot, uint32_t first, uint32_t past) {
+    rans->state = (uint64_t)(past - first) * (rans->state >> PRECISION) + slot - first;
+    refill(rans);
+}
+
+/* Takes the first state from the end of the words. */
+EXPORT void scar_rans_open(Rans *rans) {
+    rans->state = 0;
+    refill(rans);
+    refill(rans);
+}
+
+/* One symbol of a table of n >= 2 symbols with exclusive prefix sums c, c[n] = 2^24. */
+static inline uint32_t symbol(Rans *rans, const uint32_t *c, uint32_t n) {
+    uint32_t slot = (uint32_t)rans->state & SLOT_MASK, low = 0, size = n;
+    while (size > 1) {
+        uint32_t half = size >> 1;
+        low = c[low + half] <= slot ? low + half : low;
+        size -= half;
+    }
+    advance(rans, slot, c[low], c[low + 1]);
+    return low;
+}
+
+/* n symbols of one table of `size` >= 2 symbols. */
+EXPORT void scar_rans_table(Rans *rans, const uint32_t *c, uint32_t size, int64_t n,
+                            int32_t *out) {
+    for (int64_t i = 0; i < n; i++) out[i] = (int32_t)symbol(rans, c, size);
+}
+
+/* Values of n symbols that travel grouped by ascending kind, their order kept within a group.
+
+counts: kinds + 1 numbers of scratch; order: n of them. Returns ALL_READ, or the least kind that occurs and has no
+table; nothing is then read. */
+EXPORT int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_t *kind, int64_t n, int64_t *counts,
+                                 int32_t *order, int32_t *out) {
+    const int64_t kinds = tables->kinds;
+    for (int64_t k = 0; k <= kinds; k++) counts[k] = 0;
+    for (int64_t i = 0; i < n; i++) {
+        if (kind[i] >= kinds) return kind[i];
+        counts[kind[i] + 1]++;
+    }
+    for (int64_t k = 0; k < kinds; k++)
+        if (counts[k + 1] && tables->number[k] < 0) return k;
+    for (int64_t k = 0; k < kinds; k++) counts[k + 1] += counts[k];
+    for (int64_t i = 0; i < n; i++) order[counts[kind[i]]++] = (int32_t)i;
+    int64_t at = 0;
+    for (int64_t k = 0; k < kinds; k++) {
+        const int64_t past = counts[k];
+        if (at == past) continue;
+        const int64_t table = tables->number[k], first = tables->starts[table];
+        const uint32_t size = (uint32_t)(tables->starts[table + 1] - first);
+        const uint32_t *c = tables->sums + first + table;
+        const int32_t *alphabet = tables->values + first;
+        if (size == 1)
+            for (; at < past; at++) out[order[at]] = alphabet[0];
+        else
+            for (; at < past; at++) out[order[at]] = alphabet[symbol(rans, c, size)];
+    }
+    return ALL_READ;
+}
+
+static inline uint32_t edge(uint64_t sum, uint64_t spare, uint64_t total, uint32_t place) {
+    return (uint32_t)(sum * spare / total) + place;
+}
+
+/* n symbols of the uniform table of `size` symbols, 2 <= size <= 4096. */
+EXPORT void scar_rans_uniform(Rans *rans, uint32_t size, int64_t n, int32_t *out) {
+    const uint64_t spare = TOTAL - size;
+    for (int64_t i = 0; i < n; i++) {
+        const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
+        /* Within one of the symbol: its width is 2^24 / size but for less than 1. */
+        uint32_t s = (uint32_t)((uint64_t)slot * size >> PRECISION);
+        while (edge(s, spare, size, s) > slot) s--;
+        while (edge(s + 1, spare, size, s + 1) <= slot) s++;
+        advance(rans, slot, edge(s, spare, size, s), edge(s + 1, spare, size, s + 1));
+        out[i] = (int32_t)s;
+    }
+}
+
+/* n symbols, each of a table of its own: row i of (n, size) `weights` holds frequencies - 1. */
+EXPORT void scar_rans_rows(Rans *rans, const double *weights, int64_t n, int64_t size,
+                           int32_t *out) {
+    for (int64_t i = 0; i < n; i++, weights += size) {
+        const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
+        uint32_t first = 0, past = 0;
+        int64_t s = -1;
+        do {
+            first = past;
+            past = first + (uint32_t)weights[++s] + 1;
+        } while (past <= slot && s + 1 < size);
+        advance(rans, slot, first, past);
+        out[i] = (int32_t)s;
+    }
+}
+
+/* The largest of `size` logits of each of LANES columns, and the weights and total that follow (SPEC 10.5). */
+static void column_weights(const float *logits, int64_t size, int64_t stride, const uint32_t *exp2, uint32_t *weights,
+                           uint32_t *totals) {
+    float most[LANES];
+    for (int j = 0; j < LANES; j++) most[j] = logits[j], totals[j] = 0;
+    for (int64_t k = 1; k < size; k++) {
+        const float *row = logits + k * stride;
+        for (int j = 0; j < LANES; j++) most[j] = row[j] > most[j] ? row[j] : most[j];
+    }
+    for (int64_t k = 0; k < size; k++) {
+        const float *row = logits + k * stride;
+        for (int j = 0; j < LANES; j++) {
+            const float apart = most[j] - row[j];
+            const uint32_t weight = exp2[apart < EXP2_END ? (int32_t)apart : EXP2_END];
+            weights[k * LANES + j] = weight;
+            totals[j] += weight;
+        }
+    }
+}
+
+/* One symbol of the table that weights[0], weights[LANES], ... make (SPEC 8.1). */
+static uint32_t weighted(Rans *rans, const uint32_t *weights, uint64_t total, uint32_t size) {
+    const uint64_t spare = TOTAL - size;
+    const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
+    uint64_t sum = 0;
+    uint32_t s = 0;
+    for (; s + 1 < size; s++) {
+        const uint64_t next = sum + weights[(size_t)s * LANES];
+        /* c_(s+1) = floor(C spare / total) + s + 1 > slot, without the division. */
+        if (slot < s + 1 || next * spare >= (uint64_t)(slot - s) * total) break;
+        sum = next;
+    }
+    const uint64_t next = sum + weights[(size_t)s * LANES];
+    advance(rans, slot, edge(sum, spare, total, s), edge(next, spare, total, s + 1));
+    return s;
+}
+
+/* n symbols of the tables that the columns of (size, n) integer `logits` make; rows are `stride` apart, size >= 2.
+
+exp2: 513 weights. scratch: (size + 1) * 2 * LANES numbers. */
+EXPORT void scar_rans_logits(Rans *rans, const float *logits, int64_t size, int64_t n,
+                             int64_t stride, const uint32_t *exp2, uint32_t *scratch, int32_t *out) {
+    uint32_t *weights = scratch, *totals = scratch + size * LANES;
+    float *last = (float *)(totals + LANES);
+    for (int64_t i = 0; i < n; i += LANES) {
+        const int64_t wide = n - i < LANES ? n - i : LANES;
+        if (wide == LANES) {
+            column_weights(logits + i, size, stride, exp2, weights, totals);
+        } else {
+            for (int64_t k = 0; k < size; k++)
+                for (int64_t j = 0; j < LANES; j++) last[k * LANES + j] = j < wide ? logits[k * stride + i + j] : 0;
+            column_weights(last, size, LANES, exp2, weights, totals);
+        }
+        for (int64_t j = 0; j < wide; j++)
+            out[i + j] = (int32_t)weighted(rans, weights + j, totals[j], (uint32_t)size);
+    }
+}

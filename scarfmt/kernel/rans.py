@@ -1,0 +1,153 @@
+"""The compiled rANS decoder (SPEC §8.2), and static tables as it reads them."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Mapping, Sequence
+from ctypes import byref
+from functools import cache
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.kernel.library import Rans, Tables
+from scarfmt.neural.tables import exp2_table
+from scarfmt.rans import PRECISION, FrequencyTable, seal_error, words_of
+
+I64 = NDArray[np.int64]
+I32 = NDArray[np.int32]
+U16 = NDArray[np.uint16]
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+CONTEXTS = 256
+"""Contexts of a component: kind = component's place * CONTEXTS + context."""
+ALL_READ = -1
+# Columns of logits that are worked on together.
+_LANES = 16
+
+
+class Table(Protocol):
+    """A static table over a sparse alphabet."""
+
+    @property
+    def alphabet(self) -> I64: ...
+
+    @property
+    def weights(self) -> I64: ...
+
+
+class PackedTables:
+    """The tables of some kinds of symbols, side by side.
+
+    Args:
+        tables: by (component's place, context).
+        components: how many there are.
+    """
+
+    def __init__(self, tables: Mapping[tuple[int, int], Table], components: int) -> None:
+        entries = list(tables.values())
+        sizes = np.array([len(entry.alphabet) for entry in entries], np.int64)
+        self._starts = np.concatenate(([0], np.cumsum(sizes)))
+        weights = np.concatenate([entry.weights for entry in entries]) if entries else np.zeros(0, np.int64)
+        alphabet = np.concatenate([entry.alphabet for entry in entries]) if entries else weights
+        self._values = alphabet.astype(np.int32)
+        self._sums = _prefix_sums(weights, sizes, self._starts)
+        self._number = np.full(components * CONTEXTS, -1, np.int32)
+        for number, (place, context) in enumerate(tables):
+            self._number[place * CONTEXTS + context] = number
+        arrays = (self._number, self._starts, self._sums, self._values)
+        self.pointer = ctypes.pointer(Tables(len(self._number), *(array.ctypes.data for array in arrays)))
+
+    @property
+    def kinds(self) -> int:
+        """Kinds that may occur."""
+        return len(self._number)
+
+
+def _prefix_sums(weights: I64, sizes: I64, starts: I64) -> NDArray[np.uint32]:
+    """Cumulative frequencies of all tables (SPEC §8.1), each with its 2^24 at the end."""
+    running = np.concatenate(([0], np.cumsum(weights)))
+    base = running[starts]
+    table = np.repeat(np.arange(len(sizes)), sizes + 1)
+    place = np.arange(len(table)) - (starts[table] + table)
+    prefix = running[starts[table] + place] - base[table]
+    scaled = prefix * ((1 << PRECISION) - sizes[table]) // np.diff(base)[table]
+    return np.asarray(scaled + place, np.uint32)
+
+
+@cache
+def _exp2() -> NDArray[np.uint32]:
+    return exp2_table().astype(np.uint32)
+
+
+class KernelRansDecoder:
+    """As :class:`scarfmt.rans.RansDecoder`, and faster where many tables take turns.
+
+    Args:
+        library: from :func:`scarfmt.kernel.library`.
+        data: the stream.
+
+    Raises:
+        Malformed: ``rans-length``, ``rans-last-word``.
+    """
+
+    def __init__(self, library: ctypes.CDLL, data: bytes) -> None:
+        self.library = library
+        self._words = np.ascontiguousarray(words_of(data))
+        self._rans = Rans(0, len(self._words), self._words.ctypes.data)
+        self.pointer = byref(self._rans)
+        library.scar_rans_open(self.pointer)
+
+    def decode(self, table: FrequencyTable, count: int) -> I32:
+        """The next `count` symbols, (count,) int32."""
+        out = np.zeros(count, np.int32)
+        if len(table) > 1 and count:
+            sums = table.cumulative.astype(np.uint32)
+            self.library.scar_rans_table(self.pointer, sums.ctypes.data, len(table), count, out.ctypes.data)
+        return out
+
+    def uniform(self, size: int, count: int) -> I32:
+        """The next `count` symbols of a uniform table of `size`, 1..4096."""
+        out = np.zeros(count, np.int32)
+        if size > 1:
+            self.library.scar_rans_uniform(self.pointer, size, count, out.ctypes.data)
+        return out
+
+    def grouped(self, tables: PackedTables, kinds: U16) -> I32 | int:
+        """The next values, (n,) int32, grouped by ascending kind; a kind that has no table where there is one."""
+        out, order = np.empty((2, len(kinds)), np.int32)
+        counts = np.empty(tables.kinds + 1, np.int64)
+        addresses = (array.ctypes.data for array in (counts, order, out))
+        read = self.library.scar_rans_grouped(self.pointer, tables.pointer, kinds.ctypes.data, len(kinds), *addresses)
+        return out if read == ALL_READ else int(read)
+
+    def decode_rows(self, weights: F64) -> I32:
+        """The next len(weights) symbols, (n,) int32, each with the frequencies weights[i] + 1."""
+        out = np.zeros(len(weights), np.int32)
+        if weights.shape[1] > 1 and len(weights):
+            rows = np.ascontiguousarray(weights, np.float64)
+            self.library.scar_rans_rows(self.pointer, rows.ctypes.data, *rows.shape, out.ctypes.data)
+        return out
+
+    def decode_logits(self, logits: F32) -> I32:
+        """The next n symbols, (n,) int32, of (k, n) float32 integer `logits` (SPEC §10.5)."""
+        size, count = logits.shape
+        out = np.zeros(count, np.int32)
+        if size > 1 and count:
+            rows = np.ascontiguousarray(logits)
+            scratch = np.empty((size + 1) * 2 * _LANES, np.uint32)
+            addresses = (array.ctypes.data for array in (_exp2(), scratch, out))
+            self.library.scar_rans_logits(self.pointer, rows.ctypes.data, size, count, count, *addresses)
+        return out
+
+    def finish(self) -> None:
+        """Check the end state (SPEC §8.2).
+
+        Raises:
+            Malformed: ``rans-seal`` when words or state are left.
+        """
+        if self._rans.state or self._rans.left:
+            raise seal_error()
+
