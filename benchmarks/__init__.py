@@ -1,1 +1,1 @@
-"""Measurements on real scenes; each module is a command that rewrites its part of docs/benchmarks.md."""
+"""Measurements on real scenes; each module with a command rewrites its part of docs/. All at once: `benchmarks.all`."""

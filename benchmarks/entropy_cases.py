@@ -143,11 +143,11 @@ def _decode_stage(evaluator: Evaluator, head: Head, book: int, y: F32, source: S
     first = np.empty(len(y), np.int64)
     for block in clock.each("first rows", evaluator.first_blocks(book, y)):
         with clock.part("rANS"):
-            first[block.rows] = source.decode_rows(block.weights)
+            first[block.rows] = source.decode_rows(block.weights())
     if not head.two_level:
         return first
     codes = np.asarray(head.starts[first])
     for block in clock.each("member rows", evaluator.member_blocks(book, y, first)):
         with clock.part("rANS"):
-            codes[block.rows] += source.decode_rows(block.weights)
+            codes[block.rows] += source.decode_rows(block.weights())
     return codes

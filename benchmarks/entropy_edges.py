@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -43,13 +43,6 @@ def measure_edges() -> list[Edge]:
         _quotients(rng),
         _frequency_rows(rng),
         _shares(rng),
-    ]
-
-
-def edge_rows(edges: Sequence[Edge]) -> list[list[str]]:
-    """Cells of the table."""
-    return [
-        [edge["operation"], f"{edge['cases']:,}", edge["worst"], edge["limit"], str(edge["differ"])] for edge in edges
     ]
 
 

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.entropy_edges import edge_rows, measure_edges
 from benchmarks.entropy_operations import CountingOperations, DoubleOperations, ShuffledOperations
 from benchmarks.entropy_precision import measure_training, training_rows
 from benchmarks.report import machine, replace_section, save_results, table
@@ -231,8 +230,6 @@ def _network_tables(found: dict[str, Any]) -> list[str]:
 def markdown(results: dict[str, Any]) -> str:
     """The tables of the page."""
     parts = _network_tables(results["networks"])
-    parts += ["### Operations at their limits"]
-    parts += [table(["operation", "cases", "worst case", "limit", "differ"], edge_rows(results["edges"])).rstrip()]
     if "training" in results:
         head = ["products in", "network", "bits an index, as trained", "bits an index in the file", "lost"]
         parts += ["### Training precision", table(head, training_rows(results["training"]), 2).rstrip()]
@@ -241,9 +238,7 @@ def markdown(results: dict[str, Any]) -> str:
 
 def failures(results: dict[str, Any]) -> int:
     """How many comparisons failed."""
-    networks: int = sum(wrong for _, wrong in results["networks"]["compared"].values())
-    edges: int = sum(edge["differ"] for edge in results["edges"])
-    return networks + edges
+    return sum(wrong for _, wrong in results["networks"]["compared"].values())
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -251,8 +246,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--full", action="store_true", help="more networks, and training; keeps the results")
     parser.add_argument("--no-write", action="store_true", help="with --full: print the tables instead")
     chosen = parser.parse_args(arguments)
-    results = {"networks": measure_networks(NETWORKS_FULL if chosen.full else NETWORKS), "edges": measure_edges()}
-    results["machine"] = machine()
+    results = {"networks": measure_networks(NETWORKS_FULL if chosen.full else NETWORKS), "machine": machine()}
     if chosen.full:
         results["training"] = measure_training()
     keep = chosen.full and not chosen.no_write

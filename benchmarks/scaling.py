@@ -96,7 +96,8 @@ def _encoded(scene: Scene, count: int | None, efforts: Sequence[int]) -> tuple[d
     plain = str(path.with_suffix(".static.scar"))
     facts = child.run(job=f"{JOBS}:rewrite", file=str(path), static=True, out=plain)
     run = {"source_count": facts["source_count"], "anchors": facts["anchors"], "encode": took}
-    return {"static": plain, "neural": str(path)}, run
+    # Effort 1 makes no networks: both would be the same file.
+    return {"static": plain} if efforts[-1] == 1 else {"static": plain, "neural": str(path)}, run
 
 
 def _copied(scene: Scene, files: dict[str, str], number: int) -> tuple[dict[str, str], dict[str, Any]]:
@@ -107,7 +108,7 @@ def _copied(scene: Scene, files: dict[str, str], number: int) -> tuple[dict[str,
         print(f"{scene.name}: write {number} copies, {coded}", file=sys.stderr)
         out[coded] = str(Path(path).with_suffix(f".x{number}.scar"))
         took[coded] = child.run(job=f"{JOBS}:rewrite", file=path, copies=number, out=out[coded])
-    facts = took[CODED[0]]
+    facts = took["static"]
     run = {"source_count": facts["source_count"], "anchors": facts["anchors"], "copies": number, "write": took}
     return out, run
 
@@ -140,12 +141,12 @@ def slope(points: Sequence[tuple[float, float]]) -> float:
 SERIES: dict[str, Callable[[dict[str, Any]], dict[str, Any] | None]] = {
     "encode, effort 1": lambda run: run.get("encode", {}).get("1"),
     "encode, effort 2": lambda run: run.get("encode", {}).get("2"),
-    "static, tile by tile": lambda run: run["static"]["stream"],
-    "neural, tile by tile": lambda run: run["neural"]["stream"],
-    "static, into arrays": lambda run: run["static"].get("arrays"),
-    "neural, into arrays": lambda run: run["neural"].get("arrays"),
-    "static, first layer": lambda run: run["static"]["first"],
-    "neural, first layer": lambda run: run["neural"]["first"],
+    "static, tile by tile": lambda run: run.get("static", {}).get("stream"),
+    "neural, tile by tile": lambda run: run.get("neural", {}).get("stream"),
+    "static, into arrays": lambda run: run.get("static", {}).get("arrays"),
+    "neural, into arrays": lambda run: run.get("neural", {}).get("arrays"),
+    "static, first layer": lambda run: run.get("static", {}).get("first"),
+    "neural, first layer": lambda run: run.get("neural", {}).get("first"),
 }
 """What is measured at every size: how to find processor seconds (`cpu`) and `peak_bytes`, None where it is not."""
 
@@ -173,7 +174,8 @@ def _encode_table(runs: Sequence[dict[str, Any]]) -> str:
     for run in runs:
         costs = [cell for effort in ("1", "2") for cell in _cost(run.get("encode", {}).get(effort))]
         size = f"{run['source_count']:,}{' (copies)' if 'copies' in run else ''}"
-        rows.append([size, f"{run['anchors']:,}", *costs, *(f"{run[coded]['bytes']:,}" for coded in CODED)])
+        sizes = [f"{run[coded]['bytes']:,}" if coded in run else "-" for coded in CODED]
+        rows.append([size, f"{run['anchors']:,}", *costs, *sizes])
     return table(head, rows)
 
 
@@ -182,6 +184,8 @@ def _decode_table(runs: Sequence[dict[str, Any]]) -> str:
     rows = []
     for coded in CODED:
         for run in runs:
+            if coded not in run:
+                continue
             found = run[coded]
             costs = [cell for way in ("stream", "arrays", "first") for cell in _cost(found.get(way))]
             told = found["inspect"]

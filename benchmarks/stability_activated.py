@@ -5,17 +5,16 @@ The reference is that of the conformance suite, and is itself compared with 50 d
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import mpmath
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.stability_search import F64, Floats, Operation, extreme_inputs, used_tolerance
 from conformance import activated
-from reference_decoder.anchors import outlook, sigmoid
+from reference_decoder.anchors import outlook, sigmoid, slot_centres
 from reference_decoder.explicit import opacity_logits, spherical_harmonics_from_colour
 from scarfmt.rotation import quaternion_from
 from scarfmt.scene import AnchorModel, Mlp
@@ -29,10 +28,11 @@ Exact = Callable[[list[Any]], list[Any]]
 
 @dataclass(frozen=True)
 class Activation:
-    """An operation, and the same in 50 digits: numbers of one input -> those of the output."""
+    """An operation, the same in 50 digits (numbers of one input -> those of the output), and inputs that are hard."""
 
     operation: Operation
     exact: Exact
+    hard: tuple[tuple[float, ...], ...] = ()
 
 
 def _both(b: F64) -> tuple[F64, F64]:
@@ -107,6 +107,24 @@ def _exact_view(x: list[Any]) -> list[Any]:
     return [*(v / length if length else mpmath.mpf(0) for v in x), length]
 
 
+def _centre(x: Floats) -> Floats:
+    """One coordinate of a slot's centre."""
+    n = len(x)
+    scaling = np.repeat(x[:, 2:], 6, axis=1).astype(np.float32)
+    anchors, offsets = np.repeat(x[:, :1], 3, axis=1).astype(np.float64), np.repeat(x[:, 1:2], 3, axis=1)
+    model = AnchorModel(anchors, np.zeros((n, 0), np.float32), offsets[:, None].astype(np.float32), scaling)
+    return slot_centres(model, np.arange(n), np.zeros(n, np.int64))[:, :1]
+
+
+def _centre_reference(x: F64) -> tuple[F64, F64]:
+    a, offset, scale = x.T
+    return _both((a + offset * np.exp(scale))[:, None])
+
+
+def _exact_centre(x: list[Any]) -> list[Any]:
+    return [x[0] + x[1] * mpmath.exp(min(x[2], 10000))]
+
+
 def single(act: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
     """`act` as a decode stores it: in float32."""
     return lambda x: act(x).astype(np.float32)
@@ -137,28 +155,38 @@ def activations() -> list[Activation]:
         Activation(
             Operation("degree 0 from Y, G, O", ("Y", "G", "O"), *wide, spherical_harmonics_from_colour, _colour),
             _exact_colour,
+            ((1.0, 2.0**60, 2.0**60),),
         ),
         Activation(
             Operation(
-                "view direction and distance", ("x", "y", "z"), (-1040,) * 3, (1022,) * 3, _view, _view_reference,
+                "view direction and distance", ("x", "y", "z"), (-1070,) * 3, (1021,) * 3, _view, _view_reference,
                 np.float64,
             ),
             _exact_view,
         ),
+        Activation(
+            Operation("centre of a slot", ("anchor", "offset", "log scale"), *wide, _centre, _centre_reference),
+            _exact_centre,
+            # e^30 is 1.07e13, and its float64 is off by some 0.001.
+            ((-10686474581524.0, 1.0, 30.0),),
+        ),
     ]  # fmt: skip
 
 
-def reference_error(activation: Activation, inputs: NDArray[np.float64], count: int, seed: int = 3) -> float:
+def reference_error(
+    activation: Activation, inputs: Sequence[tuple[float, ...]], count: int, seed: int = 3
+) -> float:
     """The most of the tolerance that the float64 reference itself uses, against 50 digits.
 
     Args:
         activation: what is computed.
-        inputs: (n, columns) to look at in any case.
+        inputs: to look at in any case.
         count: others at random.
         seed: of those.
     """
     operation = activation.operation
-    x = np.concatenate([inputs, extreme_inputs(operation, np.random.default_rng(seed), count).astype(np.float64)])
+    others = extreme_inputs(operation, np.random.default_rng(seed), count).astype(np.float64)
+    x = np.concatenate([np.array(inputs), others])
     with np.errstate(all="ignore"):
         b, m = operation.reference(x)
     with mpmath.workdps(_DIGITS):

@@ -40,7 +40,7 @@ ACTIVATION_BITS = (8, 9, 10, 12)
 POSITION_BITS = (-2, -1, 0, 1, 2)
 """Added to the bits of an axis that the encoder chooses for a tile."""
 STEP_QUALITIES = (35.0, 38.0, 41.0, 44.0, 47.0, 50.0)
-SHORT_WEIGHT_BITS, SHORT_ACTIVATION_BITS, SHORT_POSITION_BITS = (4,), (9,), (0, 1)
+SHORT_WEIGHT_BITS, SHORT_ACTIVATION_BITS, SHORT_POSITION_BITS = (4,), (), (0, 1)
 Record = dict[str, Any]
 Row = dict[str, Any]
 

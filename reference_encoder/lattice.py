@@ -52,7 +52,7 @@ class Placement:
 
 
 def place(positions: F64, wanted_step: F64, tile_anchors: int = TILE_ANCHORS) -> Placement:
-    """Tiles of at most `tile_anchors`, and cells, for (N, 3) positions whose step should be about (N,) `wanted_step`."""
+    """Tiles and cells for (N, 3) positions whose quantiser step should be about (N,) `wanted_step`."""
     low = positions.min(axis=0)
     reach = float(np.abs(positions).max())
     side = float(np.max(positions.max(axis=0) - low))

@@ -7,14 +7,13 @@ buckets, are the contexts; the tables fitted to each context make up for what th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
+from reference_encoder.predictor_descent import Parameters, descend
 from scarfmt.neural.arithmetic import MAX_SHIFT, Linear
 from scarfmt.neural.predictors import AMAX, Predictor
 from scarfmt.schema import Stream
@@ -24,8 +23,6 @@ F32 = NDArray[np.float32]
 I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
 
-_BATCH = 1024
-_RATE = 0.03
 _LEAST_DEVIATION = 4.0
 """Inputs that hardly vary are not blown up: their weights would not fit in 8 bits beside the others."""
 _PENALTY, _NEGLIGIBLE = 24.0, 0.03
@@ -76,37 +73,29 @@ def train(x: I16, symbols: I64, ternary: bool, total: int, effort: Effort, seed:
     Args:
         total: symbols that it will serve.
     """
-    generator = torch.Generator().manual_seed(seed)
     centre, spread = x.mean(axis=0), np.maximum(x.std(axis=0), _LEAST_DEVIATION)
-    inputs = torch.from_numpy(((x - centre) / spread).astype(np.float32))
-    targets = torch.from_numpy(symbols.astype(np.float32))
-    width, units = x.shape[1], effort.units
-    first = torch.randn(width, units, generator=generator) / width**0.5
-    start = torch.zeros(2)
-    if not ternary:
-        # A logistic law's scale is 0.55 of its standard deviation.
-        start = torch.stack([targets.mean(), (0.55 * targets.std(correction=0)).clamp_min(0.2).log()])
-    second = 0.05 * torch.randn(units, 2, generator=generator)
-    parameters = [first, torch.zeros(units), torch.zeros(width, 2), second, start]
-    with _one_thread():
-        _descend(parameters, inputs, targets, ternary, _PENALTY / total, effort.iterations, generator)
-    first, bias, direct, second, offset = (p.detach().numpy().astype(np.float64) for p in parameters)
-    for weights in (first, direct, second):
-        weights[np.abs(weights) < _NEGLIGIBLE] = 0
+    inputs, targets = ((x - centre) / spread).astype(np.float32), symbols.astype(np.float32)
+    start = _start(x.shape[1], effort.units, None if ternary else targets, np.random.default_rng(seed))
+    found = descend(start, inputs, targets, ternary, _PENALTY / total, effort.iterations, seed)
+    first, direct, second = (np.where(np.abs(w) < _NEGLIGIBLE, 0, w) for w in (found.first, found.direct, found.second))
+    first, direct, second = (w.astype(np.float64) for w in (first, direct, second))
     shift = -centre / spread
-    net = FloatNet(first.T / spread, bias + shift @ first, direct.T / spread, second.T.copy(), offset + shift @ direct)
-    return _without_dead_units(net)
+    bias, offset = found.bias.astype(np.float64) + shift @ first, found.offset.astype(np.float64) + shift @ direct
+    return _without_dead_units(FloatNet(first.T / spread, bias, direct.T / spread, second.T.copy(), offset))
 
 
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Sums in an order that does not depend on the machine's cores; for networks so small also the fastest way."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
+def _start(width: int, units: int, values: F32 | None, random: np.random.Generator) -> Parameters:
+    """Random hidden units and an output that is right on average; `values` of a first step, None for ternary ones."""
+    offset = np.zeros(2)
+    if values is not None:
+        # A logistic law's scale is 0.55 of its standard deviation.
+        offset = np.array([values.mean(), np.log(max(0.55 * float(values.std()), 0.2))])
+    first, second = random.standard_normal((width, units)) / width**0.5, 0.05 * random.standard_normal((units, 2))
+    zeros = np.zeros(units), np.zeros((width, 2))
+    bias, direct = (part.astype(np.float32) for part in zeros)
+    return Parameters(
+        first.astype(np.float32), bias, direct, second.astype(np.float32), offset.astype(np.float32)
+    )
 
 
 def _without_dead_units(net: FloatNet) -> FloatNet:
@@ -114,50 +103,6 @@ def _without_dead_units(net: FloatNet) -> FloatNet:
     live = net.weights.any(axis=1)
     constant = net.second[:, ~live] @ np.maximum(net.biases[~live], 0)
     return FloatNet(net.weights[live], net.biases[live], net.direct, net.second[:, live], net.offsets + constant)
-
-
-def _descend(
-    parameters: list[torch.Tensor],
-    inputs: torch.Tensor,
-    targets: torch.Tensor,
-    ternary: bool,
-    penalty: float,
-    iterations: int,
-    generator: torch.Generator,
-) -> None:
-    """Fit the `parameters` in place: weights and biases of the ReLU layer, direct, second, offsets."""
-    for parameter in parameters:
-        parameter.requires_grad_()
-    first, bias, direct, second, offset = parameters
-    optimiser = torch.optim.Adam(parameters, _RATE, betas=(0.9, 0.98))
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=iterations, pct_start=0.15)
-    count = len(inputs)
-    order, at = torch.randperm(count, generator=generator), 0
-    for _ in range(iterations):
-        if at >= count:
-            order, at = torch.randperm(count, generator=generator), 0
-        chosen = order[at : at + _BATCH]
-        at += _BATCH
-        x = inputs[chosen]
-        outputs = x @ direct + torch.relu(x @ first + bias) @ second + offset
-        size = first.abs().sum() + direct.abs().sum() + second.abs().sum()
-        loss = _surprise(outputs, targets[chosen], ternary).mean() + penalty * size
-        optimiser.zero_grad(set_to_none=True)
-        torch.autograd.backward(loss)
-        optimiser.step()
-        schedule.step()
-
-
-def _surprise(outputs: torch.Tensor, targets: torch.Tensor, ternary: bool) -> torch.Tensor:
-    """(n,) negative log-likelihoods of (n,) `targets`."""
-    one, two = outputs[:, 0], outputs[:, 1]
-    if ternary:
-        logits = torch.stack([-one, two, one], dim=1)
-        return torch.nn.functional.cross_entropy(logits, (targets + 1).long(), reduction="none")
-    sharpness = torch.exp(-two.clamp(-4, 8))
-    apart = targets - one
-    mass = torch.sigmoid((apart + 0.5) * sharpness) - torch.sigmoid((apart - 0.5) * sharpness)
-    return -torch.log(mass.clamp_min(1e-6))
 
 
 def cuts(outputs: F64, buckets: tuple[int, int]) -> tuple[F64, F64]:

@@ -46,19 +46,20 @@ class Codebooks:
         """Codewords in each book."""
         return len(self.coarse), len(self.residual)
 
-    def latents(self, indices: NDArray[np.integer[Any]], stages: I64) -> I64:
+    def latents(self, indices: NDArray[np.integer[Any]], stages: I64, columns: int | None = None) -> I64:
         """(n, d) int64 sums of the codewords of each anchor's first `stages` indices (SPEC §9.2).
 
         Args:
             indices: (n, M) int64.
             stages: (n,) int64 stages received, 0..M.
+            columns: how many leading dimensions are wanted, None for all.
         """
-        z = np.zeros((len(indices), self.dimension), np.int64)
+        z = np.zeros((len(indices), self.dimension if columns is None else columns), np.int64)
         for stage in range(indices.shape[1]):
             chosen = np.flatnonzero(stages > stage)
-            book = self.residual if stage else self.coarse
+            book = (self.residual if stage else self.coarse)[:, : z.shape[1]]
             if len(chosen):
-                z[chosen] += book[indices[chosen, stage]]
+                z[chosen] += book.take(indices[chosen, stage], axis=0)
         return z
 
 

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.counters import Part
+from scarfmt.kernel.cells import KernelCellSums
+from scarfmt.kernel.network import kernel_embedding_inputs
 from scarfmt.neural.context import CellSums, count_features
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.grid import HashGrid
@@ -99,7 +101,7 @@ def _code(
 ) -> None:
     settled = context.settled()
     inputs = coder.network.inputs
-    latents = coder.books.latents(indices, before)[:, : inputs.latents]
+    latents = coder.books.latents(indices, before, inputs.latents)
     means = context.cells.sums(settled.shape[1] + inputs.latents)
     known = np.flatnonzero(before > 0)
     means.add(context.rows(known), np.concatenate([settled[known], latents[known]], axis=1))
@@ -107,7 +109,7 @@ def _code(
     around = Around(context, settled, means, _grid_features(coder, context, group))
     for part in context.parts(group):
         _code_pass(coder, around, part, indices, (before[part], after[part]), exchange)
-        decoded = coder.books.latents(indices[part], after[part])[:, : inputs.latents]
+        decoded = coder.books.latents(indices[part], after[part], inputs.latents)
         means.add(context.rows(part), np.concatenate([settled[part], decoded], axis=1))
 
 
@@ -124,7 +126,7 @@ class Around:
 
     context: LayerContext
     settled: I64
-    means: CellSums
+    means: CellSums | KernelCellSums
     grid: I16
 
 
@@ -171,6 +173,11 @@ def _code_pass(
 def embedding_inputs(coder: IndexCoder, known: Around, part: I64) -> F32:
     """(m, width) float32 integers: the input columns of the anchors `part`, clamped (SPEC §10.5)."""
     inputs, amax = coder.network.inputs, coder.network.amax
+    if isinstance(known.means, KernelCellSums):
+        chosen = part, known.context.rows(part)
+        return kernel_embedding_inputs(
+            coder.network, known.means, known.context.classes, known.settled, known.grid, chosen
+        )
     x = np.zeros((len(part), inputs.width), np.float32)
     kinds = known.context.classes[part]
     some = np.flatnonzero(kinds < inputs.classes)
@@ -196,15 +203,15 @@ def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: Any, sym
     head, evaluator = coder.network.heads[book], coder.evaluator
     if not head.two_level:
         for block in evaluator.first_blocks(book, mixed):
-            emitter.emit_rows(block.weights, symbols[block.rows])
+            emitter.emit_rows(block.weights(), symbols[block.rows])
         return
     starts = head.starts
     clusters = np.searchsorted(starts, symbols, side="right") - 1
     members = symbols - starts[clusters]
     for block in evaluator.first_blocks(book, mixed):
-        emitter.emit_rows(block.weights, clusters[block.rows])
+        emitter.emit_rows(block.weights(), clusters[block.rows])
     for block in evaluator.member_blocks(book, mixed, clusters):
-        emitter.emit_rows(block.weights, members[block.rows])
+        emitter.emit_rows(block.weights(), members[block.rows])
 
 
 def _get_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any, count: int) -> I64:
@@ -212,10 +219,10 @@ def _get_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any
     head = coder.network.heads[book]
     first = np.empty(count, np.int64)
     for block in evaluator.first_blocks(book, mixed):
-        first[block.rows] = reader.read_rows(block.weights, stage)
+        first[block.rows] = reader.read_logits(block.logits, block.weights, stage)
     if not head.two_level:
         return first
     out: I64 = head.starts[first]
     for block in evaluator.member_blocks(book, mixed, first):
-        out[block.rows] += reader.read_rows(block.weights, stage)
+        out[block.rows] += reader.read_logits(block.logits, block.weights, stage)
     return out

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.errors import Malformed
+from scarfmt.kernel.positions import BAD_BIN, BAD_REST, BAD_SPLIT, KernelPositions
+from scarfmt.kernel.rans import ALL_READ, KernelRansDecoder
 from scarfmt.schema import Stream
-from scarfmt.symbols import Emitter, StepKey, SymbolReader, TableKey
+from scarfmt.symbols import Emitter, StepKey, SymbolReader, TableKey, missing_table
 
 U64 = NDArray[np.uint64]
 I64 = NDArray[np.int64]
@@ -111,6 +113,8 @@ def get_positions(reader: SymbolReader, total: int, bits: int) -> U64:
     Raises:
         Malformed: ``bad-split`` when a split count exceeds its node's.
     """
+    if reader.compiled is not None and total:
+        return _get_compiled(reader, reader.compiled, total, bits)
     codes = np.zeros(total, np.uint64)
     start, count = np.zeros(1, np.int64), np.array([total], np.int64)
     start, count = start[count > 0], count[count > 0]
@@ -146,6 +150,18 @@ def get_positions(reader: SymbolReader, total: int, bits: int) -> U64:
     return codes
 
 
+def _get_compiled(reader: SymbolReader, compiled: KernelRansDecoder, total: int, bits: int) -> U64:
+    """As :func:`get_positions`, of one anchor or more, by the compiled library."""
+    found = KernelPositions(compiled, reader.packed(_KEY), total, bits)
+    if found.read in _FAULTS:
+        raise _FAULTS[found.read]()
+    if found.read != ALL_READ:
+        raise missing_table(_KEY.table(found.read))
+    reader.static += found.static
+    reader.uniform += found.uniform
+    return found.codes
+
+
 def _few_children(reader: SymbolReader, start: I64, count: I64, prefix: U64, bit: int) -> tuple[I64, I64, U64]:
     """The children of a few nodes, one by one: duplicates go down all levels alone, where arrays would cost most."""
     counts = count.tolist()
@@ -179,6 +195,17 @@ def _too_many_below() -> Malformed:
     return Malformed("bad-split", message, field="positions")
 
 
+def _bad_bin() -> Malformed:
+    return Malformed("bad-split", "a split bin is not in 0..15 (SPEC §7.2)", field="positions")
+
+
+def _bad_rest() -> Malformed:
+    return Malformed("bad-split", "a uniform remainder is out of range (SPEC §7.2)", field="positions")
+
+
+_FAULTS = {BAD_BIN: _bad_bin, BAD_REST: _bad_rest, BAD_SPLIT: _too_many_below}
+
+
 def _get_splits(reader: SymbolReader, count: I64) -> I64:
     lower = np.zeros(len(count), np.int64)
     few = count <= LARGEST_OWN_TABLE
@@ -194,7 +221,7 @@ def _get_splits(reader: SymbolReader, count: I64) -> I64:
 def _get_large_splits(reader: SymbolReader, count: I64) -> I64:
     bins = reader.read(_key(LARGEST_OWN_TABLE + 1), len(count))
     if int(bins.min()) < 0 or int(bins.max()) >= _BINS:
-        raise Malformed("bad-split", "a split bin is not in 0..15 (SPEC §7.2)", field="positions")
+        raise _bad_bin()
     first = _bin_edges(count, bins)
     widths = _bin_edges(count, bins + 1) - first
     rest = np.zeros(len(count), np.int64)
@@ -210,7 +237,7 @@ def _get_uniform(reader: SymbolReader, size: int, count: int) -> I64:
     high = reader.read_uniform(((size - 1) >> _BIT_CHUNK) + 1, count)
     value = (high << _BIT_CHUNK) | reader.read_uniform(1 << _BIT_CHUNK, count)
     if bool((value >= size).any()):
-        raise Malformed("bad-split", "a uniform remainder is out of range (SPEC §7.2)", field="positions")
+        raise _bad_rest()
     return value
 
 

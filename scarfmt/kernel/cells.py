@@ -29,7 +29,7 @@ class KernelCellSums:
     """
 
     def __init__(self, library: ctypes.CDLL, cell: Sequence[I32], sizes: Sequence[int], columns: int) -> None:
-        self._library, self._cell, self._columns = library, cell, columns
+        self.library, self._cell, self._columns = library, cell, columns
         self._sums = [np.zeros((size, columns + 1)) for size in sizes]
         pointers = ctypes.c_void_p * DEPTHS
         self.struct = Cells(
@@ -43,7 +43,7 @@ class KernelCellSums:
         """Add (m,) anchors with their (m, columns) integer values."""
         places, numbers = np.ascontiguousarray(anchors, np.int64), np.ascontiguousarray(values, np.int64)
         address = ctypes.byref(self.struct)
-        self._library.scar_cells_add(address, places.ctypes.data, len(places), numbers.ctypes.data)
+        self.library.scar_cells_add(address, places.ctypes.data, len(places), numbers.ctypes.data)
 
     def around(self, anchors: Ints) -> tuple[F64, F64]:
         """(w, depths, columns) means and (w, depths) counts in the cells of (w,) anchors."""
@@ -52,7 +52,7 @@ class KernelCellSums:
         means, counts = np.empty((len(places), depths, self._columns)), np.empty((len(places), depths))
         address = ctypes.byref(self.struct)
         arrays = (array.ctypes.data for array in (means, counts))
-        self._library.scar_cells_around(address, places.ctypes.data, len(places), *arrays)
+        self.library.scar_cells_around(address, places.ctypes.data, len(places), *arrays)
         return means, counts
 
 

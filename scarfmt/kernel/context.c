@@ -22,12 +22,6 @@ static const double POWERS[20] = {
 
 static inline double power_of(int64_t steps) { return POWERS[steps > 1 ? (steps > 20 ? 19 : steps - 1) : 0]; }
 
-/* floor() of numbers far below 2^63, without a call. */
-static inline double floor_of(double x) {
-    const double whole = (double)(int64_t)x;
-    return whole - (whole > x);
-}
-
 static inline double fine(double value, int64_t steps) {
     if (steps <= 0) return 0;
     const double power = power_of(steps);
@@ -54,16 +48,6 @@ EXPORT void scar_cells_add(const Cells *cells, const int64_t *anchors, int64_t m
     }
 }
 
-/* Means of one anchor's cells: mean[c * stride] of each column at `depth`; where a cell is empty, `before` is kept.
-Returns the count. */
-static inline double cell_means(const Cells *cells, int64_t depth, int64_t anchor, double *mean) {
-    const double *sums = cells->sums[depth] + cells->cell[depth][anchor] * (cells->columns + 1);
-    const double count = sums[cells->columns];
-    if (count > 0)
-        for (int64_t c = 0; c < cells->columns; c++) mean[c] = floor_of((2 * sums[c] + count) / (2 * count));
-    return count;
-}
-
 /* (m, depths, columns) means around m anchors, and (m, depths) counts. */
 EXPORT void scar_cells_around(const Cells *cells, const int64_t *anchors, int64_t m, double *means, double *counts) {
     const int64_t columns = cells->columns;
@@ -77,12 +61,6 @@ EXPORT void scar_cells_around(const Cells *cells, const int64_t *anchors, int64_
 static inline float clamped(double value) { return (float)(value < -AMAX ? -AMAX : value > AMAX ? AMAX : value); }
 
 static inline float coarse_input(double value) { return clamped(floor_of(value * (1.0 / 64))); }
-
-static inline float count_feature(double count) {
-    int digits = 0;
-    for (double top = 1; digits < 8 && count >= top; top *= 2) digits++;
-    return (float)(32 * digits);
-}
 
 /* One component's part of a step. */
 typedef struct {

@@ -38,6 +38,7 @@ typedef struct {
 } Tables;
 
 #define ALL_READ (-1)
+void scar_rans_uniform(Rans *rans, uint32_t size, int64_t n, int32_t *out);
 int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_t *kind, int64_t n, int64_t *counts,
                           int32_t *order, int32_t *out);
 
@@ -47,3 +48,28 @@ typedef struct {
     const int32_t *cell[4]; /* per anchor (n), its cell at each depth */
     double *sums[4];        /* (cells, columns + 1): sums, and in the last column the count */
 } Cells;
+
+/* Columns that a scene may average: 64 components of a channel, or those of all attributes and latents. */
+#define MOST_CONTEXT_COLUMNS 512
+
+/* floor() of numbers far below 2^63, without a call. */
+static inline double floor_of(double x) {
+    const double whole = (double)(int64_t)x;
+    return whole - (whole > x);
+}
+
+/* Means of one anchor's cells: mean[c * stride] of each column at `depth`; where a cell is empty, `before` is kept.
+Returns the count. */
+static inline double cell_means(const Cells *cells, int64_t depth, int64_t anchor, double *mean) {
+    const double *sums = cells->sums[depth] + cells->cell[depth][anchor] * (cells->columns + 1);
+    const double count = sums[cells->columns];
+    if (count > 0)
+        for (int64_t c = 0; c < cells->columns; c++) mean[c] = floor_of((2 * sums[c] + count) / (2 * count));
+    return count;
+}
+
+static inline float count_feature(double count) {
+    int digits = 0;
+    for (double top = 1; digits < 8 && count >= top; top *= 2) digits++;
+    return (float)(32 * digits);
+}

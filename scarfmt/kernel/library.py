@@ -74,6 +74,60 @@ class Step(Structure):
     )
 
 
+class Nodes(Structure):
+    """Nodes of one level of the tree of positions."""
+
+    _fields_ = (("start", c_void_p), ("count", c_void_p), ("prefix", c_void_p))
+
+
+class Positions(Structure):
+    """The positions of one tile-layer."""
+
+    _fields_ = (
+        ("total", c_int64),
+        ("bits", c_int64),
+        ("codes", c_void_p),
+        ("open", c_void_p),
+        ("here", Nodes),
+        ("below", Nodes),
+        *((name, c_void_p) for name in ("lower", "rest", "counts", "symbols", "order", "kind")),
+        ("static_read", c_int64),
+        ("uniform_read", c_int64),
+    )
+
+
+class GridLevel(Structure):
+    """One level of a hash grid."""
+
+    _fields_ = (
+        ("dims", c_int64),
+        ("axes", c_int64 * 3),
+        *((name, c_int64) for name in ("resolution", "table_log2", "features", "dense")),
+        ("bits", c_void_p),
+    )
+
+
+class Grid(Structure):
+    """A hash grid."""
+
+    _fields_ = (
+        ("levels", c_int64),
+        ("origin", c_int64 * 3),
+        ("extent_bits", c_int64),
+        ("width", c_int64),
+        ("level", POINTER(GridLevel)),
+    )
+
+
+class Embedding(Structure):
+    """What the embedding of the index network reads."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("classes", "own", "attributes", "latents", "latent_shift", "grid", "amax")),
+        *((name, c_void_p) for name in ("anchor_class", "settled", "features")),
+    )
+
+
 _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_rans_open": (None, [POINTER(Rans)]),
     "scar_rans_table": (None, [POINTER(Rans), c_void_p, c_uint32, c_int64, c_void_p]),
@@ -87,6 +141,9 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_fine": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
     "scar_cells_add": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p]),
     "scar_cells_around": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p, c_void_p]),
+    "scar_positions": (c_int64, [POINTER(Rans), POINTER(Positions), POINTER(Tables)]),
+    "scar_grid": (None, [POINTER(Grid), c_void_p, c_int64, c_void_p]),
+    "scar_embedding_inputs": (None, [POINTER(Embedding), POINTER(Cells), c_void_p, c_void_p, c_int64, c_void_p]),
     "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Step), c_int64]),
 }
 

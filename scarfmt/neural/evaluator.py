@@ -52,11 +52,20 @@ class Block:
 
     Attributes:
         rows: (m,) int64 positions among the anchors asked for, in coding order.
-        weights: (m, k) float64 f - 1, one row a symbol.
     """
 
     rows: I64
-    weights: F64
+    _scores: Array
+    _frequencies: Callable[[Array], F64]
+
+    @property
+    def logits(self) -> F32 | None:
+        """(k, m) float32 integers; None where another library than NumPy keeps them."""
+        return self._scores if isinstance(self._scores, np.ndarray) else None
+
+    def weights(self) -> F64:
+        """(m, k) float64 f - 1, one row a symbol. To be asked for once: it uses up the logits."""
+        return self._frequencies(self._scores)
 
 
 class Evaluator:
@@ -216,7 +225,7 @@ class Evaluator:
     def _gathered(blocks: Iterator[Block], count: int, columns: int) -> F64:
         out = np.empty((count, columns))
         for block in blocks:
-            out[block.rows] = block.weights
+            out[block.rows] = block.weights()
         return out
 
     def first_blocks(self, book: int, y: Array) -> Iterator[Block]:
@@ -230,8 +239,10 @@ class Evaluator:
 
     def _blocks(self, projection: Rounded, logits: Logits, y: Array) -> Iterator[Block]:
         for part in self._chunks(len(y), logits.count):
-            weights = self._do.frequency_rows(logits(projection(y[part])), self._exp2)
-            yield Block(np.arange(part.start, part.stop), weights)
+            yield Block(np.arange(part.start, part.stop), logits(projection(y[part])), self._frequencies)
+
+    def _frequencies(self, logits: Array) -> F64:
+        return self._do.frequency_rows(logits, self._exp2)
 
     def member_blocks(self, book: int, y: Array, clusters: Ints) -> Iterator[Block]:
         """The members of n anchors: clusters ascend, order is kept in a cluster, clusters of one codeword are left out.
@@ -250,7 +261,7 @@ class Evaluator:
                 rows = order[ends[first] + part.start : ends[first] + part.stop]
                 o = head.projections[1](self._do.take(y, self._do.index(rows)))
                 logits = self._member_logits(head, o, first, np.clip(edges - part.start, 0, len(rows)))
-                yield Block(rows, self._do.frequency_rows(logits, self._exp2))
+                yield Block(rows, logits, self._frequencies)
 
     def _member_logits(self, head: Predicting, o: Array, first: int, edges: I64) -> Array:
         """(size, m) logits of anchors sorted by cluster: first + i has those from edges[i] to edges[i + 1]."""

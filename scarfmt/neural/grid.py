@@ -16,7 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt import kernel
 from scarfmt.errors import Malformed
+from scarfmt.kernel.network import grid_features
 
 I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
@@ -213,6 +215,9 @@ class HashGrid:
 
         Any order of anchors gives the same features; an order in which neighbours follow one another is fastest.
         """
+        library = kernel.library()
+        if library is not None:
+            return grid_features(library, self, positions)
         out, box = np.empty((len(positions), self.width), np.int16), self.box
         for first in range(0, len(positions), _CHUNK):
             inside = box.inside(positions[first : first + _CHUNK])

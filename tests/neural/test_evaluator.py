@@ -126,7 +126,7 @@ def test_member_blocks_are_the_member_rows_in_coding_order(seed: int, count: int
         blocks = list(evaluator.member_blocks(0, y, clusters))
         order = [int(row) for block in blocks for row in block.rows]
         assert order == [i for i in np.argsort(clusters, kind="stable").tolist() if sizes[clusters[i]] > 1]
-        for row, weights in ((r, w) for block in blocks for r, w in zip(block.rows, block.weights, strict=True)):
+        for row, weights in ((r, w) for block in blocks for r, w in zip(block.rows, block.weights(), strict=True)):
             alone = evaluator.member_rows(0, y[row : row + 1], int(clusters[row]))
             assert weights.tolist() == alone[0].tolist()
 
@@ -167,11 +167,11 @@ def put_stage(evaluator: Evaluator, coder: RansEncoder, y: Any, codes: I64, book
     ends = np.cumsum(sizes)
     first = np.searchsorted(ends, codes, side="right") if sizes else codes
     for block in evaluator.first_blocks(book, y):
-        coder.encode_rows(first[block.rows], block.weights)
+        coder.encode_rows(first[block.rows], block.weights())
     if sizes:
         members = codes - (ends - sizes)[first]
         for block in evaluator.member_blocks(book, y, first):
-            coder.encode_rows(members[block.rows], block.weights)
+            coder.encode_rows(members[block.rows], block.weights())
 
 
 def get_stage(
@@ -180,12 +180,12 @@ def get_stage(
     """The inverse."""
     codes = np.zeros(count, np.int64)
     for block in evaluator.first_blocks(book, y):
-        codes[block.rows] = coder.decode_rows(block.weights)
+        codes[block.rows] = coder.decode_rows(block.weights())
     if sizes:
         clusters, starts = codes.copy(), np.cumsum(sizes) - sizes
         codes = starts[clusters]
         for block in evaluator.member_blocks(book, y, clusters):
-            codes[block.rows] += coder.decode_rows(block.weights)
+            codes[block.rows] += coder.decode_rows(block.weights())
     return codes
 
 

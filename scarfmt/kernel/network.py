@@ -1,0 +1,60 @@
+"""Compiled inputs of the index network, and the features of its hash grid (SPEC §10.5, §10.6)."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.kernel.cells import KernelCellSums
+from scarfmt.kernel.library import Embedding, Grid, GridLevel
+
+if TYPE_CHECKING:
+    from scarfmt.neural.grid import HashGrid
+    from scarfmt.neural.network import IndexNetwork
+
+I16 = NDArray[np.int16]
+I64 = NDArray[np.int64]
+F32 = NDArray[np.float32]
+Ints = NDArray[np.integer[Any]]
+
+
+def grid_features(library: ctypes.CDLL, grid: HashGrid, positions: Ints) -> I16:
+    """(n, width) int16 features of anchors at (n, 3) lattice `positions`."""
+    levels = (GridLevel * len(grid.levels))()
+    for out, level, bits in zip(levels, grid.levels, grid.bits, strict=True):
+        out.dims, out.resolution, out.table_log2 = len(level.axes), level.resolution, level.table_log2
+        out.axes[: len(level.axes)] = level.axes
+        out.features, out.dense, out.bits = level.features, level.dense, bits.ctypes.data
+    struct = Grid(len(levels), grid.origin, grid.extent_bits, grid.width, levels)
+    places = np.ascontiguousarray(positions, np.int64)
+    found = np.empty((len(places), grid.width), np.int16)
+    library.scar_grid(ctypes.byref(struct), places.ctypes.data, len(places), found.ctypes.data)
+    return found
+
+
+def kernel_embedding_inputs(
+    network: IndexNetwork,
+    cells: KernelCellSums,
+    classes: I64,
+    settled: I64,
+    features: I16,
+    chosen: tuple[I64, I64],
+) -> F32:
+    """(m, width) float32 integers: the input columns of m anchors.
+
+    Args:
+        classes, settled, features: of all anchors: (n,), (n, A) int64 and (n, grid) int16.
+        chosen: (m,) numbers of the anchors, and their rows in `cells`.
+    """
+    inputs = network.inputs
+    arrays = [np.ascontiguousarray(array) for array in (classes, settled, features, *chosen)]
+    kinds, fine, grid, anchors, rows = (array.ctypes.data for array in arrays)
+    shape = (inputs.classes, inputs.own, inputs.attributes, inputs.latents, inputs.latent_shift, inputs.grid)
+    struct = Embedding(*shape, network.amax, kinds, fine, grid)
+    out = np.empty((len(arrays[3]), inputs.width), np.float32)
+    pointers = ctypes.byref(struct), ctypes.byref(cells.struct)
+    cells.library.scar_embedding_inputs(*pointers, anchors, rows, len(out), out.ctypes.data)
+    return out
