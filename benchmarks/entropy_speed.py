@@ -164,7 +164,7 @@ def measure_backend(backend: str, full: bool) -> dict[str, Any]:
 
         # Threads are over batches, as a decoder has them over tiles.
         torch.set_num_threads(1)
-    runs = 5 if full else 2
+    runs = 5 if full else 1
     static = measure_static(runs) if backend == "numpy" else []
     return {"static": static, "shapes": [measure_shape(shape, backend, runs) for shape in (FULL if full else SHORT)]}
 

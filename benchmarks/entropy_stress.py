@@ -246,7 +246,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--full", action="store_true", help="more networks, and training; keeps the results")
     parser.add_argument("--no-write", action="store_true", help="with --full: print the tables instead")
     chosen = parser.parse_args(arguments)
-    results = {"networks": measure_networks(NETWORKS_FULL if chosen.full else NETWORKS), "machine": machine()}
+    count = NETWORKS_FULL if chosen.full else NETWORKS
+    results: dict[str, Any] = {"networks": measure_networks(count), "machine": machine()}
     if chosen.full:
         results["training"] = measure_training()
     keep = chosen.full and not chosen.no_write

@@ -160,7 +160,7 @@ def main() -> None:
         problem = anchor_problem(path, arguments.cameras, arguments.quality)
     else:
         problem = explicit_problem(path, arguments.frame, arguments.quality)
-    limit, steps = (2_000, 20) if arguments.short else (20_000, 800)
+    limit, steps = (1_000, 5) if arguments.short else (20_000, 800)
     steps = steps if arguments.steps is None else arguments.steps
     table(thinned(problem, arguments.limit or limit), steps, np.array(arguments.bits), arguments.seed)
 

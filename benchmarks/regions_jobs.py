@@ -100,7 +100,6 @@ def times(job: Job) -> dict[str, Any]:
         "cpu": min(full["cpus"] + again["cpus"]),
         "opening": min(opening["cpus"]),
         "symbols": counters.symbols_of(),
-        "bytes_read": counters.bytes_read,
         "regions": regions,
     }
 
@@ -111,13 +110,12 @@ def _open(path: str) -> None:
 
 
 def _region(path: str, chosen: Sequence[Box]) -> dict[str, list[float]]:
-    found: dict[str, list[float]] = {"cpus": [], "symbols": [], "bytes": [], "reads": []}
+    found: dict[str, list[float]] = {"cpus": [], "symbols": [], "reads": []}
     for low, high in chosen:
         start = time.process_time()
         counters = Counters()
         _ = decode(path, box=(low, high), counters=counters).scene
         found["cpus"].append(time.process_time() - start)
         found["symbols"].append(counters.symbols_of())
-        found["bytes"].append(counters.bytes_read)
         found["reads"].append(counters.reads)
     return found

@@ -9,7 +9,7 @@ import { tmpdir } from 'node:os';
 import { join } from 'node:path';
 
 // Distances of one iteration from which another process is worth its start.
-const MANY = 2e8;
+const MANY = 3e7;
 
 // Centroids start at random points: the same ones each time, so that a file can be made again.
 let state = 1;

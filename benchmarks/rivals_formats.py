@@ -27,7 +27,8 @@ _SPZ_REACH, _SPZ_LARGEST = 2047.0, 255 / 16 - 10
 _SPZ_STEP, _STEPS_A_GAUSSIAN = 2.0**-12, 64
 _SPZ_DEFAULT_BITS = (5, 4)
 # Of the first band and of the others.
-_SPZ_BITS = (_SPZ_DEFAULT_BITS, (6, 5), (7, 6), (8, 8))
+_SPZ_BITS = (_SPZ_DEFAULT_BITS, (6, 5), (6, 6), (7, 6), (7, 7), (8, 7), (8, 8))
+_SPZ_FEW_BITS = ((8, 8),)
 _ZSTD_LEVEL = 19
 
 
@@ -55,10 +56,10 @@ class Format:
         return self.family in ("spz", "sog", "compressed-ply")
 
 
-def formats(scene: GaussianScene) -> list[Format]:
-    """Everything that is measured on `scene`."""
+def formats(scene: GaussianScene, few: bool = False) -> list[Format]:
+    """Everything that is measured on `scene`; with `few`, SPZ at its defaults and its finest only."""
     return [
-        *_spz(scene),
+        *_spz(scene, few),
         Format("SOG", "sog", ".sog", lambda source, out: splat_transform(str(source), str(out))),
         Format(
             "compressed.ply",
@@ -71,14 +72,15 @@ def formats(scene: GaussianScene) -> list[Format]:
     ]
 
 
-def _spz(scene: GaussianScene) -> list[Format]:
+def _spz(scene: GaussianScene, few: bool) -> list[Format]:
     found = [
         Format("SPZ v3", "spz", ".spz", _spz_command(3, 1.0, _SPZ_DEFAULT_BITS)),
         Format("SPZ v4", "spz", ".spz", _spz_command(4, 1.0, _SPZ_DEFAULT_BITS)),
     ]
-    fitted = spz_scale(scene)
+    fitted = 1.0 if few else spz_scale(scene)
+    depths = _SPZ_FEW_BITS if few else _SPZ_BITS
     for scale in (1.0, fitted) if fitted != 1 else (1.0,):
-        for bits in _SPZ_BITS if scene.sh_degree else (_SPZ_DEFAULT_BITS,):
+        for bits in depths if scene.sh_degree else (_SPZ_DEFAULT_BITS,):
             if (scale, bits) == (1.0, _SPZ_DEFAULT_BITS):
                 continue
             words = ["SPZ v4"]

@@ -52,7 +52,8 @@ def nearest(points: F32, centroids: F32) -> NDArray[np.uint32]:
     extended = torch.from_numpy(np.pad(points, ((0, 0), (0, 1)), constant_values=1))
     offsets = -(centroids.astype(np.float64) ** 2).sum(axis=1) / 2
     table = torch.from_numpy(np.concatenate([centroids, offsets[:, None].astype(np.float32)], axis=1).T.copy())
-    found = [_nearest_of(rows, table) for rows in extended.split(_POINTS)]
+    parts = range(0, len(extended), _POINTS)
+    found = [_nearest_of(extended[start : start + _POINTS], table) for start in parts]
     return torch.cat(found).numpy().astype(np.uint32)
 
 

@@ -21,6 +21,7 @@ AIM, FIRST_AIM = 0.5, 0.15
 _SH_DEGREE = 2
 # Lossless rivals lie far off the plots.
 _PLOT_DB, _PLOT_BYTES = (15, 60), 70
+_DEFAULTS = ("SPZ v3", "SPZ v4")
 _MARKERS = {"spz": "o", "sog": "s", "compressed-ply": "^", "splat": "D"}
 _TITLES = {"spz": "SPZ", "sog": "SOG", "compressed-ply": "compressed.ply", "splat": ".splat"}
 _COLOURS = {"spz": "#0072b2", "sog": "#d55e00", "compressed-ply": "#009e73", "splat": "#cc79a7"}
@@ -143,7 +144,7 @@ def _has_photos(run: Run) -> bool:
 
 
 def _rows(run: Run) -> list[list[str]]:
-    files = [(int(rival["bytes"]), _row(run, rival, rival["name"], [rival], rival)) for rival in run["rivals"]]
+    files = [(int(rival["bytes"]), _row(run, rival, rival["name"], [rival], rival)) for rival in shown(run["rivals"])]
     for file in run.get("scar", ()):
         last = file["layers"][-1]
         row = _row(run, file, f"**`.scar`, quality {file['quality']:g}**", file["layers"], last)
@@ -151,8 +152,24 @@ def _rows(run: Run) -> list[list[str]]:
     return [row for _, row in sorted(files, key=lambda pair: pair[0])]
 
 
+def shown(rivals: Sequence[Run]) -> list[Run]:
+    """All but the settings of SPZ that another file of SPZ beats in both bytes and PSNR; its defaults in any case."""
+    return [
+        rival
+        for rival in rivals
+        if rival["family"] != "spz"
+        or rival["name"] in _DEFAULTS
+        or not any(
+            other["family"] == "spz" and other["bytes"] < rival["bytes"] and other["psnr_db"] >= rival["psnr_db"]
+            for other in rivals
+        )
+    ]
+
+
 def _row(run: Run, costs: Run, name: str, layers: Sequence[Run], whole: Run) -> list[str]:
-    first = [next((f"{layer['bytes']:,}" for layer in layers if layer["psnr_db"] >= goal), "") for goal in FIRST_PICTURES]
+    first = [
+        next((f"{layer['bytes']:,}" for layer in layers if layer["psnr_db"] >= goal), "") for goal in FIRST_PICTURES
+    ]
     photos = whole["photos_psnr_db"]
     return [
         name,

@@ -1,6 +1,6 @@
 """What a user would pick instead, measured against `.scar`: the same scenes, the same views, one run.
 
-    python -m benchmarks.rivals_run                                 all scenes: a quarter of an hour, hours without cache
+    python -m benchmarks.rivals_run                                 all scenes: a quarter of an hour once cached
     python -m benchmarks.rivals_run --short --no-write              the example scene, printed
     python -m benchmarks.rivals_run --scenes flowers --formats spz sog --fresh
     python -m benchmarks.rivals_run --report                        only rewrite docs/rivals.md from earlier results
@@ -16,7 +16,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -50,19 +50,38 @@ SCAR = "scar"
 _EQUAL_DB = 100.0
 
 
-def measure(scene: Scene, families: Sequence[str], effort: int, fresh: bool, missing: str | None) -> dict[str, Any]:
-    """Everything of one scene; `missing` says why no format of npm can be written, if so."""
+@dataclass(frozen=True)
+class Plan:
+    """What of each scene is measured.
+
+    Attributes:
+        families: formats, see `FAMILIES` and `SCAR`.
+        effort: of `.scar`.
+        few: only some settings of SPZ.
+        fresh: write files again that are kept.
+        missing: why no format of npm can be written; None if all can.
+    """
+
+    families: Sequence[str]
+    effort: int = 2
+    few: bool = False
+    fresh: bool = False
+    missing: str | None = None
+
+
+def measure(scene: Scene, plan: Plan) -> dict[str, Any]:
+    """Everything of one scene."""
     original = load_subject(str(scene.path)).remembering()
     source = source_ply(scene, original.placed)
     rivals, skipped = [], []
-    for rival in formats(original.placed):
-        if rival.family not in families:
+    for rival in formats(original.placed, plan.few):
+        if rival.family not in plan.families:
             continue
         print(f"{scene.name}, {rival.name}", file=sys.stderr)
         try:
-            if rival.of_npm and missing:
-                raise ToolFailed(missing)
-            rivals.append(_rival(scene, original, source, rival, fresh))
+            if rival.of_npm and plan.missing:
+                raise ToolFailed(plan.missing)
+            rivals.append(_rival(scene, original, source, rival, plan.fresh))
         except ToolFailed as error:
             skipped.append({"name": rival.name, "why": str(error)})
     return {
@@ -74,7 +93,7 @@ def measure(scene: Scene, families: Sequence[str], effort: int, fresh: bool, mis
         "rivals": rivals,
         "skipped": skipped,
         "machine": machine(),
-        **(_scar(scene, effort) if SCAR in families else {}),
+        **(_scar(scene, plan.effort) if SCAR in plan.families else {}),
     }
 
 
@@ -116,18 +135,23 @@ def _rival(scene: Scene, original: Subject, source: Path, rival: Format, fresh: 
 
 def _written(scene: Scene, source: Path, rival: Format, fresh: bool) -> tuple[Path, dict[str, Any]]:
     """The rival's file, and what writing it took when it was written."""
-    told = rival.command(Path("source.ply"), Path("out"))
-    how = tool_key() if rival.of_npm else file_key(REPOSITORY / "benchmarks" / "rivals_formats.py")
-    arguments = told.words[2:] if rival.of_npm else told.words[3:]
-    told_bits = sorted((name, value) for name, value in told.environment.items() if name.startswith("SPZ_"))
-    key = sha256(repr((how, arguments, told_bits, file_key(source))).encode()).hexdigest()[:12]
-    path = CACHE / "files" / f"{_stem(scene.name)}-{_stem(rival.name)}-{key}{rival.suffix}"
+    path = kept_file(scene, source, rival)
     note = path.with_name(path.name + ".json")
     if fresh or not note.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         cost = measured(rival.command(source, path))
         note.write_text(json.dumps(asdict(cost)), encoding="utf-8")
     return path, json.loads(note.read_text(encoding="utf-8"))
+
+
+def kept_file(scene: Scene, source: Path, rival: Format) -> Path:
+    """Where a rival's file is kept: another path as soon as anything it depends on changes."""
+    told = rival.command(Path("source.ply"), Path("out"))
+    how = tool_key() if rival.of_npm else file_key(REPOSITORY / "benchmarks" / "rivals_formats.py")
+    arguments = told.words[2:] if rival.of_npm else told.words[3:]
+    told_bits = sorted((name, value) for name, value in told.environment.items() if name.startswith("SPZ_"))
+    key = sha256(repr((how, arguments, told_bits, file_key(source))).encode()).hexdigest()[:12]
+    return CACHE / "files" / f"{_stem(scene.name)}-{_stem(rival.name)}-{key}{rival.suffix}"
 
 
 def _pictures(scene: Scene, original: Subject, path: Path, rival: Format) -> dict[str, Any]:
@@ -200,9 +224,10 @@ def main() -> None:
     missing = None if arguments.report else install()
     for note in filter(None, () if arguments.report else (missing, install_readers())):
         print(note, file=sys.stderr)
+    effort = arguments.effort or (1 if short else 2)
+    plan = Plan(arguments.formats, effort, short, arguments.fresh, missing)
     for scene in () if arguments.report else chosen(names):
-        effort = arguments.effort or (1 if short else 2)
-        found = measure(scene, arguments.formats, effort, arguments.fresh, missing)
+        found = measure(scene, plan)
         results[scene.name] = merged(results.get(scene.name, {}), found, arguments.formats)
         save_results(NAME, results, keep)
     runs = [results[name] for name in SCENES if name in results]

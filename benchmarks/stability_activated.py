@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import mpmath
+import mpmath  # type: ignore[import-untyped]
 import numpy as np
 
 from benchmarks.stability_search import F64, Floats, Operation, extreme_inputs, used_tolerance
@@ -22,6 +22,7 @@ from scarfmt.scene import AnchorModel, Mlp
 LEAST, MOST = -149, 127
 """Exponents of float32: a channel value is v * step, |v| < 2^31, step <= 2^96 (R-6.4-3, R-7.5-2)."""
 _DIGITS = 50
+_LARGEST_LOG_OPACITY = 2.0**-13
 
 Exact = Callable[[list[Any]], list[Any]]
 
@@ -58,7 +59,7 @@ def _logit(x: F64) -> tuple[F64, F64]:
 
 
 def _exact_logit(x: list[Any]) -> list[Any]:
-    y = min(x[0], -mpmath.mpf(2) ** -13)
+    y = min(x[0], -_LARGEST_LOG_OPACITY)
     return [y - mpmath.log(-mpmath.expm1(y))]
 
 
@@ -67,7 +68,7 @@ def _opacity(x: F64) -> tuple[F64, F64]:
 
 
 def _exact_opacity(x: list[Any]) -> list[Any]:
-    return [mpmath.exp(min(x[0], -mpmath.mpf(2) ** -13))]
+    return [mpmath.exp(min(x[0], -_LARGEST_LOG_OPACITY))]
 
 
 def _colour(x: F64) -> tuple[F64, F64]:
@@ -125,9 +126,14 @@ def _exact_centre(x: list[Any]) -> list[Any]:
     return [x[0] + x[1] * mpmath.exp(min(x[2], 10000))]
 
 
-def single(act: Callable[[Floats], Floats]) -> Callable[[Floats], Floats]:
-    """`act` as a decode stores it: in float32."""
-    return lambda x: act(x).astype(np.float32)
+def _single_logit(x: Floats) -> Floats:
+    """As a decode stores it."""
+    return opacity_logits(x[:, 0]).astype(np.float32)[:, None]
+
+
+def _turned(x: Any) -> Floats:
+    """In the type of `x`, float32 as in a decode."""
+    return quaternion_from(x[:, :2], x[:, 2])
 
 
 def activations() -> list[Activation]:
@@ -137,18 +143,18 @@ def activations() -> list[Activation]:
         Activation(
             Operation(
                 "rotation from normal and twist", ("u", "v", "twist"), *wide,
-                lambda x: quaternion_from(x[:, :2], x[:, 2]), _rotations,
+                _turned, _rotations,
             ),
             _exact_rotation,
         ),
         Activation(
-            Operation("opacity logit", ("ln opacity",), *one, single(lambda x: opacity_logits(x[:, 0])[:, None]), _logit),
+            Operation("opacity logit", ("ln opacity",), *one, _single_logit, _logit),
             _exact_logit,
         ),
         Activation(
             Operation(
                 "opacity", ("ln opacity",), *one,
-                lambda x: sigmoid(opacity_logits(x[:, 0]).astype(np.float32))[:, None], _opacity,
+                lambda x: sigmoid(_single_logit(x)), _opacity,
             ),
             _exact_opacity,
         ),
@@ -173,9 +179,7 @@ def activations() -> list[Activation]:
     ]  # fmt: skip
 
 
-def reference_error(
-    activation: Activation, inputs: Sequence[tuple[float, ...]], count: int, seed: int = 3
-) -> float:
+def reference_error(activation: Activation, inputs: Sequence[tuple[float, ...]], count: int, seed: int = 3) -> float:
     """The most of the tolerance that the float64 reference itself uses, against 50 digits.
 
     Args:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
-import importlib.util
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
@@ -20,9 +18,10 @@ from benchmarks.scenes import REPOSITORY
 from reference_decoder.backends import operations
 from reference_decoder.observed import Records
 from reference_decoder.stages import EXACT, Decoding, models
+from scarfmt import kernel as compiled
 from scarfmt.errors import InvalidInput
 from scarfmt.neural.arithmetic import Linear, round_shift
-from scarfmt.neural.operations import NUMPY, NumpyOperations, Operations
+from scarfmt.neural.operations import NumpyOperations, Operations
 from scarfmt.neural.predictors import AMAX, Predictor
 from scarfmt.reader import SceneModels, SceneReader
 from scarfmt.source import open_source
@@ -39,11 +38,8 @@ Digests = dict[str, str]
 
 
 def kernel() -> Any:
-    """The module of the compiled kernel, None where the package has none or it was not built."""
-    if importlib.util.find_spec("scarfmt.kernel") is None:
-        return None
-    module = importlib.import_module("scarfmt.kernel")
-    return module if module.available() else None
+    """The module of the compiled kernel, None where it was not built."""
+    return compiled if compiled.available() else None
 
 
 @dataclass(frozen=True)
@@ -55,9 +51,10 @@ class Manner:
         threads: tiles decoded side by side.
         in_memory: from bytes; else by ranges of the file.
         tile_by_tile: a reader of its own for each tile.
-        seed: of a random order of the tiles and of the sums of predictors; None for the usual ones.
-        whole: predictors in int64.
-        bare: without the compiled kernel.
+        seed: of a random order of the tiles, and without the compiled kernel of the sums of predictors; None for the
+            usual ones.
+        whole: predictors in int64; needs `bare`.
+        bare: without the compiled kernel, which knows float32 arrays and its own predictors only.
     """
 
     make: Callable[[], Operations] = NumpyOperations
@@ -115,9 +112,9 @@ class OtherModels(SceneModels):
 
     seed: int | None = None
 
-    def neural(self, operations: Operations = NUMPY) -> tuple[NeuralModels, ...]:
+    def neural(self, *arguments: Any, **named: Any) -> tuple[NeuralModels, ...]:
         """As :meth:`SceneModels.neural`."""
-        found = super().neural(operations)
+        found = super().neural(*arguments, **named)
         made: dict[int, OtherPredictor] = {}
         return tuple(
             replace(one, predictors={key: self._other(made, p) for key, p in one.predictors.items()}) for one in found
@@ -128,7 +125,8 @@ class OtherModels(SceneModels):
 
 
 def _models(found: SceneModels, manner: Manner) -> SceneModels:
-    if manner.seed is None and not manner.whole:
+    uses_kernel = kernel() is not None and not manner.bare
+    if uses_kernel or (manner.seed is None and not manner.whole):
         return found
     other = OtherModels(**vars(found))
     object.__setattr__(other, "seed", manner.seed)
@@ -205,8 +203,8 @@ def manners() -> dict[str, Manner]:
     for rows in CHUNKS:
         out[f"rows at a time: at most {rows:,}"] = Manner(make=partial(_limited, rows))
     out |= dict(_backends())
-    out["arithmetic: float64"] = Manner(make=DoubleOperations)
-    out["arithmetic: int64, predictors too"] = Manner(make=IntegerOperations, whole=True)
+    out["arithmetic: float64"] = Manner(make=DoubleOperations, bare=True)
+    out["arithmetic: int64, predictors too"] = Manner(make=IntegerOperations, whole=True, bare=True)
     out["access: from memory"] = Manner(in_memory=True)
     out["access: tile by tile, last first"] = Manner(tile_by_tile=True, seed=0)
     if kernel() is not None:
@@ -216,9 +214,11 @@ def manners() -> dict[str, Manner]:
 
 
 def orders(count: int = ORDERS) -> dict[str, Manner]:
-    """Random orders of tiles, rows and sums, in 1, 2 and 4 threads by turns."""
+    """Random orders of tiles, rows and sums, in 1, 2 and 4 threads and with and without the kernel by turns."""
     return {
-        f"order {seed}": Manner(make=partial(PermutedOperations, seed), threads=(1, 2, 4)[seed % 3], seed=seed)
+        f"order {seed}": Manner(
+            make=partial(PermutedOperations, seed), threads=(1, 2, 4)[seed % 3], seed=seed, bare=seed % 2 == 1
+        )
         for seed in range(1, count + 1)
     }
 

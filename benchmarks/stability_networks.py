@@ -81,7 +81,7 @@ def scene_operations(network: Network) -> Iterator[Operation]:
             y, m = forward(network, _reference_inputs(x))
             with np.errstate(all="ignore"):
                 b = double(y, x[:, -1:])
-            return b[:, outputs], np.maximum(np.abs(b), m[:, : b.shape[1]] if b.shape[1] == m.shape[1] else m)[:, outputs]
+            return b[:, outputs], np.maximum(np.abs(b), m)[:, outputs]
 
         def evaluate(x: Floats) -> Floats:
             return single(run(mlp, _inputs(mlp, x)), x[:, -1:].astype(np.float32))[:, outputs]
@@ -116,10 +116,8 @@ def _networks(count: int, scene: bool) -> Iterator[Network]:
     for number in range(count):
         # Of every second as large or small as float32 lets the scales be.
         reach = 10.0 ** rng.uniform(*((-30, 20) if number % 2 else (-3, 4)))
-        if scene:
-            sizes = [_FEATURES + 4, _HIDDEN, 7]
-        else:
-            sizes = [_LATENTS, *(_HIDDEN,) * int(rng.integers(0, 4)), 9]
+        hidden = (_HIDDEN,) * int(rng.integers(0, 4))
+        sizes = [_FEATURES + 4, _HIDDEN, 7] if scene else [_LATENTS, *hidden, 9]
         # The last layer decides how large outputs are; between the layers all is about 1.
         reaches = [*(1.0,) * (len(sizes) - 2), reach]
         layers = [

@@ -29,7 +29,6 @@ class Operation:
         evaluate: (n, columns) of `dtype` -> (n, out) as a decoder gives them in float32.
         reference: (n, columns) float64 -> b and m of R-9.5-1, (n, out) float64 each.
         dtype: of inputs.
-        largest: of whole magnitudes, where it is no power of two; None for 2^high.
     """
 
     name: str
@@ -141,7 +140,8 @@ def _described(operation: Operation, x: Floats, cases: int) -> Worst:
     error = abs(a[0, at] - b[0, at])
     place = float(np.spacing(np.float32(abs(b[0, at])))) if abs(b[0, at]) < 3.4e38 else np.inf
     inputs = tuple(map(float, x[0]))
-    return Worst(float(used[0, at]), float(error), float(error / place), inputs, float(a[0, at]), float(b[0, at]), cases)
+    found, wanted = float(a[0, at]), float(b[0, at])
+    return Worst(float(used[0, at]), float(error), float(error / place), inputs, found, wanted, cases)
 
 
 def profile(operation: Operation, exponents: range, count: int, seed: int = 2) -> list[float]:

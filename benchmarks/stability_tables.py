@@ -9,7 +9,6 @@ from benchmarks.report import table
 from benchmarks.stability_values import reaches
 
 _USUAL = "as usual"
-_SHOWN = 6
 
 
 def failures(results: Mapping[str, Any]) -> list[str]:
@@ -39,7 +38,8 @@ def _operations(exact: Sequence[Mapping[str, Any]], activated: Sequence[Mapping[
     rows = []
     for edge in exact:
         error = f"{edge['differ']:,} differ" if edge["differ"] else "none differ"
-        rows.append([edge["operation"], "exact", f"{edge['cases']:,}", error, "0", "", f"{edge['worst']} ({edge['limit']})"])
+        reached = f"{edge['worst']} ({edge['limit']})"
+        rows.append([edge["operation"], "exact", f"{edge['cases']:,}", error, "0", "", reached])
     for row in activated:
         error = f"{row['error']:.2g} ({_ulps(row['ulps'])})"
         inputs = ", ".join(f"{name} {value:.4g}" for name, value in _shown(row))
@@ -66,7 +66,7 @@ def _margin(used: float) -> str:
 
 def _references(activated: Sequence[Mapping[str, Any]]) -> str:
     rows = [[row["operation"], f"{row['reference']:.1e}"] for row in activated if row["reference"] is not None]
-    intro = "How much of the tolerance the formulas in float64 leave open, against 50 digits; above 1 the rule decides nothing."
+    intro = "The part of the tolerance that float64 leaves open, against 50 digits; above 1 the rule decides nothing."
     return f"{intro}\n\n{table(['operation', 'part of the tolerance'], rows)}"
 
 
@@ -95,7 +95,7 @@ def _processes(found: Mapping[str, Mapping[str, Any]]) -> str:
             continue
         differ = sum(one["exact"][path] != digest for path, digest in usual["exact"].items())
         same = "yes" if one["single"] == usual["single"] else "no"
-        rows.append([name, f"{len(one['exact'])}", f"{differ}", same, f"{1 / one['worst']:,.0f}" if one["worst"] else ""])
+        rows.append([name, f"{len(one['exact'])}", f"{differ}", same, _margin(one["worst"])])
     head = ["process", "files", "exact values differ in", "activated float32 bits as usual", "margin to the tolerance"]
     return table(head, rows)
 

@@ -1,4 +1,4 @@
-"""Exact values computed in floating point, and rANS with extreme tables: each against Python's integers and fractions."""
+"""Exact values computed in floating point, and rANS with extreme tables, against Python's integers and fractions."""
 
 from __future__ import annotations
 
@@ -7,18 +7,29 @@ from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
 
-import mpmath
+import mpmath  # type: ignore[import-untyped]
 import numpy as np
 
 from conformance import integer_oracle as oracle
 from reference_decoder.dequantise import channel_values, latents, positions
+from scarfmt import kernel
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.directory import Tile
+from scarfmt.kernel.rans import KernelRansDecoder
 from scarfmt.model import MAX_STEPS, Lattice
 from scarfmt.morton import interleave
 from scarfmt.neural.context import FINE_LIMIT, CellMeans, fine
+from scarfmt.neural.operations import NUMPY
 from scarfmt.neural.tables import EXP2_LAST, SIGMOID, TANH, exp2_table
-from scarfmt.rans import MAX_ALPHABET, TOTAL, FrequencyTable, PureRansDecoder, RansDecoder, RansEncoder
+from scarfmt.rans import (
+    MAX_ALPHABET,
+    TOTAL,
+    FrequencyTable,
+    PureRansDecoder,
+    RansDecoder,
+    RansEncoder,
+    SymbolSource,
+)
 
 Edge = dict[str, Any]
 
@@ -35,7 +46,7 @@ def measure_values(count: int) -> list[Edge]:
     """
     rng = np.random.default_rng(9)
     parts = [_channels(rng, count), _positions(rng, count), _latents(rng, count), _fine(rng, count), _means(rng, count)]
-    return [*parts, _tables(rng), _coder(rng), *_literal_tables()]
+    return [*parts, _tables(rng), _coder(rng), *_compiled_logits(rng), *_literal_tables()]
 
 
 def _edge(operation: str, cases: int, worst: str, limit: str, differ: int) -> Edge:
@@ -79,16 +90,16 @@ def _exponent(value: float) -> int:
 
 
 def _positions(rng: np.random.Generator, count: int) -> Edge:
-    """Lattices of 1 to 32 bits in worlds of 1e-300 to 1e300, all of them from the finest cell to the farthest corner."""
+    """Lattices of 1 to 32 bits in worlds of 1e-300 to 1e300, from the first cell to the farthest corner."""
     differ, worst, at = 0, 0.0, ""
     for _ in range(count):
-        bits = int(rng.choice([1, 21, 32, rng.integers(1, 33)]))
+        bits = int(rng.choice([1, 21, 32, int(rng.integers(1, 33))]))
         depth = int(rng.integers(max(0, bits - 52), min(bits, 21) + 1))
         free = bits - depth
         shift = int(rng.integers(max(0, free - 21), min(free, 31) + 1))
         side, cells = 1 << depth, 1 << (free - shift)
-        place = [int(rng.choice([0, side - 1, rng.integers(0, side)])) for _ in range(3)]
-        local = [int(rng.choice([0, cells - 1, rng.integers(0, cells)])) for _ in range(3)]
+        place = [int(rng.choice([0, side - 1, int(rng.integers(0, side))])) for _ in range(3)]
+        local = [int(rng.choice([0, cells - 1, int(rng.integers(0, cells))])) for _ in range(3)]
         voxel = float(10.0 ** rng.choice([-300, -30, -3, 0, 30, 290]) * rng.uniform(0.1, 1))
         origin = float(rng.choice([0, 1, -1, 1e6, voxel, -voxel * 2.0**bits]) * rng.uniform(0.5, 1))
         residual = float(rng.choice([0, 1, -1, rng.uniform(-1, 1)]))
@@ -153,7 +164,8 @@ def _means(rng: np.random.Generator, count: int) -> Edge:
     for size in (1, 2, 3, 1000, 65536):
         cells = CellMeans(np.zeros(size, np.uint64), [0])
         for _ in range(max(count // 100, 4)):
-            values = rng.choice([-FINE_LIMIT, FINE_LIMIT, FINE_LIMIT - 1, *rng.integers(-FINE_LIMIT, FINE_LIMIT, 9)], size)
+            some = [-FINE_LIMIT, FINE_LIMIT, FINE_LIMIT - 1, *rng.integers(-FINE_LIMIT, FINE_LIMIT, 9).tolist()]
+            values = rng.choice(some, size)
             # 2 S + n = 2 n k - 1 where that can be.
             values[0] += ((-1 - size) // 2 - int(values.sum())) % size - size
             sums = cells.sums(1)
@@ -191,8 +203,33 @@ def _tables(rng: np.random.Generator) -> Edge:
     return _edge("static frequency table", cases, f"product 2^{math.log2(worst):.1f} of at most 2^63", "§8.1", differ)
 
 
+def _decoders(data: bytes) -> list[SymbolSource]:
+    """Every decoder there is, at the start of a stream."""
+    library = kernel.library()
+    compiled = [] if library is None else [KernelRansDecoder(library, data)]
+    return [RansDecoder(data), PureRansDecoder(data), *compiled]
+
+
+def _compiled_logits(rng: np.random.Generator) -> list[Edge]:
+    """Symbols the compiled decoder finds from logits itself: all equal, far apart, beyond the table, at their ends."""
+    library, cases, differ = kernel.library(), 0, 0
+    if library is None:
+        return []
+    for size in (2, 3, 63, 64, 65, 1000, MAX_ALPHABET):
+        logits = np.round(rng.normal(size=(size, _SYMBOLS)) * rng.choice([0, 1, 30, 150, 1e6], _SYMBOLS))
+        logits = np.clip(logits, -TOTAL + 1, TOTAL - 1).astype(np.float32)
+        logits[:, 0] = rng.choice([1 - TOTAL, TOTAL - 1], size)
+        logits[:, 1] = rng.choice([0, -511, -512], size)
+        words = rng.integers(1, 2**32, 2 * _SYMBOLS, dtype=np.uint64).astype("<u4").tobytes()
+        found = KernelRansDecoder(library, words).decode_logits(logits)
+        weights = NUMPY.frequency_rows(logits.copy(), NUMPY.constant(exp2_table()))
+        differ += int(np.count_nonzero(found != RansDecoder(words).decode_rows(weights)))
+        cases += found.size
+    return [_edge("rANS from logits, compiled", cases, f"{MAX_ALPHABET:,} equal logits", "R-10.5-10", differ)]
+
+
 def _coder(rng: np.random.Generator) -> Edge:
-    """Runs of the rarest, the commonest and mixed symbols, by tables and by rows, with both decoders."""
+    """Runs of the rarest, the commonest and mixed symbols, by tables and by rows, with every decoder."""
     cases = differ = 0
     for size in (2, 3, 255, MAX_ALPHABET):
         for place in (0, size - 1):
@@ -206,7 +243,7 @@ def _coder(rng: np.random.Generator) -> Edge:
                 encoder.encode(symbols, table)
                 encoder.encode_rows(symbols[:40], rows)
                 data = encoder.finish()
-                for decoder in (RansDecoder(data), PureRansDecoder(data)):
+                for decoder in _decoders(data):
                     found = np.concatenate([decoder.decode(table, _SYMBOLS), decoder.decode_rows(rows)])
                     decoder.finish()
                     differ += int(np.count_nonzero(found != np.concatenate([symbols, symbols[:40]])))

@@ -35,12 +35,14 @@ from scarfmt.source import open_source
 from scarfmt.writer import silent, write_scene
 
 QUALITY = 41.0
-WEIGHT_BITS = (3, 4, 5, 6, 8)
-ACTIVATION_BITS = (8, 9, 10, 12)
+WEIGHT_BITS = (4, 5, 6, 8)
+ACTIVATION_BITS = (8, 10, 12)
 POSITION_BITS = (-2, -1, 0, 1, 2)
 """Added to the bits of an axis that the encoder chooses for a tile."""
 STEP_QUALITIES = (35.0, 38.0, 41.0, 44.0, 47.0, 50.0)
-SHORT_WEIGHT_BITS, SHORT_ACTIVATION_BITS, SHORT_POSITION_BITS = (4,), (), (0, 1)
+SHORT_WEIGHT_BITS: tuple[int, ...] = (4,)
+SHORT_ACTIVATION_BITS: tuple[int, ...] = ()
+SHORT_POSITION_BITS = (0, 1)
 Record = dict[str, Any]
 Row = dict[str, Any]
 

@@ -8,10 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
-from benchmarks import child, encoded
+from benchmarks import child, encoded, quality
 from benchmarks.scenes import Scene
+from scarfmt.cli.scenes import Subject
+from scarfmt.scene import GaussianScene
 
 
 @pytest.fixture
@@ -78,6 +81,27 @@ def test_a_file_that_is_there_is_not_encoded_again(scene: Scene, monkeypatch: py
     assert len(jobs) == 1
     encoded.note_path(Path(first["path"])).unlink()
     assert encoded.encoded(scene, 41.0, 2)["seconds"] == 2
+
+
+def test_pictures_of_a_file_are_compared_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Until the decoder's source changes."""
+    compared: list[int] = []
+    monkeypatch.setattr(quality, "load_subject", lambda _name: Subject(placed_at(3), placed_at(3)))
+    monkeypatch.setattr(quality, "layer_table", lambda _name: [{"layer": 1}])
+    monkeypatch.setattr(quality, "_layer", lambda *_rest: compared.append(1) or {"psnr_db": 40.0})
+    scene, path = Scene("a scene", tmp_path / "a.ply"), tmp_path / "a.scar"
+    first, second = (quality.distortion(scene, path) for _ in range(2))
+    assert first == second == {"source_photos_psnr_db": None, "layers": [{"psnr_db": 40.0}]}
+    assert len(compared) == 1
+    monkeypatch.setattr(quality, "source_key", lambda _packages: "another decoder")
+    quality.distortion(scene, path)
+    assert len(compared) == 2
+
+
+def placed_at(count: int) -> GaussianScene:
+    """A scene of nothing but positions."""
+    zeros = np.zeros((count, 4), np.float32)
+    return GaussianScene(np.zeros((count, 3)), zeros[:, :3], zeros, zeros[:, 0], np.zeros((count, 1, 3), np.float32))
 
 
 def test_runs_stop_by_number_or_by_time() -> None:

@@ -20,9 +20,9 @@ static const double POWERS[20] = {
     1.0, 3.0, 9.0, 27.0, 81.0, 243.0, 729.0, 2187.0, 6561.0, 19683.0, 59049.0, 177147.0, 531441.0, 1594323.0,
     4782969.0, 14348907.0, 43046721.0, 129140163.0, 387420489.0, 1162261467.0};
 
-static inline double power_of(int64_t steps) { return POWERS[steps > 1 ? (steps > 20 ? 19 : steps - 1) : 0]; }
+INLINE double power_of(int64_t steps) { return POWERS[steps > 1 ? (steps > 20 ? 19 : steps - 1) : 0]; }
 
-static inline double fine(double value, int64_t steps) {
+INLINE double fine(double value, int64_t steps) {
     if (steps <= 0) return 0;
     const double power = power_of(steps);
     const double scaled = floor_of((value * (2 * FINE_ONE) + power) / (2 * power));
@@ -30,12 +30,12 @@ static inline double fine(double value, int64_t steps) {
 }
 
 /* Fine values of (n, columns) `values` at (n,) `steps`. */
-EXPORT void scar_fine(const int32_t *values, const int64_t *steps, int64_t n, int64_t columns, int64_t *out) {
+WIDE EXPORT void scar_fine(const int32_t *values, const int64_t *steps, int64_t n, int64_t columns, int64_t *out) {
     for (int64_t i = 0; i < n; i++)
         for (int64_t c = 0; c < columns; c++, values++, out++) *out = (int64_t)fine((double)*values, steps[i]);
 }
 
-static inline void add_to_cells(const Cells *cells, int64_t anchor, int64_t column, double value) {
+INLINE void add_to_cells(const Cells *cells, int64_t anchor, int64_t column, double value) {
     for (int64_t d = 0; d < cells->depths; d++)
         cells->sums[d][cells->cell[d][anchor] * (cells->columns + 1) + column] += value;
 }
@@ -49,7 +49,7 @@ EXPORT void scar_cells_add(const Cells *cells, const int64_t *anchors, int64_t m
 }
 
 /* (m, depths, columns) means around m anchors, and (m, depths) counts. */
-EXPORT void scar_cells_around(const Cells *cells, const int64_t *anchors, int64_t m, double *means, double *counts) {
+WIDE EXPORT void scar_cells_around(const Cells *cells, const int64_t *anchors, int64_t m, double *means, double *counts) {
     const int64_t columns = cells->columns;
     for (int64_t i = 0; i < m; i++)
         for (int64_t d = 0; d < cells->depths; d++, means += columns, counts++) {
@@ -58,9 +58,9 @@ EXPORT void scar_cells_around(const Cells *cells, const int64_t *anchors, int64_
         }
 }
 
-static inline float clamped(double value) { return (float)(value < -AMAX ? -AMAX : value > AMAX ? AMAX : value); }
+INLINE float clamped(double value) { return (float)(value < -AMAX ? -AMAX : value > AMAX ? AMAX : value); }
 
-static inline float coarse_input(double value) { return clamped(floor_of(value * (1.0 / 64))); }
+INLINE float coarse_input(double value) { return clamped(floor_of(value * (1.0 / 64))); }
 
 /* One component's part of a step. */
 typedef struct {
@@ -97,37 +97,40 @@ typedef struct {
     int64_t *counts;                 /* scratch: tables->kinds + 1 */
 } Step;
 
-static inline int64_t own_column(const Step *s) { return CLASSES + s->settled_columns; }
+INLINE int64_t own_column(const Step *s) { return CLASSES + s->settled_columns; }
 
-static inline int64_t width_of(const Step *s) { return s->shared + s->components * s->cells.depths; }
+INLINE int64_t width_of(const Step *s) { return s->shared + s->components * s->cells.depths; }
+
+INLINE void put_lane(float *x, int64_t row, double value) { x[row * BLOCK] = clamped(value); }
 
 /* The inputs of one anchor into its lane of a block (SPEC 10.3). */
-static void anchor_inputs(const Step *s, int64_t anchor, float *x) {
+INLINE void anchor_inputs(const Step *s, int64_t anchor, float *x) {
     const int64_t components = s->components, depths = s->cells.depths;
     const int32_t *values = s->values + anchor * components;
-    const double power = power_of(s->step);
-    double mean[MOST_COMPONENTS], own[MOST_COMPONENTS];
+    const double power = power_of(s->step), scale = 1.0 / 32;
+    double mean[MOST_COMPONENTS], own[MOST_COMPONENTS], coarse[MOST_COMPONENTS], apart[MOST_COMPONENTS];
     for (int64_t c = 0; c < CLASSES; c++) x[c * BLOCK] = 0;
     x[s->classes[anchor] * BLOCK] = CLASS_INPUT;
     x += CLASSES * BLOCK;
     for (int64_t k = 0; k < s->settled_columns; k++, x += BLOCK)
         *x = coarse_input((double)s->settled[anchor * s->settled_columns + k]);
-    for (int64_t c = 0; c < components; c++, x += BLOCK) {
-        own[c] = fine((double)values[c], s->step - 1);
-        *x = coarse_input(own[c]);
-        mean[c] = 0;
-    }
-    float *counts = x + depths * components * BLOCK, *apart = counts + depths * BLOCK;
+    for (int64_t c = 0; c < components; c++) own[c] = fine((double)values[c], s->step - 1), mean[c] = 0;
+    for (int64_t c = 0; c < components; c++, x += BLOCK) *x = coarse_input(own[c]);
+    float *counts = x + depths * components * BLOCK, *relative = counts + depths * BLOCK;
     for (int64_t d = 0; d < depths; d++) {
         counts[d * BLOCK] = count_feature(cell_means(&s->cells, d, anchor, mean));
-        for (int64_t c = 0; c < components; c++, x += BLOCK) {
-            *x = coarse_input(mean[c]);
-            apart[(c * depths + d) * BLOCK] = clamped(floor_of((mean[c] - own[c]) * power * (1.0 / 32) + 0.5));
+        for (int64_t c = 0; c < components; c++) {
+            coarse[c] = floor_of(mean[c] * (1.0 / 64));
+            apart[c] = floor_of((mean[c] - own[c]) * power * scale + 0.5);
+        }
+        for (int64_t c = 0; c < components; c++) {
+            put_lane(x, d * components + c, coarse[c]);
+            put_lane(relative, c * depths + d, apart[c]);
         }
     }
 }
 
-static void pass_inputs(const Step *s, const int64_t *anchors, int64_t wide) {
+WIDE static void pass_inputs(const Step *s, const int64_t *anchors, int64_t wide) {
     const int64_t size = width_of(s) * BLOCK;
     for (int64_t i = 0; i < wide; i++) anchor_inputs(s, anchors[i], s->inputs + i / BLOCK * size + i % BLOCK);
     /* Lanes beyond the last anchor: anything finite. */
@@ -136,7 +139,7 @@ static void pass_inputs(const Step *s, const int64_t *anchors, int64_t wide) {
 }
 
 /* Adds the products of ROWS rows of weights, `stride` apart, with n inputs. */
-static inline void add_products(const float *weights, int64_t stride, const float *x, int64_t n, Lanes out[ROWS]) {
+INLINE void add_products(const float *weights, int64_t stride, const float *x, int64_t n, Lanes out[ROWS]) {
     const Lanes *input = (const Lanes *)x;
     Lanes a = out[0], b = out[1], c = out[2], d = out[3];
     for (int64_t k = 0; k < n; k++, weights++) {
@@ -149,7 +152,7 @@ static inline void add_products(const float *weights, int64_t stride, const floa
 }
 
 /* Adds what one row of a predictor gives to its two sums. */
-static inline void add_row(const Predictor *p, int64_t row, const Lanes *product, Lanes sums[2]) {
+INLINE void add_row(const Predictor *p, int64_t row, const Lanes *product, Lanes sums[2]) {
     const int64_t units = p->units;
     if (row >= units) {
         sums[row - units] += *product;
@@ -242,7 +245,7 @@ static void tell_component(const Step *s, int64_t component, const int64_t *anch
             coarse_input(fine((double)s->values[anchors[i] * s->components + component], 1));
 }
 
-static void add_anchor(const Step *s, int64_t anchor) {
+INLINE void add_anchor(const Step *s, int64_t anchor) {
     for (int64_t c = 0; c < s->components; c++)
         add_to_cells(&s->cells, anchor, c, fine((double)s->values[anchor * s->components + c], s->steps[anchor]));
     add_to_cells(&s->cells, anchor, s->components, 1);

@@ -16,6 +16,9 @@ function allocates. What indexes an array comes from other arrays that the calle
 #define WIDE
 #endif
 
+/* Compiled anew in each caller, for the vectors that it uses. */
+#define INLINE static inline __attribute__((always_inline))
+
 /* One number of each of BLOCK anchors. */
 #define BLOCK 16
 typedef float Lanes __attribute__((vector_size(4 * BLOCK), aligned(4)));
@@ -52,23 +55,19 @@ typedef struct {
 /* Columns that a scene may average: 64 components of a channel, or those of all attributes and latents. */
 #define MOST_CONTEXT_COLUMNS 512
 
-/* floor() of numbers far below 2^63, without a call. */
-static inline double floor_of(double x) {
-    const double whole = (double)(int64_t)x;
-    return whole - (whole > x);
-}
+INLINE double floor_of(double x) { return __builtin_floor(x); }
 
 /* Means of one anchor's cells: mean[c * stride] of each column at `depth`; where a cell is empty, `before` is kept.
 Returns the count. */
-static inline double cell_means(const Cells *cells, int64_t depth, int64_t anchor, double *mean) {
-    const double *sums = cells->sums[depth] + cells->cell[depth][anchor] * (cells->columns + 1);
+INLINE double cell_means(const Cells *cells, int64_t depth, int64_t anchor, double *restrict mean) {
+    const double *restrict sums = cells->sums[depth] + cells->cell[depth][anchor] * (cells->columns + 1);
     const double count = sums[cells->columns];
     if (count > 0)
         for (int64_t c = 0; c < cells->columns; c++) mean[c] = floor_of((2 * sums[c] + count) / (2 * count));
     return count;
 }
 
-static inline float count_feature(double count) {
+INLINE float count_feature(double count) {
     int digits = 0;
     for (double top = 1; digits < 8 && count >= top; top *= 2) digits++;
     return (float)(32 * digits);

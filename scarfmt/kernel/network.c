@@ -73,12 +73,12 @@ typedef struct {
     const int16_t *features;     /* (n, grid) */
 } Embedding;
 
-static inline float within(double value, double amax) {
+INLINE float within(double value, double amax) {
     return (float)(value < -amax ? -amax : value > amax ? amax : value);
 }
 
 /* (m, width) inputs of m anchors; `rows` are their names in `cells`. */
-EXPORT void scar_embedding_inputs(const Embedding *e, const Cells *cells, const int64_t *anchors, const int64_t *rows,
+WIDE EXPORT void scar_embedding_inputs(const Embedding *e, const Cells *cells, const int64_t *anchors, const int64_t *rows,
                                   int64_t m, float *out) {
     const int64_t columns = e->attributes + e->latents;
     const double amax = (double)e->amax, scale = 1.0 / (double)((int64_t)1 << e->latent_shift);
