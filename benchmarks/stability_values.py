@@ -64,7 +64,9 @@ def rounded32(value: Fraction) -> float:
     # Python rounds a fraction to an integer with ties to even.
     whole = round(value / Fraction(2) ** place)
     out = Fraction(whole) * Fraction(2) ** place
-    return math.copysign(math.inf, out) if abs(out) >= Fraction(2) ** _MOST32 else float(out)
+    if abs(out) >= Fraction(2) ** _MOST32:
+        return math.inf if out > 0 else -math.inf
+    return float(out)
 
 
 def _channels(rng: np.random.Generator, count: int) -> Edge:

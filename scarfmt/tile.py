@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.codecs.channels import check_reach, coarsen, get_channel, put_channel
+from scarfmt.codecs.channels import check_reach, coarsen, get_channel, put_channel, steps_coded
 from scarfmt.codecs.classes import get_classes, put_classes
 from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
@@ -178,7 +178,8 @@ def put_layer(
         final = (content.values[index], model.steps(last, index, classes))
         predicted = None
         if context is not None:
-            predicted = _predicted(context, index, neural.sets, _at(*final, before_steps), before_steps)
+            steps = before_steps, after_steps
+            predicted = _predicted(context, index, neural.sets, _at(*final, before_steps), steps)
         put_channel(emitter, channel, classes, before_steps, after_steps, final, known_first, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, _at(*final, after_steps), after_steps)
@@ -211,11 +212,13 @@ def _context(
 
 
 def _predicted(
-    context: LayerContext, index: int, predictors: PredictorSet, values: Ints, steps: I64
+    context: LayerContext, index: int, predictors: PredictorSet, values: Ints, steps: tuple[I64, I64]
 ) -> PredictedChannel | None:
-    if context.model.channels[index].stream not in predictors.streams:
+    """The predictors of a channel's steps in a layer, None where none of those that travel has any."""
+    stream = context.model.channels[index].stream
+    if not any(predictors.step(stream, step) for step in steps_coded(*steps)):
         return None
-    return PredictedChannel(context, index, predictors, values, steps)
+    return PredictedChannel(context, index, predictors, values, steps[0])
 
 
 def needed_streams(model: SceneModel, wanted: Collection[Stream], neural: NeuralModels = STATIC) -> frozenset[Stream]:
@@ -296,7 +299,7 @@ def get_layer(
             values, first = content.values[index], content.first[: index + 1]
             predicted = None
             if context is not None:
-                predicted = _predicted(context, index, neural.sets, values, steps[0])
+                predicted = _predicted(context, index, neural.sets, values, steps)
             get_channel(reader, channel, classes, *steps, values, first, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, content.values[index], steps[1])

@@ -90,7 +90,7 @@ def put_channel(
             emit_by_context(emitter, TableKey(channel.stream, component, step, 0), contexts, now - 3 * before)
         return here
 
-    for step in _steps_coded(before, after):
+    for step in steps_coded(before, after):
         chosen = np.flatnonzero((before < step) & (after >= step))
         if not len(chosen):
             continue
@@ -145,7 +145,7 @@ def get_channel(
             first[-1][part[:, None], components] = here.T
         return here
 
-    for step in _steps_coded(before, after):
+    for step in steps_coded(before, after):
         chosen = np.flatnonzero((before < step) & (after >= step))
         if not len(chosen):
             continue
@@ -178,7 +178,7 @@ def _get_compiled(
     """As :func:`get_channel`, a call of the compiled library for each step."""
     before, after = steps
     target = KernelChannel(compiled, channel, classes, values, first, before.astype(np.int64))
-    for step in _steps_coded(before, after):
+    for step in steps_coded(before, after):
         chosen = np.flatnonzero((before < step) & (after >= step))
         if not len(chosen):
             continue
@@ -197,7 +197,7 @@ def _get_compiled(
         reader.static += len(chosen) * channel.components
 
 
-def _steps_coded(before: I64, after: I64) -> range:
+def steps_coded(before: I64, after: I64) -> range:
     """The steps that some anchor may receive, from (n,) steps before and after a layer."""
     moves = np.flatnonzero(before < after)
     return range(int(before[moves].min()) + 1, int(after[moves].max()) + 1) if len(moves) else range(0)

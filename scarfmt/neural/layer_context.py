@@ -53,25 +53,43 @@ class LayerContext:
         self.counters = counters
         self._frame = frame
         self._codes = codes
-        # Rows of `cells` are anchors by (code, index).
-        self._order = np.argsort(codes, kind="stable")
-        self._rows = np.empty_like(self._order)
-        self._rows[self._order] = np.arange(len(codes))
-        ordered = codes[self._order]
-        self.cells = CellMeans(ordered, depth_shifts(ordered, frame.bits, model.context.occupancies))
+        self._settled: dict[int, tuple[Ints, I64]] = {}
         self._fine: dict[int, I64] = {}
+
+    # Made when first asked for: in many layers nothing looks around.
+    @cached_property
+    def _order(self) -> I64:
+        return np.argsort(self._codes, kind="stable")
+
+    @cached_property
+    def _rows(self) -> I64:
+        """Rows of `cells` are anchors by (code, index): that of each anchor."""
+        rows = np.empty_like(self._order)
+        rows[self._order] = np.arange(len(rows))
+        return rows
+
+    @cached_property
+    def cells(self) -> CellMeans:
+        """The cells of the anchors known."""
+        ordered = self._codes[self._order]
+        return CellMeans(ordered, depth_shifts(ordered, self._frame.bits, self.model.context.occupancies))
 
     def __len__(self) -> int:
         return len(self.classes)
 
     def settle(self, channel: int, values: Ints, steps: I64) -> None:
-        """Take the (n, components) `values` of a channel, at (n,) `steps`, as this layer leaves them."""
-        self._fine[channel] = fine(values, steps)
+        """Take the (n, components) `values` of a channel, at (n,) `steps`, as this layer leaves them: they stay so."""
+        self._settled[channel] = values, steps
 
     def settled(self, before: int | None = None) -> I64:
         """(n, A) int64 fine values of the attribute channels settled, or of those before channel `before`."""
-        chosen = [self._fine[k] for k in self.model.attributes if before is None or k < before]
-        return np.concatenate(chosen, axis=1) if chosen else np.zeros((len(self), 0), np.int64)
+        chosen = [k for k in self.model.attributes if before is None or k < before]
+        for channel in chosen:
+            if channel not in self._fine:
+                self._fine[channel] = fine(*self._settled[channel])
+        if not chosen:
+            return np.zeros((len(self), 0), np.int64)
+        return np.concatenate([self._fine[channel] for channel in chosen], axis=1)
 
     def kernel_sums(self, library: ctypes.CDLL, columns: int) -> KernelCellSums:
         """Sums over the cells, compiled, of no anchors yet; anchors go by their own number, not their row."""

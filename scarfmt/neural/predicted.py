@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -89,12 +90,22 @@ class PredictedChannel:
         self._context = context
         self._predictors = predictors
         self._stream = context.model.channels[channel].stream
-        self._settled = context.settled(before=channel)
-        self._values = values.astype(np.int64)
+        self._channel = channel
+        self._components = values.shape[1]
+        self._given = values
         self._steps = steps.copy()
         self._step = 0
         self._inputs: PassInputs | None = None
         self._found: dict[int, I64] = {}
+
+    # The compiled reader keeps values of its own, and a layer's last steps may need none.
+    @cached_property
+    def _values(self) -> I64:
+        return self._given.astype(np.int64)
+
+    @cached_property
+    def _settled(self) -> I64:
+        return self._context.settled(before=self._channel)
 
     def covers(self, step: int) -> bool:
         """Whether a component has a predictor for `step`."""
@@ -103,7 +114,7 @@ class PredictedChannel:
     def parts(self, step: int, chosen: I64) -> Iterator[I64]:
         """The anchors `chosen` pass by pass. Each pass must be coded before the next is asked for."""
         context, self._step = self._context, step
-        around = StepContext(context.cells, step, self._values.shape[1])
+        around = StepContext(context.cells, step, self._components)
         known = np.flatnonzero(self._steps >= step)
         around.add(context.rows(known), self._values[known], self._steps[known])
         for part in context.parts(chosen):
@@ -134,10 +145,10 @@ class PredictedChannel:
 
     def surroundings(self, library: ctypes.CDLL, step: int) -> Surroundings | None:
         """What the compiled reader of a step looks at; None where only static contexts apply."""
-        packed = self._predictors.packed(self._stream, step, self._values.shape[1])
+        packed = self._predictors.packed(self._stream, step, self._components)
         if packed is None:
             return None
-        return Surroundings(self._settled, self._context.kernel_sums(library, self._values.shape[1]), packed)
+        return Surroundings(self._settled, self._context.kernel_sums(library, self._components), packed)
 
     def passes(self, step: int, chosen: I64) -> list[I64]:
         """The anchors `chosen` of a step, pass by pass; all at once where only static contexts apply."""
@@ -153,7 +164,7 @@ class PredictedChannel:
     def _evaluated(self, component: int, predictor: Contexts) -> I64:
         assert self._inputs is not None
         depths = len(self._context.model.context.occupancies)
-        groups = self._predictors.groups(self._stream, self._step, self._values.shape[1], depths)
+        groups = self._predictors.groups(self._stream, self._step, self._components, depths)
         if groups is None:
             return predictor.contexts(self._inputs.of(component))
         if component not in self._found:
