@@ -50,14 +50,22 @@ def measure(scene: Scene, short: bool, keep: Callable[[str, dict[str, Any]], Non
     for coded in ("static",) if short else ("static", "neural"):
         for most in TILES[:1] + TILES[3:4] if short else TILES:
             print(f"{scene.name}: {coded}, tiles of {most}", file=sys.stderr)
-            keep(f"{scene.name} {coded} {most:05d}", _of_file(scene, base, coded, most, regions))
+            found = _of_file(scene, base, coded, most, regions)
+            if found is None:
+                print("too much work a byte for a reader's limits, as are smaller tiles", file=sys.stderr)
+                break
+            keep(f"{scene.name} {coded} {most:05d}", found)
 
 
-def _of_file(scene: Scene, base: Path, coded: str, most: int, regions: list[dict[str, Any]]) -> dict[str, Any]:
+def _of_file(scene: Scene, base: Path, coded: str, most: int, regions: list[dict[str, Any]]) -> dict[str, Any] | None:
+    """What is measured of one file; None where no decoder with the usual limits would take it (SPEC §13.2)."""
     path = base.with_suffix(f".{coded}-{most}.scar")
     facts = child.run(
         job=f"{_SCALING}:rewrite", file=str(base), static=coded == "static", tile_anchors=most, out=str(path)
     )
+    if not facts["within_limits"]:
+        path.unlink()
+        return None
     # The whole scene of outliers is for bytes alone: most of its boxes take nearly all.
     timed = [region for region in regions if region["place"] != "whole"]
     sizes = child.run(job=f"{_JOBS}:sizes", file=str(path), regions=regions)

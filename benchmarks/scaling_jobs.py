@@ -45,6 +45,7 @@ def encode(job: Job) -> dict[str, Any]:
 
 def rewrite(job: Job) -> dict[str, Any]:
     """Write the scene of `file` to `out`: without networks if `static`, in `tile_anchors`, `copies` times."""
+    from reference_encoder.neural import within_limits
     from scarfmt.writer import write_scene
 
     scene = read_scene(job["file"])
@@ -56,7 +57,8 @@ def rewrite(job: Job) -> dict[str, Any]:
     start = time.perf_counter()
     data = write_scene(scene)
     Path(job["out"]).write_bytes(data)
-    return {"seconds": time.perf_counter() - start, "bytes": len(data), **summary(scene)}
+    seconds = time.perf_counter() - start
+    return {"seconds": seconds, "bytes": len(data), "within_limits": within_limits(data), **summary(scene)}
 
 
 def stream(job: Job) -> dict[str, Any]:

@@ -20,7 +20,7 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 U64 = NDArray[np.uint64]
 
-TILE_ANCHORS = 32768
+TILE_ANCHORS = 16384
 """Most anchors of a tile, unless asked otherwise: docs/decisions/0015-tile-size.md."""
 # A leaf cell this many times the step that pays for the 70th percentile of a tile's anchors; those who
 # need more get it from the position residual.

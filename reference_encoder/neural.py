@@ -1,9 +1,10 @@
 """Which integer networks a file gets: whatever makes it smaller, by measured bytes (SPEC §10; encoder side).
 
-Predictors of channel values come first, each only if it saves more than it takes; then the index network, if what
-it codes and its own blocks take fewer bytes than indices under static tables. With the network, codewords are chosen
-again at its prices; that is kept if bytes and error together, in the encoder's currency, are less than before. The
-static file is made in any case: what is returned is never larger.
+Predictors of channel values come first, each only if it saves more than it takes; then the index network. With it,
+codewords are chosen again at its prices; a round of that is kept if bits and error together, in the encoder's currency,
+are less than before. Coding with networks is slow, so rounds go by what the trained network says of the bits, and only
+the last is coded; the network stays if what it codes and its own blocks then cost less than indices under static
+tables. The static file is made in any case: what is returned is never larger.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from reference_encoder.entropy.view import NetworkView
 from reference_encoder.options import EncodeOptions
 from reference_encoder.predict import choose_predictors
 from reference_encoder.rechoose import rechosen
-from reference_encoder.targets import Targets
+from reference_encoder.targets import Targets, refinement_bits
 from scarfmt.bytefields import compress
 from scarfmt.directory import local_bits
 from scarfmt.errors import LimitExceeded
@@ -70,13 +71,19 @@ def smallest_file(
     if predicted is not None and _budget_left(predicted, options) < 0:
         predicted = None
     learned = with_index_network(predicted or scene, options, report)
-    if learned is not None:
+    if learned is not None and learned.bits < 8 * index_bytes(static):
+        learned = learned if targets is None else with_rounds(learned, targets, options, report)
         data = write_scene(learned.scene, report)
-        if index_bytes(data) < index_bytes(static):
-            if targets is not None:
-                data = rechosen_file(learned, data, targets, options, report)
+        if _cost(learned.scene, data, targets) < _cost(scene, static, targets):
             return _smaller(static, data)
     return static if predicted is None else _smaller(static, write_scene(predicted, report))
+
+
+def _cost(scene: QuantisedScene, data: bytes, targets: Targets | None) -> float:
+    """What a scene's latents cost in its file `data`: bits, and with `targets` error."""
+    reader = SceneReader(BytesSource(data), limits=FORMAT_LIMITS)
+    size = index_bytes(data) + sum(layer.stream_bytes[Stream.LATENT] for layer in reader.header.layers)
+    return 8.0 * size if targets is None else targets.cost(scene, size)
 
 
 def _smaller(static: bytes, neural: bytes) -> bytes:
@@ -107,16 +114,19 @@ def index_bytes(data: bytes) -> int:
     return total
 
 
-def rechosen_file(learned: Learned, data: bytes, targets: Targets, options: EncodeOptions, report: Report) -> bytes:
-    """The file after rounds of choosing codewords again, as long as saved bytes are worth the added error."""
-    cost = targets.cost(learned.scene, len(data))
+def with_rounds(learned: Learned, targets: Targets, options: EncodeOptions, report: Report) -> Learned:
+    """After rounds of choosing codewords again, as long as bits saved are worth the added error."""
     for _ in range(ROUNDS[options.effort]):
-        learned = another_round(learned, targets, options, report)
-        tried = write_scene(learned.scene, report)
-        if targets.cost(learned.scene, len(tried)) >= cost:
+        tried = another_round(learned, targets, options, report)
+        if expected_cost(tried, targets) >= expected_cost(learned, targets):
             break
-        data, cost = tried, targets.cost(learned.scene, len(tried))
-    return data
+        learned = tried
+    return learned
+
+
+def expected_cost(learned: Learned, targets: Targets) -> float:
+    """J = D + lambda * bits of what the latents take, by the trained network and without coding anything."""
+    return targets.cost(learned.scene, 0) + targets.rate * (learned.bits + refinement_bits(learned.scene))
 
 
 def multiply_adds(scene: QuantisedScene) -> int:
@@ -149,6 +159,7 @@ class Learned:
         view: what it sees.
         training: how it was trained.
         clusters: sizes of the clusters of both books.
+        bits: of indices and network, estimated.
     """
 
     scene: QuantisedScene
@@ -156,6 +167,7 @@ class Learned:
     view: NetworkView
     training: TrainOptions
     clusters: tuple[tuple[int, ...], ...]
+    bits: float
 
 
 def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Report) -> Learned | None:
@@ -194,7 +206,7 @@ def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Re
     contents = tuple(_recoded(model, content, clusters) for content in scene.contents)
     network = export(best.model, view.columns(model), books)
     scene = replace(scene, contents=contents, codebooks=books, network=network, grid=view.grid)
-    return Learned(scene, best.model, view, training, sizes)
+    return Learned(scene, best.model, view, training, sizes, best.bits)
 
 
 def another_round(learned: Learned, targets: Targets, options: EncodeOptions, report: Report) -> Learned:
@@ -208,7 +220,7 @@ def another_round(learned: Learned, targets: Targets, options: EncodeOptions, re
     shape, start = learned.model.shape, deepcopy(learned.model)
     trained = train(rows, books, learned.clusters, shape, training, partial(report, "entropy network"), start)
     network = export(trained.model, learned.view.columns(scene.model), books)
-    return replace(learned, scene=replace(scene, network=network), model=trained.model)
+    return replace(learned, scene=replace(scene, network=network), model=trained.model, bits=trained.bits)
 
 
 def _neural(row: LayerRow) -> LayerRow:

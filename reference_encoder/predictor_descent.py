@@ -187,7 +187,12 @@ def _descend(
     rates: F64,
     momenta: F64,
 ) -> None:
-    """Minimise in place. `wide`: (inputs + 1, units + 2), biases last; `order`: rows of all batches, one after another."""
+    """Minimise in place.
+
+    Args:
+        wide: (inputs + 1, units + 2), biases last.
+        order: rows of all batches, one after another.
+    """
     rows, columns = wide.shape
     x, goal = np.ones((rows, _CHUNK), np.float32), np.empty(_CHUNK, np.float32)
     sums, slopes = np.empty((columns, _CHUNK), np.float32), np.empty((columns, _CHUNK), np.float32)

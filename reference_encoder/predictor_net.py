@@ -93,9 +93,7 @@ def _start(width: int, units: int, values: F32 | None, random: np.random.Generat
     first, second = random.standard_normal((width, units)) / width**0.5, 0.05 * random.standard_normal((units, 2))
     zeros = np.zeros(units), np.zeros((width, 2))
     bias, direct = (part.astype(np.float32) for part in zeros)
-    return Parameters(
-        first.astype(np.float32), bias, direct, second.astype(np.float32), offset.astype(np.float32)
-    )
+    return Parameters(first.astype(np.float32), bias, direct, second.astype(np.float32), offset.astype(np.float32))
 
 
 def _without_dead_units(net: FloatNet) -> FloatNet:

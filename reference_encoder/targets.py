@@ -95,6 +95,20 @@ def latent_units(model: SceneModel, classes: I64) -> F64 | None:
     return np.asarray(np.where(steps > 0, unit, 0.0), np.float64)
 
 
+def refinement_bits(scene: QuantisedScene) -> float:
+    """About what the LATENT channel takes: entropies of its last values in every class, tables not counted."""
+    index, classes = scene.model.channel_index(Stream.LATENT), joined_classes(scene)
+    if index is None:
+        return 0.0
+    values = np.concatenate([content.values[index] for content in scene.contents])
+    bits = 0.0
+    for kind in np.unique(classes):
+        for column in values[classes == kind].T:
+            counts = np.unique(column, return_counts=True)[1]
+            bits += float((counts * np.log2(len(column) / counts)).sum())
+    return bits
+
+
 def _with_values(model: SceneModel, content: TileContent, values: NDArray[np.int32], index: int) -> TileContent:
     changed = replace(content, values=[*content.values[:index], values, *content.values[index + 1 :]])
     changed.first = first_values(model, changed)

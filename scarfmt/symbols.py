@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint
 from scarfmt.errors import InvalidInput, Malformed
 from scarfmt import kernel
-from scarfmt.kernel.rans import CONTEXTS, KernelRansDecoder, PackedTables
+from scarfmt.kernel.rans import CONTEXTS, KernelRansDecoder, PackedMembers, PackedTables
 from scarfmt.rans import MAX_ALPHABET, PRECISION, FrequencyTable, RansDecoder, RansEncoder, SymbolSource, uniform_table
 
 Values = NDArray[np.integer[Any]]
@@ -315,6 +315,12 @@ class SymbolReader:
             return self.read_rows(weights(), stage)
         self.modelled += logits.shape[1]
         return compiled.decode_logits(logits).astype(np.int64)
+
+    def read_members(self, members: PackedMembers, clusters: I64, o: F32) -> I32:
+        """The members, (n,) int32, that follow (n,) `clusters` in a two-level head; of :attr:`compiled` only."""
+        assert self.compiled is not None
+        self.modelled += int(np.count_nonzero(members.sizes[clusters] > 1))
+        return self.compiled.decode_members(members, clusters, o)
 
     def finish(self) -> None:
         """Check the seal (SPEC §8.2)."""

@@ -1,4 +1,4 @@
-"""The benchmark against rivals: its own writers, readers and choices are right, and its tables say what was measured."""
+"""The benchmark against rivals: its writers, readers and choices are right, and its tables say what was measured."""
 
 from __future__ import annotations
 

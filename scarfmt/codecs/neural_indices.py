@@ -223,6 +223,9 @@ def _get_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any
     if not head.two_level:
         return first
     out: I64 = head.starts[first]
+    packed = evaluator.packed_members(book, mixed) if reader.compiled is not None and count else None
+    if packed is not None:
+        return out + reader.read_members(packed[0], first, packed[1])
     for block in evaluator.member_blocks(book, mixed, first):
         out[block.rows] += reader.read_logits(block.logits, block.weights, stage)
     return out

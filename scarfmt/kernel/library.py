@@ -28,6 +28,15 @@ class Tables(Structure):
     )
 
 
+class Members(Structure):
+    """Codewords of the clusters of a two-level head."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("clusters", "width", "largest")),
+        *((name, c_void_p) for name in ("starts", "weights", "offsets")),
+    )
+
+
 class Cells(Structure):
     """Sums over the anchors of each cell."""
 
@@ -137,6 +146,10 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_rans_logits": (
         None,
         [POINTER(Rans), c_void_p, c_int64, c_int64, c_int64, c_void_p, c_void_p, c_void_p],
+    ),
+    "scar_rans_members": (
+        None,
+        [POINTER(Rans), POINTER(Members), c_void_p, c_void_p, c_int64, *[c_void_p] * 6],
     ),
     "scar_fine": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
     "scar_cells_add": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p]),

@@ -128,19 +128,19 @@ static void column_weights(const float *logits, int64_t size, int64_t stride, co
     }
 }
 
-/* One symbol of the table that weights[0], weights[LANES], ... make (SPEC 8.1). */
-static uint32_t weighted(Rans *rans, const uint32_t *weights, uint64_t total, uint32_t size) {
+/* One symbol of the table that weights[0], weights[stride], ... make (SPEC 8.1). */
+INLINE uint32_t weighted(Rans *rans, const uint32_t *weights, size_t stride, uint64_t total, uint32_t size) {
     const uint64_t spare = TOTAL - size;
     const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
     uint64_t sum = 0;
     uint32_t s = 0;
     for (; s + 1 < size; s++) {
-        const uint64_t next = sum + weights[(size_t)s * LANES];
+        const uint64_t next = sum + weights[s * stride];
         /* c_(s+1) = floor(C spare / total) + s + 1 > slot, without the division. */
         if (slot < s + 1 || next * spare >= (uint64_t)(slot - s) * total) break;
         sum = next;
     }
-    const uint64_t next = sum + weights[(size_t)s * LANES];
+    const uint64_t next = sum + weights[s * stride];
     advance(rans, slot, edge(sum, spare, total, s), edge(next, spare, total, s + 1));
     return s;
 }
@@ -162,6 +162,58 @@ EXPORT void scar_rans_logits(Rans *rans, const float *logits, int64_t size, int6
             column_weights(last, size, LANES, exp2, weights, totals);
         }
         for (int64_t j = 0; j < wide; j++)
-            out[i + j] = (int32_t)weighted(rans, weights + j, totals[j], (uint32_t)size);
+            out[i + j] = (int32_t)weighted(rans, weights + j, LANES, totals[j], (uint32_t)size);
+    }
+}
+
+/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m of them, the
+(width, m) weights from weights[starts[k] * width] on, and m offsets. */
+typedef struct {
+    int64_t clusters, width, largest;
+    const int64_t *starts;
+    const float *weights, *offsets;
+} Members;
+
+/* Logits of one anchor's `size` members, as weights of their table; returns their sum. */
+INLINE uint64_t member_weights(const Members *members, int64_t first, int64_t size, const float *o,
+                               const uint32_t *exp2, float *restrict logits, uint32_t *restrict weights) {
+    const float *restrict w = members->weights + first * members->width;
+    for (int64_t m = 0; m < size; m++) logits[m] = members->offsets[first + m];
+    for (int64_t r = 0; r < members->width; r++, w += size)
+        for (int64_t m = 0; m < size; m++) logits[m] += o[r] * w[m];
+    float most = __builtin_floorf(logits[0]);
+    for (int64_t m = 0; m < size; m++) {
+        logits[m] = __builtin_floorf(logits[m]);
+        most = logits[m] > most ? logits[m] : most;
+    }
+    uint64_t total = 0;
+    for (int64_t m = 0; m < size; m++) {
+        const float apart = most - logits[m];
+        weights[m] = exp2[apart < EXP2_END ? (int32_t)apart : EXP2_END];
+        total += weights[m];
+    }
+    return total;
+}
+
+/* Members that n anchors chose in their clusters: clusters ascend, the order of anchors is kept in each, and a cluster of
+one member takes no symbol (SPEC 10.5).
+
+cluster: (n), below members->clusters. o: (n, width). counts: clusters + 1 numbers of scratch, order: n, logits and
+weights: largest each. */
+WIDE EXPORT void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const float *o,
+                                   int64_t n, const uint32_t *exp2, int64_t *counts, int64_t *order, float *logits,
+                                   uint32_t *weights, int32_t *out) {
+    for (int64_t k = 0; k <= members->clusters; k++) counts[k] = 0;
+    for (int64_t i = 0; i < n; i++) counts[cluster[i] + 1]++;
+    for (int64_t k = 0; k < members->clusters; k++) counts[k + 1] += counts[k];
+    for (int64_t i = 0; i < n; i++) order[counts[cluster[i]]++] = i;
+    for (int64_t i = 0; i < n; i++) {
+        const int64_t anchor = order[i], first = members->starts[cluster[anchor]];
+        const int64_t size = members->starts[cluster[anchor] + 1] - first;
+        out[anchor] = 0;
+        if (size < 2) continue;
+        const float *own = o + anchor * members->width;
+        const uint64_t total = member_weights(members, first, size, own, exp2, logits, weights);
+        out[anchor] = (int32_t)weighted(rans, weights, 1, total, (uint32_t)size);
     }
 }

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.kernel.library import Rans, Tables
+from scarfmt.kernel.library import Members, Rans, Tables
 from scarfmt.neural.tables import exp2_table
 from scarfmt.rans import PRECISION, FrequencyTable, seal_error, words_of
 
@@ -82,6 +82,26 @@ def _exp2() -> NDArray[np.uint32]:
     return exp2_table().astype(np.uint32)
 
 
+class PackedMembers:
+    """The codewords of each cluster of a two-level head (SPEC §10.5).
+
+    Attributes:
+        sizes: (clusters,) int64 members of each.
+
+    Args:
+        weights: per cluster (width, members) float32.
+        offsets: per cluster (members,) float32.
+    """
+
+    def __init__(self, weights: Sequence[F32], offsets: Sequence[F32]) -> None:
+        self.sizes = np.array([len(part) for part in offsets])
+        self._starts = np.concatenate(([0], np.cumsum(self.sizes)))
+        self._weights = np.concatenate([np.ascontiguousarray(part, np.float32).ravel() for part in weights])
+        self._offsets = np.concatenate(offsets).astype(np.float32)
+        addresses = (array.ctypes.data for array in (self._starts, self._weights, self._offsets))
+        self.struct = Members(len(self.sizes), len(weights[0]), int(self.sizes.max()), *addresses)
+
+
 class KernelRansDecoder:
     """As :class:`scarfmt.rans.RansDecoder`, and faster where many tables take turns.
 
@@ -140,6 +160,23 @@ class KernelRansDecoder:
             scratch = np.empty((size + 1) * 2 * _LANES, np.uint32)
             addresses = (array.ctypes.data for array in (_exp2(), scratch, out))
             self.library.scar_rans_logits(self.pointer, rows.ctypes.data, size, count, count, *addresses)
+        return out
+
+    def decode_members(self, members: PackedMembers, clusters: I64, o: F32) -> I32:
+        """The member, (n,) int32, that each of n anchors chose in its cluster.
+
+        Args:
+            clusters: (n,) int64, of the head.
+            o: (n, width) float32 outputs of the second projection.
+        """
+        out = np.empty(len(clusters), np.int32)
+        struct, rows = members.struct, np.ascontiguousarray(o)
+        scratch: list[NDArray[Any]] = [np.empty(struct.clusters + 1, np.int64), np.empty(len(out), np.int64)]
+        scratch += [np.empty(struct.largest, np.float32), np.empty(struct.largest, np.uint32)]
+        arrays = [array.ctypes.data for array in (_exp2(), *scratch, out)]
+        chosen = np.ascontiguousarray(clusters, np.int64)
+        pointers = self.pointer, byref(struct), chosen.ctypes.data, rows.ctypes.data
+        self.library.scar_rans_members(*pointers, len(out), *arrays)
         return out
 
     def finish(self) -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.errors import InvalidInput
+from scarfmt.kernel.rans import PackedMembers
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Array, Operations
 from scarfmt.neural.parts import GATES, Attending, Logits, Predicting, Recurrence, Rounded
@@ -262,6 +263,18 @@ class Evaluator:
                 o = head.projections[1](self._do.take(y, self._do.index(rows)))
                 logits = self._member_logits(head, o, first, np.clip(edges - part.start, 0, len(rows)))
                 yield Block(rows, logits, self._frequencies)
+
+    def packed_members(self, book: int, y: Array) -> tuple[PackedMembers, F32] | None:
+        """What the compiled library reads members with: those of a head, and (n, R) outputs of its projection.
+
+        None where another library than NumPy keeps the arrays.
+        """
+        if not isinstance(y, np.ndarray):
+            return None
+        head, o = self._heads[book], []
+        for part in self._chunks(len(y), y.shape[1]):
+            o.append(head.projections[1](y[part]))
+        return head.packed_members, np.concatenate(o)
 
     def _member_logits(self, head: Predicting, o: Array, first: int, edges: I64) -> Array:
         """(size, m) logits of anchors sorted by cluster: first + i has those from edges[i] to edges[i + 1]."""

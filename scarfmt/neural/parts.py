@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.kernel.rans import PackedMembers
 from scarfmt.neural.arithmetic import Linear, folded
 from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, Head
 from scarfmt.neural.operations import Array, Operations
@@ -44,6 +46,10 @@ class Logits:
         scaled, offset = folded(codewords, biases, shift)
         self._codewords, self._biases, self._do = do.constant(scaled.T), do.constant(offset[:, None]), do
         self.count = len(codewords)
+
+    def transposed(self) -> tuple[Array, Array]:
+        """(R, k) weights and (k,) offsets, whose sums are to be rounded down."""
+        return self._codewords.T, self._biases[:, 0]
 
     def __call__(self, o: Array) -> Array:
         """(k, n) of (n, R)."""
@@ -167,6 +173,11 @@ class Predicting:
         starts = itertools.accumulate(self.sizes, initial=0)
         for part in (slice(first, last) for first, last in itertools.pairwise(starts)):
             self.members.append(Logits(deviations[part], head.biases[part], head.member_shift, do))
+
+    @cached_property
+    def packed_members(self) -> PackedMembers:
+        """The members of all clusters, for the compiled library; of arrays of NumPy only."""
+        return PackedMembers(*zip(*(members.transposed() for members in self.members), strict=True))
 
     def equal_runs(self) -> list[tuple[int, int]]:
         """Ranges first..last - 1 of consecutive clusters of one size, ascending, those of one codeword left out."""

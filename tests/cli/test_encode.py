@@ -11,10 +11,11 @@ import pytest
 
 from reference_decoder.export_ply import write_inria_ply
 from reference_encoder.importers import FORMATS
-from reference_encoder.options import MAX_QUALITY, MIN_QUALITY, EncodeOptions
+from reference_encoder.options import MAX_QUALITY, MIN_QUALITY, MIN_TILE_ANCHORS, EncodeOptions
 from scarfmt.cli import cli
 from scarfmt.cli.encode import FORMAT_IDS, parse_metadata
 from scarfmt.inspection import inspect
+from scarfmt.limits import MAX_ANCHORS_PER_TILE
 from scarfmt.source import FileSource
 from tests.cli.conftest import Run, gaussians
 
@@ -93,10 +94,26 @@ def test_choices_and_defaults_told_are_those_of_the_encoder() -> None:
     options = {parameter.name: parameter for parameter in cli.commands["encode"].params}
     assert tuple(known.id for known in FORMATS) == FORMAT_IDS
     defaults = EncodeOptions()
-    for name in ("quality", "effort", "layers", "frame"):
+    for name in ("quality", "effort", "layers", "frame", "tile_anchors"):
         parameter = options[name]
         assert isinstance(parameter, click.Option)
         assert f"[default: {getattr(defaults, name)!s}]".replace(".0]", "]") in (parameter.help or "")
     quality = options["quality"].type
     assert isinstance(quality, click.FloatRange)
     assert (quality.min, quality.max) == (MIN_QUALITY, MAX_QUALITY)
+    size = options["tile_anchors"].type
+    assert isinstance(size, click.IntRange)
+    assert (size.min, size.max) == (MIN_TILE_ANCHORS, MAX_ANCHORS_PER_TILE)
+
+
+def test_smaller_tiles_are_more_tiles(run: Run, tmp_path: Path) -> None:
+    """--tile-size reaches the lattice: 3000 Gaussians are one tile unless asked otherwise."""
+    write_inria_ply(gaussians(3000), tmp_path / "many.ply")
+    tiles = {}
+    for size in (1024, 65536):
+        target = tmp_path / f"{size}.scar"
+        assert run("encode", tmp_path / "many.ply", target, *FAST, "--tile-size", size).exit_code == 0
+        with FileSource(target) as source:
+            tiles[size] = inspect(source)["tiles"]
+    assert tiles[1024] > tiles[65536] == 1
+    assert run("encode", tmp_path / "many.ply", tmp_path / "no.scar", "--tile-size", 1000).exit_code == 2

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from reference_encoder.lattice import TILE_ANCHORS, Placement, place
-from scarfmt.limits import MAX_LOCAL_BITS
+from reference_encoder.lattice import TILE_ANCHORS, Placement, place, split
+from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LOCAL_BITS
 from scarfmt.morton import deinterleave
 
 
@@ -54,6 +54,47 @@ def test_large_clouds_are_split() -> None:
     placement = place(positions, np.full(len(positions), 0.01))
     assert len(placement.tiles) >= 8
     assert np.bincount(placement.tile).max() <= TILE_ANCHORS
+
+
+def test_tiles_are_as_small_as_asked_for_and_cells_are_still_right() -> None:
+    """Smaller tiles are more tiles of the same anchors; the position does not move."""
+    positions = np.random.default_rng(2).normal(size=(5000, 3))
+    wanted = np.full(len(positions), 1e-3)
+    counts = []
+    for most in (100, 1000, 5000):
+        placement = place(positions, wanted, most)
+        sizes = np.bincount(placement.tile, minlength=len(placement.tiles))
+        assert 1 <= sizes.min()
+        assert sizes.max() <= most
+        assert np.abs(rebuilt(placement) - positions).max() <= 1e-9
+        counts.append(len(sizes))
+    assert counts[0] > counts[1] > counts[2] == 1
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    codes=st.lists(st.integers(0, 8**4 - 1), min_size=1, max_size=60).map(sorted),
+    most=st.integers(1, 20),
+)
+def test_cubes_are_the_largest_that_hold_few_enough(codes: list[int], most: int) -> None:
+    """Every point is in its cube, cubes ascend apart, and each parent would have held too many."""
+    path = np.array(codes, np.uint64)
+    depths, prefixes, firsts = (found.tolist() for found in split(path, 4, most))
+    past = [*firsts[1:], len(codes)]
+    assert firsts[0] == 0
+    for depth, prefix, first, end in zip(depths, prefixes, firsts, past, strict=True):
+        assert {code >> 3 * (4 - depth) for code in codes[first:end]} == {prefix}
+        assert end - first <= most or depth == 4
+        if depth:
+            parent = prefix >> 3
+            assert sum(code >> 3 * (5 - depth) == parent for code in codes) > most
+    ends = [(prefix + 1) << 3 * (4 - depth) for depth, prefix in zip(depths, prefixes, strict=True)]
+    starts = [prefix << 3 * (4 - depth) for depth, prefix in zip(depths, prefixes, strict=True)]
+    assert all(end <= start for end, start in zip(ends, starts[1:], strict=False))
+
+
+def test_the_default_is_a_size_the_format_allows() -> None:
+    assert TILE_ANCHORS <= MAX_ANCHORS_PER_TILE
 
 
 def test_duplicates_beyond_a_tile_do_not_loop() -> None:
