@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from reference_encoder.lattice import split
 from scarfmt.container import Tile
 from scarfmt.directory import local_bits
+from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.model import DecodedContext, SceneModel
 from scarfmt.neural.predictors import Predictor
 from scarfmt.reader import SceneModels, SceneReader
@@ -74,20 +75,21 @@ def recut(scene: QuantisedScene, most: int) -> QuantisedScene:
     tiles: list[Tile] = []
     contents: list[TileContent] = []
     for tile, content in zip(scene.tiles, scene.contents, strict=True):
-        for part, rows in _cubes(content.codes, local_bits(scene.fields, tile), most):
-            low = np.uint64((1 << 3 * (local_bits(scene.fields, tile) - part.depth)) - 1)
+        bits = local_bits(scene.fields, tile)
+        for part, rows in _cubes(content.codes, bits, min(bits, MAX_TILE_DEPTH - tile.depth), most):
+            low = np.uint64((1 << 3 * (bits - part.depth)) - 1)
             tiles.append(Tile(tile.depth + part.depth, tile.shift, tile.prefix << 3 * part.depth | part.prefix))
             contents.append(taken(content, rows, content.codes[rows] & low))
     return replace(scene, tiles=tuple(tiles), contents=tuple(contents))
 
 
-def _cubes(codes: U64, bits: int, most: int) -> Iterator[tuple[Tile, I64]]:
+def _cubes(codes: U64, bits: int, deepest: int, most: int) -> Iterator[tuple[Tile, I64]]:
     """Cubes of a tile, as tiles of its own lattice, and the rows in each, in the order of the tile."""
     if not len(codes):
         yield Tile(0, 0, 0), np.zeros(0, np.int64)
         return
     order = np.argsort(codes, kind="stable")
-    depths, prefixes, firsts = split(codes[order], bits, most)
+    depths, prefixes, firsts = split(codes[order] >> np.uint64(3 * (bits - deepest)), deepest, most)
     parts = np.split(order, firsts[1:])
     for depth, prefix, rows in zip(depths.tolist(), prefixes.tolist(), parts, strict=True):
         yield Tile(depth, 0, prefix), np.sort(rows)

@@ -112,13 +112,27 @@ def encoder_environments() -> dict[str, dict[str, str]]:
 
 
 def decoded_elsewhere(
-    named: Mapping[str, Mapping[str, str]], paths: Sequence[Path], real: Path | None
+    named: Mapping[str, Mapping[str, str]], paths: Sequence[Path], real: Path
 ) -> dict[str, dict[str, Any]]:
-    """:func:`decode_in` of each environment, and of none under ``as usual``; ``failed`` where a process ended badly."""
-    out: dict[str, dict[str, Any]] = {}
-    for name, environment in {"as usual": {}, **named}.items():
+    """Decode in each environment, and in none under ``as usual``.
+
+    Returns:
+        For each ``files``, ``differ``, the names of those whose exact arrays are not as usual, ``same``, whether
+        activated float32 values of `real` are, and ``worst`` (:func:`decode_job`); or ``failed``, the exit status of a
+        process that ended badly.
+    """
+    usual = decode_in({}, paths, real)
+    out = {"as usual": compared(usual, usual)}
+    for name, environment in named.items():
         try:
-            out[name] = decode_in(environment, paths, real)
+            out[name] = compared(decode_in(environment, paths, real), usual)
         except subprocess.CalledProcessError as error:
             out[name] = {"failed": str(error.returncode)}
     return out
+
+
+def compared(found: Mapping[str, Any], usual: Mapping[str, Any]) -> dict[str, Any]:
+    """A process against the usual one."""
+    differ = [Path(path).parent.name for path, digest in usual["exact"].items() if found["exact"][path] != digest]
+    same = found["single"] == usual["single"]
+    return {"files": len(usual["exact"]), "differ": differ, "same": same, "worst": found["worst"]}

@@ -48,11 +48,11 @@ def linear_latent(vectors: F32, weight: F64, tolerance: float, metric: F64 | Non
             are also centred, their mean becoming the decoder's bias; without, it is the identity.
     """
     x = vectors.astype(np.float64)
-    centre, root, inverse = np.zeros(x.shape[1]), np.eye(x.shape[1]), np.eye(x.shape[1])
+    centre, inverse = np.zeros(x.shape[1]), np.eye(x.shape[1])
     if metric is not None:
         centre = (weight @ x) / max(float(weight.sum()), 1e-300)
         root, inverse = metric_roots(metric)
-    x = (x - centre) @ root
+        x = (x - centre) @ root
     energy, basis = np.linalg.eigh((x * weight[:, None]).T @ x)
     energy, basis = energy[::-1], basis[:, ::-1]
     left = np.concatenate([np.cumsum(energy[::-1])[::-1], [0.0]])

@@ -92,4 +92,4 @@ class Effort:
     thorough_views: bool
 
 
-EFFORTS = {1: Effort(16384, 4, 1, False), 2: Effort(65536, 7, 2, False), 3: Effort(262144, 12, 3, True)}
+EFFORTS = {1: Effort(32768, 5, 2, False), 2: Effort(65536, 7, 2, False), 3: Effort(262144, 12, 3, True)}

@@ -29,7 +29,8 @@ BEAM = 4
 """Partial choices kept from stage to stage."""
 _FINALISTS = 16
 """Whole choices that are compared by what they really cost."""
-_CHUNK = 2048
+_CHUNK = 512
+"""Anchors worked on at a time: prices of every codeword after each of their beams stay in the cache."""
 
 
 def rechosen(

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 F32 = NDArray[np.float32]
 I64 = NDArray[np.int64]
 
-_CHUNK = 16384
+_CHUNK = 1024
+"""Vectors compared with a codebook at a time: their distances stay in the cache."""
 _DECAY = 0.8
 # A code whose moving count falls below this is stale and restarts at a badly served vector.
 _STALE = 1.0

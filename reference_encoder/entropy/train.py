@@ -168,7 +168,8 @@ def train(
     model = build(rows, books, clusters, shape, options.seed, features) if start is None else start
     examples, draw = Examples(rows, grid, lookup), np.random.default_rng(options.seed)
     steps = max(1, round(len(rows) / options.batch))
-    optimiser = torch.optim.Adam(_groups(model, grid, options.rate))
+    # Fused: the network is small, and a call for every parameter and operation would take as long as its gradients.
+    optimiser = torch.optim.Adam(_groups(model, grid, options.rate), fused=True)
     schedule = _schedule(optimiser, steps * options.epochs)
     history: list[float] = []
     for epoch in range(options.epochs):

@@ -99,7 +99,9 @@ def test_learned_latent_is_selectable(scene: GaussianScene, data: bytes, estimat
     assert compare(scene, decode(file).scene, cameras, ssim=False).mean_psnr_db > 34
 
 
-@pytest.mark.parametrize("options", [{"quality": 5.0}, {"effort": 9}, {"layers": 0}, {"layers": 17}, {"latent": "x"}, {"tile_anchors": 1023}])
+@pytest.mark.parametrize(
+    "options", [{"quality": 5.0}, {"effort": 9}, {"layers": 0}, {"layers": 17}, {"latent": "x"}, {"tile_anchors": 1023}]
+)
 def test_bad_options_are_refused(scene: GaussianScene, options: dict[str, Any]) -> None:
     """Options out of range are named."""
     with pytest.raises(InvalidInput, match="input-options"):

@@ -1,0 +1,82 @@
+"""What the tests of the compiled library share: outcomes with it and without, and streams of any words."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import strategies as st
+
+from scarfmt import kernel
+from scarfmt.errors import ScarError
+from scarfmt.kernel.rans import KernelRansDecoder
+from scarfmt.rans import PureRansDecoder
+
+needs_kernel = pytest.mark.skipif(
+    not kernel.enabled(), reason="no compiled library: not built here (no C compiler?), or SCARFMT_KERNEL=0"
+)
+
+SEEDS = st.integers(0, 2**32 - 1)
+# Zeros and ones bring out words that are about to be used up, and states at the ends of their range.
+_WORDS = st.one_of(st.integers(0, 2**32 - 1), st.sampled_from([0, 1, 2**32 - 1]))
+
+
+@st.composite
+def streams(draw: st.DrawFn, max_words: int = 60) -> bytes:
+    """Any stream that may be opened: whole words, the last not 0; most are no valid ones."""
+    words = draw(st.lists(_WORDS, max_size=max_words))
+    if words and not words[-1]:
+        words[-1] = draw(st.integers(1, 2**32 - 1))
+    return np.array(words, "<u4").tobytes()
+
+
+def random_stream(rng: np.random.Generator, words: int) -> bytes:
+    """The same, long ones."""
+    out = rng.integers(0, 1 << 32, words, np.uint32)
+    out[-1:] |= np.uint32(1)
+    return out.astype("<u4").tobytes()
+
+
+def library() -> Any:
+    """The compiled library."""
+    found = kernel.library()
+    assert found is not None
+    return found
+
+
+def both_decoders(data: bytes) -> tuple[KernelRansDecoder, PureRansDecoder]:
+    """The compiled decoder of a stream, and the definition."""
+    return KernelRansDecoder(library(), data), PureRansDecoder(data)
+
+
+def check_same_state(compiled: KernelRansDecoder, pure: PureRansDecoder) -> None:
+    """Whatever comes next, they go on alike."""
+    assert (compiled._rans.state, compiled._rans.left) == (pure._state, len(pure._words))
+
+
+def outcome(act: Callable[[], Any]) -> Any:
+    """What `act` returns, or all that is told of its refusal."""
+    try:
+        return act()
+    except ScarError as error:
+        return type(error), error.refusal, error.message, error.offset, error.field
+
+
+def both(act: Callable[[], Any]) -> tuple[Any, Any]:
+    """Outcomes of `act` with the library and without."""
+    assert kernel.enabled()
+    compiled = outcome(act)
+    with kernel.disabled():
+        assert not kernel.enabled()
+        return compiled, outcome(act)
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equal, arrays also in shape and type."""
+    if isinstance(a, np.ndarray):
+        return isinstance(b, np.ndarray) and a.dtype == b.dtype and np.array_equal(a, b)
+    if isinstance(a, list | tuple):
+        return type(a) is type(b) and len(a) == len(b) and all(map(same, a, b))
+    return bool(a == b)
