@@ -32,7 +32,9 @@ TARGET = 0.05
 SCENES = ("flowers", "plush-on-bed")
 TILES = (32768, 16384, 8192, 4096, 2048, 1024)
 SHARES = (0.01, 0.1)
-COUNTS = {0.01: 20, 0.1: 8}
+COUNTS = {0.01: 100, 0.1: 100}
+TIMED = {0.01: 20, 0.1: 8}
+"""Of each share, boxes that bytes are counted for, and the first of them that are decoded."""
 _JOBS = "benchmarks.regions_jobs"
 _SCALING = "benchmarks.scaling_jobs"
 
@@ -45,19 +47,21 @@ def measure(scene: Scene, short: bool, keep: Callable[[str, dict[str, Any]], Non
         print(f"{scene.name}: encode", file=sys.stderr)
         options: dict[str, Any] = {"quality": QUALITY, "effort": effort, "tile_anchors": TILES[0]}
         child.run(job=f"{_SCALING}:encode", scene=scene.name, out=str(base), **options)
-    counts = [(share, 4 if short else count) for share, count in COUNTS.items()]
+    counts = list(COUNTS.items())
     regions = child.run(job=f"{_JOBS}:choose", file=str(base), counts=counts)["regions"]
     for coded in ("static",) if short else ("static", "neural"):
         for most in TILES[:1] + TILES[3:4] if short else TILES:
             print(f"{scene.name}: {coded}, tiles of {most}", file=sys.stderr)
-            found = _of_file(scene, base, coded, most, regions)
+            found = _of_file(scene, base, coded, most, regions, 4 if short else None)
             if found is None:
                 print("too much work a byte for a reader's limits, as are smaller tiles", file=sys.stderr)
                 break
             keep(f"{scene.name} {coded} {most:05d}", found)
 
 
-def _of_file(scene: Scene, base: Path, coded: str, most: int, regions: list[dict[str, Any]]) -> dict[str, Any] | None:
+def _of_file(
+    scene: Scene, base: Path, coded: str, most: int, regions: list[dict[str, Any]], timed_most: int | None
+) -> dict[str, Any] | None:
     """What is measured of one file; None where no decoder with the usual limits would take it (SPEC §13.2)."""
     path = base.with_suffix(f".{coded}-{most}.scar")
     facts = child.run(
@@ -67,7 +71,11 @@ def _of_file(scene: Scene, base: Path, coded: str, most: int, regions: list[dict
         path.unlink()
         return None
     # The whole scene of outliers is for bytes alone: most of its boxes take nearly all.
-    timed = [region for region in regions if region["place"] != "whole"]
+    timed = [
+        {**region, "boxes": region["boxes"][: timed_most or TIMED[region["share"]]]}
+        for region in regions
+        if region["place"] != "whole"
+    ]
     sizes = child.run(job=f"{_JOBS}:sizes", file=str(path), regions=regions)
     times = child.run(child.ENVIRONMENT, job=f"{_JOBS}:times", file=str(path), regions=timed)
     found = []

@@ -23,11 +23,13 @@ FAMILIES = ("spz", "sog", "compressed-ply", "splat", "ply-zstd")
 
 # SPZ: the farthest a coordinate can lie, and the largest log scale.
 _SPZ_REACH, _SPZ_LARGEST = 2047.0, 255 / 16 - 10
-# Positions of SPZ are multiples of 2^-12: so many of them in the thickness of the median Gaussian are enough.
-_SPZ_STEP, _STEPS_A_GAUSSIAN = 2.0**-12, 64
+# Positions of SPZ are multiples of 2^-12. The scene is enlarged so that so many of them make up the thickness of the
+# median Gaussian: one choice for small files, one for good ones.
+_SPZ_STEP, _STEPS_A_GAUSSIAN = 2.0**-12, (4, 32)
 _SPZ_DEFAULT_BITS = (5, 4)
-# Of the first band and of the others.
-_SPZ_BITS = (_SPZ_DEFAULT_BITS, (6, 5), (6, 6), (7, 6), (7, 7), (8, 7), (8, 8))
+# Bits of the first band and of the others: at the scene's own size, and enlarged. More depths where sizes fit better.
+_SPZ_BITS = ((6, 5), (7, 6), (8, 8))
+_SPZ_FITTED_BITS = (_SPZ_DEFAULT_BITS, (6, 5), (7, 6), (7, 7), (8, 8))
 _SPZ_FEW_BITS = ((8, 8),)
 _ZSTD_LEVEL = 19
 
@@ -77,10 +79,11 @@ def _spz(scene: GaussianScene, few: bool) -> list[Format]:
         Format("SPZ v3", "spz", ".spz", _spz_command(3, 1.0, _SPZ_DEFAULT_BITS)),
         Format("SPZ v4", "spz", ".spz", _spz_command(4, 1.0, _SPZ_DEFAULT_BITS)),
     ]
-    fitted = 1.0 if few else spz_scale(scene)
-    depths = _SPZ_FEW_BITS if few else _SPZ_BITS
-    for scale in (1.0, fitted) if fitted != 1 else (1.0,):
-        for bits in depths if scene.sh_degree else (_SPZ_DEFAULT_BITS,):
+    depths = {1.0: _SPZ_FEW_BITS if few else _SPZ_BITS}
+    if not few:
+        depths.update({spz_scale(scene, steps): _SPZ_FITTED_BITS for steps in _STEPS_A_GAUSSIAN})
+    for scale, pairs in depths.items():
+        for bits in pairs if scene.sh_degree else (_SPZ_DEFAULT_BITS,):
             if (scale, bits) == (1.0, _SPZ_DEFAULT_BITS):
                 continue
             words = ["SPZ v4"]
@@ -90,14 +93,14 @@ def _spz(scene: GaussianScene, few: bool) -> list[Format]:
     return found
 
 
-def spz_scale(scene: GaussianScene) -> float:
-    """The enlargement, a power of two, that makes SPZ's steps of position small against the Gaussians.
+def spz_scale(scene: GaussianScene, steps: int) -> float:
+    """The enlargement, a power of two, that makes `steps` of SPZ's steps of position as large as a Gaussian is thick.
 
     Never so large that a coordinate or a scale leaves the range SPZ has for it.
     """
     log_scales = scene.log_scales.astype(np.float64)
     thickness = math.exp(float(np.median(log_scales.min(axis=1))))
-    wanted = _SPZ_STEP * _STEPS_A_GAUSSIAN / thickness
+    wanted = _SPZ_STEP * steps / thickness
     reach = _SPZ_REACH / max(float(np.abs(scene.positions).max()), 1e-30)
     room = math.exp(_SPZ_LARGEST - float(log_scales.max()))
     return 2.0 ** math.floor(math.log2(min(wanted, reach, room)))

@@ -1,8 +1,8 @@
 """Activated values in binary64: the reference of SPEC §9.5, from the formulas of §7.9, §9.3, §9.4 and §9.6.
 
-Every value comes with its magnitude m of R-9.5-1, where that may differ from its own. Sums are rounded once
-(`math.fsum`), so that no order of addition shows; what is left to the machine are the last bits of exp, tanh, sin, cos.
-A value that overflows is an infinity, or not a number, and is not an error.
+Every value comes with its m of R-9.5-1, where that may differ from its own magnitude. Sums are rounded once (`math.fsum`),
+so that no order of addition shows; what is left to the machine are the last bits of exp, tanh, sin, cos. A value that
+overflows is an infinity, or not a number, and is not an error.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from scarfmt.writer import QuantisedScene
 
 F64 = NDArray[np.float64]
 _LARGEST_LOG_OPACITY = -(2.0**-13)
+LARGEST_COMPARED, SHORTEST_COMPARED = 1e38, 1e-30
+"""R-9.5-1: beyond the first, below the second a binary32 on the way may have overflowed or vanished."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class Activated:
 
     Attributes:
         reference: float64, any shape.
-        magnitude: m of every number, where networks made some; None: |reference|.
+        magnitude: m of every number; None: |reference|.
     """
 
     reference: F64
@@ -50,8 +52,10 @@ def activated(scene: QuantisedScene, arrays: Arrays) -> dict[str, Activated]:
 # ---------------------------------------------------------------------------------------------- 7.9 networks
 
 
-def _layer(weights: list[list[float]], biases: list[float], x: list[float]) -> list[float]:
-    return [_sum([*(w * v for w, v in zip(row, x, strict=True)), b]) for row, b in zip(weights, biases, strict=True)]
+def _layer(weights: F64, biases: F64, x: F64) -> F64:
+    rows = list(zip(weights.tolist(), biases.tolist(), strict=True))
+    y = [[_sum([*(w * v for w, v in zip(row, one, strict=True)), b]) for row, b in rows] for one in x.tolist()]
+    return np.array(y, np.float64).reshape(len(x), len(rows))
 
 
 def _sum(terms: list[float]) -> float:
@@ -61,26 +65,32 @@ def _sum(terms: list[float]) -> float:
     return float(np.sum(np.array(terms)))
 
 
-def network(net: Network, x: F64) -> Activated:
-    """Outputs of rows of inputs (n, inputs), and the same with every weight, bias and input positive."""
-    layers = [(layer.weights * layer.scales[:, None].astype(np.float64), layer.biases) for layer in net.layers]
-    plain = [(w.tolist(), b.astype(np.float64).tolist()) for w, b in layers]
-    positive = [(np.abs(w).tolist(), np.abs(b.astype(np.float64)).tolist()) for w, b in layers]
-    return Activated(_run(plain, x, net.outputs), _run(positive, np.abs(x), net.outputs))
+def network(net: Network, x: F64, magnitude: F64) -> tuple[F64, F64]:
+    """Outputs of a network, and their M of R-9.5-1.
+
+    Args:
+        net: it.
+        x: (n, inputs).
+        magnitude: (n, inputs), |x| or the M of what made it.
+
+    Returns:
+        Two of (n, outputs).
+    """
+    y, m = x, magnitude
+    for number, layer in enumerate(net.layers):
+        weights = layer.weights * layer.scales[:, None].astype(np.float64)
+        biases = layer.biases.astype(np.float64)
+        y = _layer(weights, biases, np.where(y > 0, y, 0) if number else y)
+        beyond = _beyond(weights).any(axis=1) | _beyond(biases) | _beyond(m).any(axis=1, keepdims=True)
+        m = np.where(beyond, np.inf, _layer(np.abs(weights), np.abs(biases), m))
+    return y, m
 
 
-def _run(layers: list[tuple[Any, Any]], x: F64, outputs: int) -> F64:
-    out = []
-    for row in x.tolist():
-        y = row
-        for number, (weights, biases) in enumerate(layers):
-            y = _layer(weights, biases, [max(v, 0.0) for v in y] if number else y)
-        out.append(y)
-    return np.array(out, np.float64).reshape(len(x), outputs)
+def _beyond(x: F64) -> NDArray[np.bool_]:
+    return ~(np.abs(x) <= LARGEST_COMPARED)
 
 
-def _larger(reference: F64, magnitude: F64 | None) -> Activated:
-    assert magnitude is not None
+def _larger(reference: F64, magnitude: F64) -> Activated:
     return Activated(reference, np.maximum(np.abs(reference), magnitude))
 
 
@@ -120,21 +130,25 @@ def _explicit(scene: QuantisedScene, arrays: Arrays) -> dict[str, Activated]:
     }
 
 
+def colours(values: F64) -> tuple[F64, F64]:
+    """(n, 3) degree-0 coefficients of (n, 3) values Y, G, O, and their m."""
+    y, g, o = values.T
+    sums = np.abs(values).sum(axis=1, keepdims=True)
+    return np.stack([y - g + o, y + g, y - g - o], axis=1), np.repeat(sums, 3, axis=1)
+
+
 def _harmonics(scene: QuantisedScene, arrays: Arrays) -> Activated:
     n, count = len(arrays["code"]), (scene.fields.sh_degree + 1) ** 2
     sh = np.zeros((n, count, 3))
     magnitude = np.zeros((n, count, 3))
     start = int("value.COLOUR" in arrays)
     if start:
-        y, g, o = _value(arrays, "COLOUR", 3).T
-        sh[:, 0] = np.stack([y - g + o, y + g, y - g - o], axis=1)
-    if "latent" not in arrays or scene.decoder is None:
-        return Activated(sh)
-    made = network(scene.decoder, arrays["latent"].astype(np.float64))
-    assert made.magnitude is not None
-    sh[:, start:] = made.reference.reshape(n, count - start, 3)
-    magnitude[:, start:] = made.magnitude.reshape(n, count - start, 3)
-    return _larger(sh, magnitude)
+        sh[:, 0], magnitude[:, 0] = colours(_value(arrays, "COLOUR", 3))
+    if "latent" in arrays and scene.decoder is not None:
+        latent = arrays["latent"].astype(np.float64)
+        for whole, part in zip((sh, magnitude), network(scene.decoder, latent, np.abs(latent)), strict=True):
+            whole[:, start:] = part.reshape(n, count - start, 3)
+    return _larger(sh, magnitude) if magnitude.any() else Activated(sh)
 
 
 # ---------------------------------------------------------------------------------------------- 9.6 anchor profile
@@ -142,44 +156,59 @@ def _harmonics(scene: QuantisedScene, arrays: Arrays) -> Activated:
 
 def _anchor(scene: QuantisedScene, arrays: Arrays) -> dict[str, Activated]:
     assert scene.decoder is not None
-    slots, scale = scene.model.slots, _value(arrays, "SCALE", 6)
-    feature = network(scene.decoder, arrays["latent"].astype(np.float64))
-    inputs = _view(scene, arrays, feature.reference)
-    opacity, covariance, colour = (network(net, inputs) for net in scene.scene_mlps)
-    q, q_magnitude = (_by_slot(part, slots, 7) for part in (covariance.reference, covariance.magnitude))
-    reach = np.exp(scale)[:, None, :]
-    offset = arrays["value.OFFSETS"].astype(np.float64)
+    latent, scale = arrays["latent"].astype(np.float64), _value(arrays, "SCALE", 6)[:, None, :]
+    feature, feature_m = network(scene.decoder, latent, np.abs(latent))
+    seen = view(arrays["position"] - np.array(scene.fields.origin))[:, : scene.scene_mlps[0].inputs - feature.shape[1]]
+    inputs, inputs_m = (np.concatenate([part, seen], axis=1) for part in (feature, feature_m))
+    (o, o_m), (q, q_m), (c, c_m) = (
+        [_by_slot(part, scene.model.slots) for part in network(net, inputs, np.abs(inputs_m))]
+        for net in scene.scene_mlps
+    )
+    reach = arrays["value.OFFSETS"].astype(np.float64) * np.exp(scale[:, :, :3])
+    anchor = arrays["position"][:, None, :]
     return {
-        "feature": _larger(feature.reference, feature.magnitude),
-        "gaussian.opacity": _larger(np.tanh(opacity.reference), opacity.magnitude),
-        "gaussian.scale": _larger(reach[:, :, 3:] * _sigmoid(q[:, :, :3]), q_magnitude[:, :, :3]),
-        "gaussian.rotation": _larger(_normalised(q[:, :, 3:]), q_magnitude[:, :, 3:]),
-        "gaussian.colour": _larger(
-            _sigmoid(_by_slot(colour.reference, slots, 3)), _by_slot(colour.magnitude, slots, 3)
-        ),
-        "gaussian.centre": Activated(arrays["position"][:, None, :] + offset * reach[:, :, :3]),
+        "feature": _larger(feature, feature_m),
+        "gaussian.opacity": _larger(np.tanh(o[:, :, 0]), o_m[:, :, 0]),
+        "gaussian.scale": Activated(*deviations(scale[:, :, 3:], q[:, :, :3], q_m[:, :, :3])),
+        "gaussian.rotation": _larger(*quaternions(q[:, :, 3:], q_m[:, :, 3:])),
+        "gaussian.colour": _larger(sigmoid(c), c_m),
+        "gaussian.centre": Activated(anchor + reach, np.abs(anchor) + np.abs(reach)),
     }
 
 
-def _view(scene: QuantisedScene, arrays: Arrays, feature: F64) -> F64:
-    """Inputs of the three networks, with the camera at the header's origin."""
-    away = arrays["position"] - np.array(scene.fields.origin)
-    distance = np.sqrt((away * away).sum(axis=1))[:, None]
-    direction = np.where(distance == 0, 0.0, away / distance)
-    takes_distance = scene.scene_mlps[0].inputs == feature.shape[1] + 4
-    return np.concatenate([feature, direction, distance] if takes_distance else [feature, direction], axis=1)
+def view(away: F64) -> F64:
+    """(n, 4) unit direction and distance of (n, 3) vectors, no square of which over- or underflows."""
+    scaled, length, exponents = _scaled(away)
+    direction = np.where(length == 0, 0.0, scaled / length)
+    return np.concatenate([direction, np.ldexp(length, exponents)], axis=1)
 
 
-def _by_slot(outputs: F64 | None, slots: int, numbers: int) -> F64:
-    assert outputs is not None
-    return outputs.reshape(len(outputs), slots, numbers)
+def _scaled(vectors: F64) -> tuple[F64, F64, NDArray[np.int32]]:
+    """(..., k) vectors divided by 2^e, (..., 1) their lengths then, and (..., 1) e."""
+    exponents = np.frexp(np.abs(vectors).max(axis=-1, keepdims=True, initial=0))[1]
+    scaled = np.ldexp(vectors, -exponents)
+    return scaled, np.sqrt((scaled * scaled).sum(axis=-1, keepdims=True)), exponents
 
 
-def _sigmoid(x: F64) -> F64:
+def _by_slot(outputs: F64, slots: int) -> F64:
+    return outputs.reshape(len(outputs), slots, outputs.shape[1] // slots)
+
+
+def sigmoid(x: F64) -> F64:
+    """1 / (1 + e^-x)."""
     return np.asarray(1 / (1 + np.exp(-x)))
 
 
-def _normalised(q: F64) -> F64:
-    """(..., 4) of length 1; (1, 0, 0, 0) where all are 0."""
-    length = np.sqrt((q * q).sum(axis=-1, keepdims=True))
-    return np.where((q == 0).all(axis=-1, keepdims=True), np.array([1.0, 0.0, 0.0, 0.0]), q / length)
+def deviations(scale: F64, q: F64, magnitude: F64) -> tuple[F64, F64]:
+    """Standard deviations of the logarithmic scales of anchors and q of slots, and their m, `magnitude` the M of q."""
+    reference = np.exp(scale) * sigmoid(q)
+    return reference, np.where(_beyond(magnitude), np.inf, reference * (1 + magnitude))
+
+
+def quaternions(q: F64, magnitude: F64) -> tuple[F64, F64]:
+    """(..., 4) of length 1, (1, 0, 0, 0) where all are 0; and their m, `magnitude` the M of `q`."""
+    scaled, length, exponents = _scaled(q)
+    unit = np.where(length == 0, np.array([1.0, 0.0, 0.0, 0.0]), scaled / length)
+    long, largest = np.ldexp(length, exponents), magnitude.max(axis=-1, keepdims=True)
+    m = np.where(_beyond(largest) | (long < SHORTEST_COMPARED), np.inf, largest / long)
+    return unit, np.broadcast_to(np.where(largest == 0, 1.0, m), q.shape)

@@ -108,12 +108,14 @@ def gaussians(model: AnchorModel, camera_centre: Floats, dtype: type = np.float3
 
 
 def outlook(model: AnchorModel, rows: I64, camera_centre: F64, dtype: type) -> Floats:
-    """(n, D + 3 or D + 4) network inputs of anchors `rows`: feature, unit view direction, and distance if taken."""
-    away = model.anchors[rows] - camera_centre
-    distance = np.linalg.norm(away, axis=1, keepdims=True)
-    # An eye exactly at an anchor sees it in no direction.
-    direction = away / np.where(distance > 0, distance, 1.0)
-    inputs = [model.features[rows].astype(dtype), direction.astype(dtype), distance.astype(dtype)]
+    """(n, D + 3 or D + 4) network inputs of anchors `rows`: feature, unit view direction, and distance if taken.
+
+    An eye exactly at an anchor sees it in no direction.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):  # a position may be any finite number: not a reason to warn
+        direction, length, exponent = unit_vectors(model.anchors[rows] - camera_centre)
+        distance = np.ldexp(length, exponent)
+        inputs = [model.features[rows].astype(dtype), direction.astype(dtype), distance.astype(dtype)]
     takes_distance = model.mlps["opacity"].weights[0].shape[1] - model.features.shape[1] == 4
     return np.concatenate(inputs if takes_distance else inputs[:2], axis=1)
 
@@ -136,11 +138,26 @@ def log_sigmoid(x: Floats) -> Floats:
     return np.asarray(-np.logaddexp(0, -x))
 
 
+def unit_vectors(vectors: Floats) -> tuple[Floats, Floats, NDArray[np.int32]]:
+    """Vectors as direction and length, in their own type, no square of which over- or underflows.
+
+    Args:
+        vectors: (n, k).
+
+    Returns:
+        (n, k) of length 1, or 0 where all numbers are; (n, 1) length l and (n, 1) e: the length is l * 2^e.
+    """
+    exponents = np.frexp(np.abs(vectors).max(axis=1, keepdims=True, initial=0))[1]
+    scaled = np.ldexp(vectors, -exponents)
+    lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
+    return scaled / np.where(lengths > 0, lengths, lengths.dtype.type(1)), lengths, exponents
+
+
 def unit_quaternions(q: Floats) -> Floats:
     """(n, 4) of length 1; a zero quaternion becomes the identity."""
-    length = np.linalg.norm(q, axis=1, keepdims=True)
-    identity = np.array([1, 0, 0, 0], q.dtype)
-    return np.asarray(np.where(length > 0, q / np.where(length > 0, length, 1), identity))
+    with np.errstate(invalid="ignore"):  # what has overflowed has no length: not a reason to warn
+        unit, length, _ = unit_vectors(q)
+    return np.asarray(np.where(length > 0, unit, np.array([1, 0, 0, 0], q.dtype)))
 
 
 def slot_centres(model: AnchorModel, anchors: I64, slots: I64) -> F64:

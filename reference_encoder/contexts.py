@@ -65,7 +65,7 @@ class _Source:
         low, high = (int(q) for q in np.percentile(values, [2, 98])) if len(values) else (0, 0)
         shift = max(0, int(high - low + 1).bit_length() - 4)
         alone = ContextRule(False, 0, 0, low, shift)
-        buckets = contexts(alone, np.zeros(len(values), np.int64), [values[:, None]])
+        buckets = contexts(alone, np.zeros(len(values), np.int64), [values[:, None].astype(np.int32)])
         return cls(replace(alone, source_channel=channel, source_component=component), buckets)
 
 
@@ -84,10 +84,10 @@ def _rules(source: _Source, values: I64, classes: I64, scale: float) -> Iterator
     pooled = np.bincount(cells % bins, counts, bins)
     used = np.flatnonzero(pooled)
     yield _bits(used // width, pooled[used], scale), replace(source.rule, by_class=False)
-    yield _bits(cells // width, counts.astype(np.float64), scale), replace(source.rule, by_class=True)
+    yield _bits(cells // width, counts, scale), replace(source.rule, by_class=True)
 
 
-def _bits(contexts: I64, counts: F64, scale: float) -> float:
+def _bits(contexts: I64, counts: I64 | F64, scale: float) -> float:
     """Bits of `scale` times as many symbols as were counted, and of their tables.
 
     Args:

@@ -34,7 +34,7 @@ I64 = NDArray[np.int64]
 Key = tuple[int, int, int]
 """(stream, component, step)."""
 
-EFFORTS = {1: Effort(4, 250), 2: Effort(8, 400), 3: Effort(16, 1000)}
+EFFORTS = {1: Effort(4, 400), 2: Effort(8, 800), 3: Effort(16, 2000)}
 _SAMPLE = 40_000
 _ANCHORS = 160_000
 """Anchors of the tiles looked at."""

@@ -146,7 +146,7 @@ def _dot(one: F32, two: F32) -> float:
     total = np.float32(0)
     for k in range(_CHUNK):
         total += one[k] * two[k]
-    return total
+    return float(total)
 
 
 @_compiled

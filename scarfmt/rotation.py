@@ -61,8 +61,12 @@ def _reference_frame(normal: F64) -> tuple[F64, F64]:
 
 
 def _normal_from_square(square: F64) -> F64:
-    px, py = (square[:, 0] + square[:, 1]) / 2, (square[:, 0] - square[:, 1]) / 2
-    normal = np.stack([px, py, 1 - np.abs(px) - np.abs(py)], axis=1)
+    # u, v and 1 divided by a power of two: the same bits, but no sum or square above overflows, also in float32.
+    shift = np.maximum(np.frexp(np.abs(square).max(axis=1, initial=0))[1] - 1, 0)
+    one = np.ldexp(square.dtype.type(1), -shift)
+    u, v = np.ldexp(square, -shift[:, None]).T
+    px, py = (u + v) / 2, (u - v) / 2
+    normal = np.stack([px, py, one - np.abs(px) - np.abs(py)], axis=1)
     return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))
 
 

@@ -16,9 +16,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt import kernel
 from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint
 from scarfmt.errors import InvalidInput, Malformed
-from scarfmt import kernel
 from scarfmt.kernel.rans import CONTEXTS, KernelRansDecoder, PackedMembers, PackedTables
 from scarfmt.rans import MAX_ALPHABET, PRECISION, FrequencyTable, RansDecoder, RansEncoder, SymbolSource, uniform_table
 
@@ -112,6 +112,10 @@ class StaticTables(dict[TableKey, SymbolTable]):
                     found[place, context] = self[TableKey(key.stream, component, key.step, context)]
             self._packed[key] = PackedTables(found, len(key.components))
         return self._packed[key]
+
+    def used_packed(self) -> set[TableKey]:
+        """The tables that the compiled decoder has read a symbol with."""
+        return {key.table(kind) for key, tables in self._packed.items() for kind in tables.used.tolist()}
 
     @cached_property
     def _contexts(self) -> dict[tuple[int, int, int], list[int]]:

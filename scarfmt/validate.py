@@ -38,7 +38,7 @@ from scarfmt.schema import (
 )
 from scarfmt.source import ByteSource, BytesSource
 from scarfmt.substreams import check_substream, unpack_table
-from scarfmt.symbols import SymbolTable, TableKey, unpack_tables
+from scarfmt.symbols import StaticTables, SymbolTable, TableKey, unpack_tables
 from scarfmt.tile import TileContent
 from scarfmt.work import Contents
 from scarfmt.writer import Report, silent
@@ -154,8 +154,8 @@ def _summary_offset(layer: int, name: str) -> int:
     return FILE_HEADER_SIZE + (layer - 1) * LAYER_SUMMARY_SIZE + _SUMMARY_OFFSETS[name]
 
 
-class _UsedTables(dict[TableKey, SymbolTable]):
-    """Tables of a layer that remember which of them were asked for."""
+class _UsedTables(StaticTables):
+    """Tables of a layer that remember which of them were asked for, also one by one."""
 
     def __init__(self, tables: dict[TableKey, SymbolTable], used: set[TableKey]) -> None:
         super().__init__(tables)
@@ -196,6 +196,7 @@ class _Check:
         self._check_stream_bytes()
         if complete and usable == self._last:
             self._check_gaussians()
+            self._note_packed()
             self._check_tables_used()
 
     def _add(self, error: ScarError) -> None:
@@ -352,6 +353,12 @@ class _Check:
                 message = f"the masks turn on {self._gaussians[layer]} Gaussians, the summary says {declared}"
                 offset, name = _summary_offset(layer, "gaussian_count"), f"layers[{layer - 1}].gaussian_count"
                 self._add(Malformed("layer-counts", message, offset=offset, field=name))
+
+    def _note_packed(self) -> None:
+        """Add what the compiled decoder used to what was asked for one by one."""
+        for models in self._models.values():
+            for tables, used in zip(models.tables, self._used, strict=False):
+                used |= tables.used_packed()
 
     def _check_tables_used(self) -> None:
         """Warn of tables nothing was coded with: legal, but bytes for nothing."""

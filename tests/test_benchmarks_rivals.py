@@ -15,6 +15,7 @@ from benchmarks.report import replace_section
 from benchmarks.rivals_formats import formats, read, splat_rows, spz_scale, write_job
 from benchmarks.rivals_kmeans import kmeans, nearest
 from benchmarks.rivals_tools import Command, ToolFailed, measured
+from benchmarks.scenes import chosen
 from reference_decoder.export_ply import write_inria_ply
 from scarfmt.scene import GaussianScene
 
@@ -111,7 +112,7 @@ def test_scale_for_spz_keeps_the_scene_in_its_range(size: float) -> None:
     source = GaussianScene(
         source.positions * size, source.log_scales + moved, source.rotations, source.opacity_logits, source.sh
     )
-    scale = spz_scale(source)
+    scale = spz_scale(source, 32)
     assert np.log2(scale) % 1 == 0
     assert np.abs(source.positions).max() * scale <= 2047
     assert source.log_scales.max() + np.log(scale) <= 255 / 16 - 10 + 1e-6
@@ -129,7 +130,7 @@ def test_settings_have_names_of_their_own() -> None:
 
 def test_kept_files_have_places_of_their_own() -> None:
     """No setting gets the file of another, or of another scene."""
-    example = next(each for each in rivals_run.chosen(["plush-toys"]))
+    example = chosen(["plush-toys"])[0]
     found = formats(scene())
     paths = {rivals_run.kept_file(example, example.path, each) for each in found}
     assert len(paths) == len(found)

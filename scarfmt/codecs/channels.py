@@ -117,7 +117,7 @@ def get_channel(
     classes: I64,
     before: I64,
     after: I64,
-    values: Ints,
+    values: I32,
     first: FirstValues,
     predicted: PredictedChannel | None = None,
 ) -> None:
@@ -133,7 +133,7 @@ def get_channel(
     """
 
     compiled = reader.compiled
-    if compiled is not None:
+    if compiled is not None and (predicted is None or predicted.compilable):
         _get_compiled(reader, compiled, channel, classes, (before, after), values, first, predicted)
         return
 
@@ -156,7 +156,7 @@ def get_channel(
         if step == 1:
             for component, rule in enumerate(channel.rules):
                 key = TableKey(channel.stream, component, 1, 0)
-                here = read_by_context(reader, key, contexts(rule, kinds, first, chosen))
+                here = read_by_context(reader, key, contexts(rule, kinds, first, chosen)).astype(np.int64)
                 first[-1][chosen, component] = _in_range(here, channel)
             values[chosen] = first[-1][chosen]
         else:

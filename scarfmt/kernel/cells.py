@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.kernel.library import DEPTHS, Cells
+from scarfmt.kernel.library import DEPTHS, Cells, address
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
@@ -35,7 +35,7 @@ class KernelCellSums:
         self.struct = Cells(
             len(cell),
             columns,
-            pointers(*(array.ctypes.data for array in cell)),
+            pointers(*(address(array, np.int32) for array in cell)),
             pointers(*(array.ctypes.data for array in self._sums)),
         )
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.kernel.cells import KernelCellSums
-from scarfmt.kernel.library import Cells, Predictor, Rule, Step
+from scarfmt.kernel.library import Cells, Predictor, Rule, Step, address, check_symbols
 from scarfmt.kernel.rans import KernelRansDecoder, PackedTables
 from scarfmt.model import NO_SOURCE, Channel
 from scarfmt.neural import predictors as definition
@@ -102,11 +102,12 @@ class KernelChannel:
             if rule.source_channel != NO_SOURCE:
                 source = first[rule.source_channel]
                 out.source_columns = source.shape[1]
-                out.source = source.ctypes.data + source.itemsize * rule.source_component
-        self._kept = [np.ascontiguousarray(classes), values, *first, steps]
+                out.source = address(source, np.int32) + source.itemsize * rule.source_component
+        kinds = np.ascontiguousarray(classes, np.int64)
+        self._kept: list[NDArray[Any]] = [kinds, values, *first, steps]
         self._struct = Step(components=channel.components, rules=self._rules)
-        self._struct.classes, self._struct.values = self._kept[0].ctypes.data, values.ctypes.data
-        self._struct.first, self._struct.steps = first[-1].ctypes.data, steps.ctypes.data
+        self._struct.classes, self._struct.values = kinds.ctypes.data, address(values, np.int32)
+        self._struct.first, self._struct.steps = address(first[-1], np.int32), address(steps, np.int64)
 
     def read(self, step: int, parts: Sequence[I64], tables: PackedTables, around: Surroundings | None) -> int:
         """Read a step of the anchors of each part, one after the other.
@@ -117,6 +118,7 @@ class KernelChannel:
         struct, components = self._struct, self._channel.components
         widest = max(map(len, parts))
         symbols = widest * (1 if step == 1 else components)
+        check_symbols(symbols)
         anchors, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
         scratch: list[NDArray[Any]] = [
             np.empty(symbols, np.uint16),
@@ -129,7 +131,7 @@ class KernelChannel:
         struct.predictors, struct.cells = self._no_predictors, Cells()
         if around is not None:
             struct.predictors, struct.cells = around.predictors.array, around.cells.struct
-            struct.settled_columns, struct.settled = around.settled.shape[1], around.settled.ctypes.data
+            struct.settled_columns, struct.settled = around.settled.shape[1], address(around.settled, np.int64)
             depths = around.cells.struct.depths
             struct.shared = around.predictors.inputs - depths
             width = struct.shared + components * depths

@@ -9,8 +9,8 @@ function allocates. What indexes an array comes from other arrays that the calle
 
 #define EXPORT __attribute__((visibility("default")))
 
-/* Wider vectors where the machine has them. */
-#if defined(__x86_64__) && defined(__linux__) && __GNUC__ >= 12 && !defined(__clang__)
+/* Wider vectors where the machine has them. Functions are chosen when they are loaded, which glibc does, musl does not. */
+#if defined(__x86_64__) && defined(__GLIBC__) && __GNUC__ >= 12 && !defined(__clang__)
 #define WIDE __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
 #else
 #define WIDE
@@ -38,6 +38,7 @@ typedef struct {
     const int64_t *starts;
     const uint32_t *sums;
     const int32_t *values;
+    uint8_t *used; /* per kind: set to 1 where a symbol was read */
 } Tables;
 
 #define ALL_READ (-1)

@@ -6,8 +6,37 @@ import ctypes
 import importlib.util
 from ctypes import POINTER, Structure, c_float, c_int64, c_uint32, c_uint64, c_void_p
 from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from scarfmt.errors import LimitExceeded
 
 DEPTHS = 4
+MOST_SYMBOLS = (1 << 31) - 1
+"""Of one call: their places are 32-bit numbers. Tiles ask for 2^26 at most, 64 components of 2^20 anchors."""
+
+
+def address(array: NDArray[Any], dtype: DTypeLike) -> int:
+    """Where the numbers of an array lie. The library relies on their type and order, and changes some in place.
+
+    Raises:
+        TypeError: they are not of `dtype`, or not in one piece in C order.
+    """
+    if array.dtype != dtype or not array.flags.c_contiguous:
+        raise TypeError(f"{array.dtype} of strides {array.strides}, not {np.dtype(dtype)} in C order")
+    return int(array.ctypes.data)
+
+
+def check_symbols(count: int) -> None:
+    """Check that one call may read so many symbols.
+
+    Raises:
+        LimitExceeded: ``limit-tile-anchors``.
+    """
+    if count > MOST_SYMBOLS:
+        raise LimitExceeded("limit-tile-anchors", f"{count} symbols at once: decode with SCARFMT_KERNEL=0")
 
 
 class Rans(Structure):
@@ -25,6 +54,7 @@ class Tables(Structure):
         ("starts", c_void_p),
         ("sums", c_void_p),
         ("values", c_void_p),
+        ("used", c_void_p),
     )
 
 

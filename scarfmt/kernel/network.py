@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.kernel.cells import KernelCellSums
-from scarfmt.kernel.library import Embedding, Grid, GridLevel
+from scarfmt.kernel.library import Embedding, Grid, GridLevel, address
 
 if TYPE_CHECKING:
     from scarfmt.neural.grid import HashGrid
@@ -27,7 +27,7 @@ def grid_features(library: ctypes.CDLL, grid: HashGrid, positions: Ints) -> I16:
     for out, level, bits in zip(levels, grid.levels, grid.bits, strict=True):
         out.dims, out.resolution, out.table_log2 = len(level.axes), level.resolution, level.table_log2
         out.axes[: len(level.axes)] = level.axes
-        out.features, out.dense, out.bits = level.features, level.dense, bits.ctypes.data
+        out.features, out.dense, out.bits = level.features, level.dense, address(bits, np.uint8)
     struct = Grid(len(levels), grid.origin, grid.extent_bits, grid.width, levels)
     places = np.ascontiguousarray(positions, np.int64)
     found = np.empty((len(places), grid.width), np.int16)
@@ -50,7 +50,9 @@ def kernel_embedding_inputs(
         chosen: (m,) numbers of the anchors, and their rows in `cells`.
     """
     inputs = network.inputs
-    arrays = [np.ascontiguousarray(array) for array in (classes, settled, features, *chosen)]
+    types = (np.int64, np.int64, np.int16, np.int64, np.int64)
+    given = zip((classes, settled, features, *chosen), types, strict=True)
+    arrays = [np.ascontiguousarray(array, dtype) for array, dtype in given]
     kinds, fine, grid, anchors, rows = (array.ctypes.data for array in arrays)
     shape = (inputs.classes, inputs.own, inputs.attributes, inputs.latents, inputs.latent_shift, inputs.grid)
     struct = Embedding(*shape, network.amax, kinds, fine, grid)

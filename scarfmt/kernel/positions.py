@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.kernel.library import Nodes, Positions
+from scarfmt.kernel.library import Nodes, Positions, check_symbols
 from scarfmt.kernel.rans import KernelRansDecoder, PackedTables
 
 U64 = NDArray[np.uint64]
@@ -32,6 +32,7 @@ class KernelPositions:
     """
 
     def __init__(self, rans: KernelRansDecoder, tables: PackedTables, total: int, bits: int) -> None:
+        check_symbols(total)
         self.codes = np.zeros(total, np.uint64)
         scratch: list[NDArray[Any]] = [np.zeros(total, np.uint8), *np.empty((8, total), np.int64)]
         scratch += [np.empty(tables.kinds + 1, np.int64), *np.empty((2, total), np.int32), np.empty(total, np.uint16)]

@@ -62,6 +62,7 @@ EXPORT int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_
     for (int64_t k = 0; k < kinds; k++) {
         const int64_t past = counts[k];
         if (at == past) continue;
+        tables->used[k] = 1;
         const int64_t table = tables->number[k], first = tables->starts[table];
         const uint32_t size = (uint32_t)(tables->starts[table + 1] - first);
         const uint32_t *c = tables->sums + first + table;

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.kernel.library import Members, Rans, Tables
+from scarfmt.kernel.library import Members, Rans, Tables, check_symbols
 from scarfmt.neural.tables import exp2_table
 from scarfmt.rans import PRECISION, FrequencyTable, seal_error, words_of
 
@@ -57,13 +57,19 @@ class PackedTables:
         self._number = np.full(components * CONTEXTS, -1, np.int32)
         for number, (place, context) in enumerate(tables):
             self._number[place * CONTEXTS + context] = number
-        arrays = (self._number, self._starts, self._sums, self._values)
+        self._used = np.zeros(len(self._number), np.uint8)
+        arrays = (self._number, self._starts, self._sums, self._values, self._used)
         self.pointer = ctypes.pointer(Tables(len(self._number), *(array.ctypes.data for array in arrays)))
 
     @property
     def kinds(self) -> int:
         """Kinds that may occur."""
         return len(self._number)
+
+    @property
+    def used(self) -> I64:
+        """Kinds of which a symbol was read, ascending."""
+        return np.flatnonzero(self._used)
 
 
 def _prefix_sums(weights: I64, sizes: I64, starts: I64) -> NDArray[np.uint32]:
@@ -137,10 +143,12 @@ class KernelRansDecoder:
 
     def grouped(self, tables: PackedTables, kinds: U16) -> I32 | int:
         """The next values, (n,) int32, grouped by ascending kind; a kind that has no table where there is one."""
+        check_symbols(len(kinds))
+        short = np.ascontiguousarray(kinds, np.uint16)
         out, order = np.empty((2, len(kinds)), np.int32)
         counts = np.empty(tables.kinds + 1, np.int64)
         addresses = (array.ctypes.data for array in (counts, order, out))
-        read = self.library.scar_rans_grouped(self.pointer, tables.pointer, kinds.ctypes.data, len(kinds), *addresses)
+        read = self.library.scar_rans_grouped(self.pointer, tables.pointer, short.ctypes.data, len(short), *addresses)
         return out if read == ALL_READ else int(read)
 
     def decode_rows(self, weights: F64) -> I32:
@@ -156,7 +164,7 @@ class KernelRansDecoder:
         size, count = logits.shape
         out = np.zeros(count, np.int32)
         if size > 1 and count:
-            rows = np.ascontiguousarray(logits)
+            rows = np.ascontiguousarray(logits, np.float32)
             scratch = np.empty((size + 1) * 2 * _LANES, np.uint32)
             addresses = (array.ctypes.data for array in (_exp2(), scratch, out))
             self.library.scar_rans_logits(self.pointer, rows.ctypes.data, size, count, count, *addresses)
@@ -170,7 +178,7 @@ class KernelRansDecoder:
             o: (n, width) float32 outputs of the second projection.
         """
         out = np.empty(len(clusters), np.int32)
-        struct, rows = members.struct, np.ascontiguousarray(o)
+        struct, rows = members.struct, np.ascontiguousarray(o, np.float32)
         scratch: list[NDArray[Any]] = [np.empty(struct.clusters + 1, np.int64), np.empty(len(out), np.int64)]
         scratch += [np.empty(struct.largest, np.float32), np.empty(struct.largest, np.uint32)]
         arrays = [array.ctypes.data for array in (_exp2(), *scratch, out)]

@@ -61,8 +61,9 @@ class Block:
 
     @property
     def logits(self) -> F32 | None:
-        """(k, m) float32 integers; None where another library than NumPy keeps them."""
-        return self._scores if isinstance(self._scores, np.ndarray) else None
+        """(k, m) float32 integers; None where something else than NumPy's float32 holds them."""
+        plain = isinstance(self._scores, np.ndarray) and self._scores.dtype == np.float32
+        return self._scores if plain else None
 
     def weights(self) -> F64:
         """(m, k) float64 f - 1, one row a symbol. To be asked for once: it uses up the logits."""
@@ -267,9 +268,9 @@ class Evaluator:
     def packed_members(self, book: int, y: Array) -> tuple[PackedMembers, F32] | None:
         """What the compiled library reads members with: those of a head, and (n, R) outputs of its projection.
 
-        None where another library than NumPy keeps the arrays.
+        None where something else than NumPy's float32 holds the arrays.
         """
-        if not isinstance(y, np.ndarray):
+        if not isinstance(y, np.ndarray) or y.dtype != np.float32:
             return None
         head, o = self._heads[book], []
         for part in self._chunks(len(y), y.shape[1]):

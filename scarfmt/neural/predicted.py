@@ -37,6 +37,10 @@ class PredictorSet:
 
     Args:
         predictors: by key.
+
+    Attributes:
+        streams: those with predictors.
+        compilable: whether all are those of a file, none a stand-in.
     """
 
     def __init__(self, predictors: Predictors) -> None:
@@ -44,6 +48,7 @@ class PredictorSet:
         for (stream, component, step), predictor in predictors.items():
             self._steps.setdefault((stream, step), {})[component] = predictor
         self.streams = frozenset(Stream(stream) for stream, _ in self._steps)
+        self.compilable = all(isinstance(predictor, Predictor) for predictor in predictors.values())
         self._groups: dict[tuple[int, int], list[PredictorGroup]] = {}
         self._packed: dict[tuple[int, int], PackedPredictors] = {}
 
@@ -142,6 +147,11 @@ class PredictedChannel:
         if self._context.observer is not None:
             self._context.observer.contexts(self._stream, component, self._step, found)
         return found
+
+    @property
+    def compilable(self) -> bool:
+        """Whether the compiled library can evaluate the predictors."""
+        return self._predictors.compilable
 
     def surroundings(self, library: ctypes.CDLL, step: int) -> Surroundings | None:
         """What the compiled reader of a step looks at; None where only static contexts apply."""
