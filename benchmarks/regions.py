@@ -80,8 +80,11 @@ def _of_file(
     times = child.run(child.ENVIRONMENT, job=f"{_JOBS}:times", file=str(path), regions=timed)
     found = []
     for region, size in zip(regions, sizes.pop("regions"), strict=True):
-        facing = {key: region[key] for key in ("place", "share", "anchors")}
-        found.append({**facing, **size, **(times["regions"].pop(0) if region["place"] != "whole" else {})})
+        lists = {"anchors": region["anchors"], **size}
+        if region["place"] != "whole":
+            lists |= times["regions"].pop(0)
+        kind = {"place": region["place"], "share": region["share"]}
+        found.append({**kind, **{field: spread(values) for field, values in lists.items()}})
     del times["regions"]
     path.unlink()
     return {
@@ -96,11 +99,17 @@ def _of_file(
     }
 
 
-def shares(run: dict[str, Any], place: str, share: float, field: str) -> list[float]:
-    """Of each box of a kind, its share of the whole file's `field`: anchors, bytes, cpus or symbols."""
+def spread(values: Sequence[float]) -> dict[str, float]:
+    """What is kept of the figures of many boxes, to five digits."""
+    found = {"median": median(values), "mean": fmean(values), "worst": max(values)}
+    return {name: float(f"{value:.5g}") for name, value in found.items()}
+
+
+def shares(run: dict[str, Any], place: str, share: float, field: str) -> dict[str, float]:
+    """The spread, over boxes of a kind, of a share of the whole file's `field`: anchors, bytes, cpus or symbols."""
     region = next(r for r in run["regions"] if (r["place"], r["share"]) == (place, share))
     whole = {"anchors": 1.0, "bytes": run["file_bytes"], "cpus": run["cpu"], "symbols": run["symbols"]}
-    return [value / whole[field] for value in region[field]]
+    return {name: value / whole[field] for name, value in region[field].items()}
 
 
 def markdown(results: dict[str, Any]) -> str:
@@ -117,7 +126,7 @@ def markdown(results: dict[str, Any]) -> str:
 
 
 def _title(run: dict[str, Any]) -> str:
-    held = {share: median(shares(run, "anchor", share, "anchors")) for share in SHARES}
+    held = {share: shares(run, "anchor", share, "anchors")["median"] for share in SHARES}
     found = ", ".join(f"{share:.0%} of the volume holds {part:.1%} of the anchors" for share, part in held.items())
     models = f"Models take {run['model_bytes'] / run['file_bytes']:.1%} of the bytes."
     about = f"**{run['scene']}, {run['coded']}**, {run['anchors']:,} anchors."
@@ -161,8 +170,8 @@ def _box_table(runs: Sequence[dict[str, Any]]) -> str:
         cells = []
         for _, place, share, field in _COLUMNS:
             found = shares(run, place, share, field)
-            middle = fmean(found) if place == "anywhere" else median(found)
-            cells.append(f"{_marked(middle, share)} / {max(found):.0%}")
+            middle = found["mean" if place == "anywhere" else "median"]
+            cells.append(f"{_marked(middle, share)} / {found['worst']:.0%}")
         rows.append([f"{run['most']:,}", *cells])
     return table(["anchors a tile", *(column[0] for column in _COLUMNS)], rows)
 
@@ -180,7 +189,7 @@ def plot(results: dict[str, Any], keep: bool) -> None:
     for number, ((scene, coded), runs) in enumerate(sorted(groups.items())):
         runs.sort(key=lambda run: -int(run["most"]))
         more = [100 * (run["file_bytes"] / runs[0]["file_bytes"] - 1) for run in runs]
-        cost = [100 * median(shares(run, "anchor", SHARES[0], "bytes")) for run in runs]
+        cost = [100 * shares(run, "anchor", SHARES[0], "bytes")["median"] for run in runs]
         line(axes, more, cost, f"{scene}, {coded}", number, coded == "static")
     axes.axhline(100 * TARGET, color="#999999", linewidth=0.8)
     save_plot(figure, "regions-tiles", keep)

@@ -79,7 +79,7 @@ def _spz(scene: GaussianScene, few: bool) -> list[Format]:
         Format("SPZ v3", "spz", ".spz", _spz_command(3, 1.0, _SPZ_DEFAULT_BITS)),
         Format("SPZ v4", "spz", ".spz", _spz_command(4, 1.0, _SPZ_DEFAULT_BITS)),
     ]
-    depths = {1.0: _SPZ_FEW_BITS if few else _SPZ_BITS}
+    depths: dict[float, tuple[tuple[int, int], ...]] = {1.0: _SPZ_FEW_BITS if few else _SPZ_BITS}
     if not few:
         depths.update({spz_scale(scene, steps): _SPZ_FITTED_BITS for steps in _STEPS_A_GAUSSIAN})
     for scale, pairs in depths.items():

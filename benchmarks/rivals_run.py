@@ -83,7 +83,7 @@ def measure(scene: Scene, plan: Plan) -> dict[str, Any]:
                 raise ToolFailed(plan.missing)
             rivals.append(_rival(scene, original, source, rival, plan.fresh))
         except ToolFailed as error:
-            skipped.append({"name": rival.name, "why": str(error)})
+            skipped.append({"name": rival.name, "family": rival.family, "why": str(error)})
     return {
         "scene": scene.name,
         "note": scene.note,
@@ -240,8 +240,12 @@ def main() -> None:
 
 def merged(old: dict[str, Any], new: dict[str, Any], families: Sequence[str]) -> dict[str, Any]:
     """New results of a scene, with the old ones of the formats that were not measured this time."""
-    kept = [rival for rival in old.get("rivals", ()) if rival["family"] not in families]
-    return {**old, **new, "rivals": sorted([*kept, *new["rivals"]], key=lambda rival: int(rival["bytes"]))}
+    both = {
+        part: [*(entry for entry in old.get(part, ()) if entry["family"] not in families), *new[part]]
+        for part in ("rivals", "skipped")
+    }
+    both["rivals"].sort(key=lambda rival: int(rival["bytes"]))
+    return {**old, **new, **both}
 
 
 if __name__ == "__main__":

@@ -34,6 +34,8 @@ JOBS = "benchmarks.scaling_jobs"
 CODED = ("static", "neural")
 MOST_IN_ARRAYS = 4_000_000
 """Above, a scene is only decoded tile by tile."""
+MOST_NEURAL_COPIES = 6
+"""More are written under static tables alone: the writer evaluates the networks for every anchor."""
 _LARGE = 100_000
 """Slopes of large scenes are from here on: below, starting up counts."""
 
@@ -105,6 +107,8 @@ def _copied(scene: Scene, files: dict[str, str], number: int) -> tuple[dict[str,
     out: dict[str, str] = {}
     took: dict[str, Any] = {}
     for coded, path in files.items():
+        if coded == "neural" and number > MOST_NEURAL_COPIES:
+            continue
         print(f"{scene.name}: write {number} copies, {coded}", file=sys.stderr)
         out[coded] = str(Path(path).with_suffix(f".x{number}.scar"))
         took[coded] = child.run(job=f"{JOBS}:rewrite", file=path, copies=number, out=out[coded])

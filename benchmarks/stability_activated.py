@@ -71,11 +71,6 @@ def _exact_opacity(x: list[Any]) -> list[Any]:
     return [mpmath.exp(min(x[0], -_LARGEST_LOG_OPACITY))]
 
 
-def _colour(x: F64) -> tuple[F64, F64]:
-    y, g, o = x.T
-    return _both(np.stack([y - g + o, y + g, y - g - o], axis=1))
-
-
 def _exact_colour(x: list[Any]) -> list[Any]:
     y, g, o = x
     return [y - g + o, y + g, y - g - o]
@@ -95,12 +90,7 @@ def _view(x: Floats) -> Floats:
 
 
 def _view_reference(x: F64) -> tuple[F64, F64]:
-    # Scaled by the largest, so that no square over- or underflows.
-    largest = np.abs(x).max(axis=1, keepdims=True)
-    scaled = x / np.where(largest > 0, largest, 1)
-    length = np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
-    direction = scaled / np.where(length > 0, length, 1)
-    return _both(np.concatenate([direction, length * largest], axis=1))
+    return _both(activated.view(x))
 
 
 def _exact_view(x: list[Any]) -> list[Any]:
@@ -119,7 +109,8 @@ def _centre(x: Floats) -> Floats:
 
 def _centre_reference(x: F64) -> tuple[F64, F64]:
     a, offset, scale = x.T
-    return _both((a + offset * np.exp(scale))[:, None])
+    reach = offset * np.exp(scale)
+    return (a + reach)[:, None], (np.abs(a) + np.abs(reach))[:, None]
 
 
 def _exact_centre(x: list[Any]) -> list[Any]:
@@ -159,7 +150,10 @@ def activations() -> list[Activation]:
             _exact_opacity,
         ),
         Activation(
-            Operation("degree 0 from Y, G, O", ("Y", "G", "O"), *wide, spherical_harmonics_from_colour, _colour),
+            Operation(
+                "degree 0 from Y, G, O", ("Y", "G", "O"), *wide,
+                spherical_harmonics_from_colour, activated.colours,
+            ),
             _exact_colour,
             ((1.0, 2.0**60, 2.0**60),),
         ),
@@ -173,7 +167,7 @@ def activations() -> list[Activation]:
         Activation(
             Operation("centre of a slot", ("anchor", "offset", "log scale"), *wide, _centre, _centre_reference),
             _exact_centre,
-            # e^30 is 1.07e13, and its float64 is off by some 0.001.
+            # e^30 is 1.07e13: what is left of it here is off by some 0.001 in float64.
             ((-10686474581524.0, 1.0, 30.0),),
         ),
     ]  # fmt: skip

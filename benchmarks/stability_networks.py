@@ -9,8 +9,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from benchmarks.stability_search import F64, Floats, Operation, Worst, search
+from benchmarks.stability_search import F64, NOT_COMPARED, Floats, Operation, Worst, search
+from conformance import activated
 from reference_decoder.anchors import log_sigmoid, outlook, run, sigmoid, unit_quaternions
 from scarfmt.codecs.mlp import Linear, Network
 from scarfmt.scene import AnchorModel, Mlp
@@ -19,6 +21,12 @@ _LATENTS, _FEATURES, _HIDDEN = 6, 4, 8
 _COLUMNS = (*(f"f{k}" for k in range(_FEATURES)), "x", "y", "z", "log scale")
 _LOW, _HIGH = (*(-20,) * _FEATURES, *(-20,) * 3, -4), (*(20,) * _FEATURES, *(20,) * 3, 10)
 _STD, _QUATERNION = slice(0, 3), slice(3, 7)
+
+
+Single = Callable[[Floats, Floats], Floats]
+"""Logarithmic scales (n, 1) and outputs of a network, in float32 -> values."""
+Double = Callable[[F64, F64, F64], tuple[F64, F64]]
+"""The same in float64, and M of the outputs -> b and m."""
 
 
 def random_layer(rng: np.random.Generator, rows: int, columns: int, reach: float) -> Linear:
@@ -32,23 +40,35 @@ def random_layer(rng: np.random.Generator, rows: int, columns: int, reach: float
     return Linear(weights.astype(np.int16), scales.astype(np.float32), biases.astype(np.float32))
 
 
-def forward(network: Network, x: F64) -> tuple[F64, F64]:
-    """(n, out) outputs in float64, and m of R-9.5-1: the same of magnitudes."""
-    y, m = x, np.abs(x)
+def forward(network: Network, x: F64, magnitude: F64 | None = None) -> tuple[F64, F64]:
+    """(n, out) outputs in float64, and M of R-9.5-1 of (n, in) inputs and their magnitudes, None for |x|."""
+    y, m = x, np.abs(x if magnitude is None else magnitude)
     with np.errstate(all="ignore"):
         for number, layer in enumerate(network.layers):
-            y = (np.maximum(y, 0) if number else y) @ layer.matrix.T + layer.biases.astype(np.float64)
-            m = m @ np.abs(layer.matrix).T + np.abs(layer.biases.astype(np.float64))
-    return y, np.maximum(np.abs(y), m)
+            weights, biases = layer.matrix, layer.biases.astype(np.float64)
+            y = (np.maximum(y, 0) if number else y) @ weights.T + biases
+            beyond = _beyond(weights).any(axis=1) | _beyond(biases) | _beyond(m).any(axis=1, keepdims=True)
+            m = np.where(beyond, np.inf, m @ np.abs(weights).T + np.abs(biases))
+    return y, m
+
+
+def _beyond(x: F64) -> NDArray[np.bool_]:
+    return ~(np.abs(x) <= NOT_COMPARED)
+
+
+def _larger(b: F64, m: F64) -> tuple[F64, F64]:
+    return b, np.maximum(np.abs(b), m)
 
 
 def decoder_operation(network: Network) -> Operation:
     """The latent decoder."""
+    return Operation("latent decoder", *_latents(network), network.apply, lambda x: _larger(*forward(network, x)))
+
+
+def _latents(network: Network) -> tuple[tuple[str, ...], tuple[int, ...], tuple[int, ...]]:
+    """Columns of latents, and the exponents that are legal."""
     columns = tuple(f"z{k}" for k in range(network.inputs))
-    width = len(columns)
-    return Operation(
-        "latent decoder", columns, (-149,) * width, (127,) * width, network.apply, lambda x: forward(network, x)
-    )
+    return columns, (-149,) * len(columns), (127,) * len(columns)
 
 
 def _perceptron(network: Network) -> Mlp:
@@ -66,48 +86,68 @@ def _inputs(mlp: Mlp, x: Floats) -> Floats:
 
 
 def _reference_inputs(x: F64) -> F64:
-    away = x[:, _FEATURES : _FEATURES + 3]
-    distance = np.sqrt((away * away).sum(axis=1, keepdims=True))
-    return np.concatenate([x[:, :_FEATURES], away / np.where(distance > 0, distance, 1), distance], axis=1)
+    return np.concatenate([x[:, :_FEATURES], activated.view(x[:, _FEATURES : _FEATURES + 3])], axis=1)
 
 
 def scene_operations(network: Network) -> Iterator[Operation]:
     """What becomes of a network's outputs: opacity, standard deviation, quaternion, colour of a slot."""
     mlp = _perceptron(network)
 
-    def made(name: str, single: Callable[[Floats, Floats], Floats], double: Callable[[F64, F64], F64],
-             outputs: slice = slice(None)) -> Operation:  # fmt: skip
+    def made(name: str, single: Single, double: Double) -> Operation:
         def reference(x: F64) -> tuple[F64, F64]:
-            y, m = forward(network, _reference_inputs(x))
             with np.errstate(all="ignore"):
-                b = double(y, x[:, -1:])
-            return b[:, outputs], np.maximum(np.abs(b), m)[:, outputs]
+                return double(x[:, -1:], *forward(network, _reference_inputs(x)))
 
         def evaluate(x: Floats) -> Floats:
-            return single(run(mlp, _inputs(mlp, x)), x[:, -1:].astype(np.float32))[:, outputs]
+            return single(x[:, -1:].astype(np.float32), run(mlp, _inputs(mlp, x)))
 
         return Operation(name, _COLUMNS, _LOW, _HIGH, evaluate, reference)
 
-    yield made("slot opacity", lambda o, s: np.tanh(o), lambda o, s: np.tanh(o))
+    yield made("slot opacity", lambda s, o: np.tanh(o), lambda s, o, m: _larger(np.tanh(o), m))
     yield made(
         "slot standard deviation",
-        lambda q, s: np.exp(s + log_sigmoid(q)), lambda q, s: np.exp(s) / (1 + np.exp(-q)), _STD,
-    )  # fmt: skip
-    yield made("slot rotation", _turned, _turned_reference, _QUATERNION)
-    yield made("slot colour", lambda c, s: sigmoid(c), lambda c, s: 1 / (1 + np.exp(-c)))
+        lambda s, q: np.exp(s + log_sigmoid(q[:, _STD])),
+        lambda s, q, m: activated.deviations(s, q[:, _STD], m[:, _STD]),
+    )
+    yield made(
+        "slot rotation",
+        lambda s, q: unit_quaternions(q[:, _QUATERNION]),
+        lambda s, q, m: activated.quaternions(q[:, _QUATERNION], m[:, _QUATERNION]),
+    )
+    yield made("slot colour", lambda s, c: sigmoid(c), lambda s, c, m: _larger(activated.sigmoid(c), m))
 
 
-def _turned(q: Floats, s: Floats) -> Floats:
-    return np.concatenate([q[:, _STD], unit_quaternions(q[:, _QUATERNION])], axis=1)
+def chained_operation(decoder: Network, network: Network) -> Operation:
+    """Colours of slots from latents, all in float32: the error of a feature is also one of what is made of it.
+
+    A decode computes features in float64 and rounds them (:meth:`Network.apply`); no decoder has to.
+    """
+    mlp = _perceptron(network)
+
+    def evaluate(x: Floats) -> Floats:
+        return sigmoid(run(mlp, _inputs(mlp, _placed(_single(decoder, x)))))
+
+    def reference(x: F64) -> tuple[F64, F64]:
+        with np.errstate(all="ignore"):
+            features, features_m = forward(decoder, x)
+            inputs, inputs_m = (_reference_inputs(_placed(part)) for part in (features, features_m))
+            y, m = forward(network, inputs, inputs_m)
+            return _larger(activated.sigmoid(y), m)
+
+    return Operation("slot colour from latents", *_latents(decoder), evaluate, reference)
 
 
-def _turned_reference(q: F64, s: F64) -> F64:
-    part = q[:, _QUATERNION]
-    largest = np.abs(part).max(axis=1, keepdims=True)
-    scaled = part / np.where(largest > 0, largest, 1)
-    length = np.sqrt((scaled * scaled).sum(axis=1, keepdims=True))
-    unit = np.where(largest > 0, scaled / np.where(length > 0, length, 1), np.array([1.0, 0, 0, 0]))
-    return np.concatenate([q[:, _STD], unit], axis=1)
+def _single(network: Network, x: Floats) -> Floats:
+    y = x.astype(np.float32)
+    for number, layer in enumerate(network.layers):
+        y = (np.maximum(y, 0) if number else y) @ layer.matrix.astype(np.float32).T + layer.biases
+    return y
+
+
+def _placed(features: Floats) -> F64:
+    """Features of anchors that all stand in one place."""
+    place = np.broadcast_to([3.0, -2.0, 1.0], (len(features), 3))
+    return np.concatenate([features.astype(np.float64), place], axis=1)
 
 
 def _networks(count: int, scene: bool) -> Iterator[Network]:
@@ -117,7 +157,7 @@ def _networks(count: int, scene: bool) -> Iterator[Network]:
         # Of every second as large or small as float32 lets the scales be.
         reach = 10.0 ** rng.uniform(*((-30, 20) if number % 2 else (-3, 4)))
         hidden = (_HIDDEN,) * int(rng.integers(0, 4))
-        sizes = [_FEATURES + 4, _HIDDEN, 7] if scene else [_LATENTS, *hidden, 9]
+        sizes = [_FEATURES + 4, _HIDDEN, 7] if scene else [_LATENTS, *hidden, _FEATURES]
         # The last layer decides how large outputs are; between the layers all is about 1.
         reaches = [*(1.0,) * (len(sizes) - 2), reach]
         layers = [
@@ -127,8 +167,14 @@ def _networks(count: int, scene: bool) -> Iterator[Network]:
         yield Network(tuple(layers))
 
 
-def _operations(network: Network, scene: bool) -> list[Operation]:
-    return list(scene_operations(network)) if scene else [decoder_operation(network)]
+def _operations(networks: int, scene: bool) -> Iterator[list[Operation]]:
+    """The operations of each of `networks` networks."""
+    if scene:
+        for network in _networks(networks, scene=True):
+            yield list(scene_operations(network))
+        return
+    for decoder, network in zip(_networks(networks, scene=False), _networks(networks, scene=True), strict=True):
+        yield [decoder_operation(decoder), chained_operation(decoder, network)]
 
 
 def measure_networks(count: int, inputs: int, rounds: int) -> list[tuple[Operation, Worst]]:
@@ -142,8 +188,8 @@ def measure_networks(count: int, inputs: int, rounds: int) -> list[tuple[Operati
     out = []
     for scene in (False, True):
         tried = [
-            [(search(one, inputs, 0, seed=number), one) for one in _operations(network, scene)]
-            for number, network in enumerate(_networks(count, scene))
+            [(search(one, inputs, 0, seed=number), one) for one in operations]
+            for number, operations in enumerate(_operations(count, scene))
         ]
         for of_one in zip(*tried, strict=True):
             worst = sorted(of_one, key=lambda pair: -pair[0].used)[:3]

@@ -12,7 +12,7 @@ F64 = NDArray[np.float64]
 Floats = NDArray[np.floating]
 
 TOLERANCE, NOT_COMPARED = 1e-5, 1e38
-"""R-9.5-1: |a - b| <= 10^-5 max(1, m), and any a will do where m is above 10^38 or b is not a number."""
+"""R-9.5-1: |a - b| <= 10^-5 max(1, m), m at least |b|; any a will do where m is above 10^38 or b is not a number."""
 
 _KEPT, _CHILDREN = 48, 40
 _SPECIAL = (0.0, 1.0, 0.5, 2.0, 3.0, 1 / 3, np.pi, np.pi / 2, 88.0, 2.0**-13, 2.0**-24, 2.0**24, 2.0**-126, 2.0**-149)
@@ -27,7 +27,7 @@ class Operation:
         columns: of its input, by name.
         low, high: binary exponents of the magnitudes that are legal, least and largest, of each column.
         evaluate: (n, columns) of `dtype` -> (n, out) as a decoder gives them in float32.
-        reference: (n, columns) float64 -> b and m of R-9.5-1, (n, out) float64 each.
+        reference: (n, columns) float64 -> b and m of R-9.5-1, or |b| where that is larger; (n, out) float64 each.
         dtype: of inputs.
     """
 

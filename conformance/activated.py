@@ -1,15 +1,14 @@
 """Activated values in binary64: the reference of SPEC §9.5, from the formulas of §7.9, §9.3, §9.4 and §9.6.
 
-Every value comes with its m of R-9.5-1, where that may differ from its own magnitude. Sums are rounded once (`math.fsum`),
-so that no order of addition shows; what is left to the machine are the last bits of exp, tanh, sin, cos. A value that
-overflows is an infinity, or not a number, and is not an error.
+Every value comes with its m of R-9.5-1, where that may differ from its own magnitude. Sums are rounded once
+(`math.fsum`), so that no order of addition shows; what is left to the machine are the last bits of exp, tanh, sin, cos.
+A value that overflows is an infinity, or not a number, and is not an error.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,9 +77,9 @@ def network(net: Network, x: F64, magnitude: F64) -> tuple[F64, F64]:
     """
     y, m = x, magnitude
     for number, layer in enumerate(net.layers):
-        weights = layer.weights * layer.scales[:, None].astype(np.float64)
+        weights = layer.weights.astype(np.float64) * layer.scales[:, None].astype(np.float64)
         biases = layer.biases.astype(np.float64)
-        y = _layer(weights, biases, np.where(y > 0, y, 0) if number else y)
+        y = _layer(weights, biases, np.maximum(y, 0) if number else y)
         beyond = _beyond(weights).any(axis=1) | _beyond(biases) | _beyond(m).any(axis=1, keepdims=True)
         m = np.where(beyond, np.inf, _layer(np.abs(weights), np.abs(biases), m))
     return y, m
@@ -144,11 +143,12 @@ def _harmonics(scene: QuantisedScene, arrays: Arrays) -> Activated:
     start = int("value.COLOUR" in arrays)
     if start:
         sh[:, 0], magnitude[:, 0] = colours(_value(arrays, "COLOUR", 3))
-    if "latent" in arrays and scene.decoder is not None:
-        latent = arrays["latent"].astype(np.float64)
-        for whole, part in zip((sh, magnitude), network(scene.decoder, latent, np.abs(latent)), strict=True):
-            whole[:, start:] = part.reshape(n, count - start, 3)
-    return _larger(sh, magnitude) if magnitude.any() else Activated(sh)
+    if "latent" not in arrays or scene.decoder is None:
+        return _larger(sh, magnitude) if start else Activated(sh)
+    latent = arrays["latent"].astype(np.float64)
+    for whole, part in zip((sh, magnitude), network(scene.decoder, latent, np.abs(latent)), strict=True):
+        whole[:, start:] = part.reshape(n, count - start, 3)
+    return _larger(sh, magnitude)
 
 
 # ---------------------------------------------------------------------------------------------- 9.6 anchor profile

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from conformance.cases import Case
+from conformance.edge_activations import activation_cases
 from conformance.edge_networks import network_cases, predictor_cases
 from conformance.files import vector_file
 from conformance.prng import Prng
@@ -49,7 +50,7 @@ def edge_cases() -> Iterator[Case]:
     for cases in (
         _position_cases(), _lattice_cases(), _table_cases(), _value_cases(), _latent_cases(), _colour_cases(),
         _layer_cases(), _tile_cases(), _anchor_cases(), _frame_cases(), _rice_cases(), _annotation_cases(),
-        predictor_cases(), network_cases(),
+        predictor_cases(), network_cases(), activation_cases(),
     ):
         yield from cases
 

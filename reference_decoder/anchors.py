@@ -115,7 +115,7 @@ def outlook(model: AnchorModel, rows: I64, camera_centre: F64, dtype: type) -> F
     with np.errstate(over="ignore", invalid="ignore"):  # a position may be any finite number: not a reason to warn
         direction, length, exponent = unit_vectors(model.anchors[rows] - camera_centre)
         distance = np.ldexp(length, exponent)
-        inputs = [model.features[rows].astype(dtype), direction.astype(dtype), distance.astype(dtype)]
+        inputs: list[Floats] = [model.features[rows].astype(dtype), direction.astype(dtype), distance.astype(dtype)]
     takes_distance = model.mlps["opacity"].weights[0].shape[1] - model.features.shape[1] == 4
     return np.concatenate(inputs if takes_distance else inputs[:2], axis=1)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.regions import TILES, markdown, shares
+from benchmarks.regions import TILES, markdown, shares, spread
 from benchmarks.regions_jobs import CORE, PLACES, boxes, choose, sizes, times
 from benchmarks.scaling_scenes import recut
 from reference_decoder.decode import decode
@@ -96,8 +96,9 @@ def test_the_encoders_own_size_is_measured() -> None:
 
 def _run(most: int, cost: float) -> dict[str, Any]:
     kinds = [(place, share) for place in PLACES for share in (0.01, 0.1)]
+    lists = {"bytes": [10, 1000 * cost], "cpus": [0.1, cost], "symbols": [1, 2]}
     regions = [
-        {"place": p, "share": s, "anchors": [s, s], "bytes": [10, 1000 * cost], "cpus": [0.1, cost], "symbols": [1, 2]}
+        {"place": p, "share": s, **{field: spread(values) for field, values in {"anchors": [s, s], **lists}.items()}}
         for p, s in kinds
     ]
     file = {"file_bytes": 1000, "layer_bytes": [400, 500], "front_bytes": 100, "model_bytes": 50, "tiles": 3}
@@ -110,4 +111,9 @@ def test_tables_mark_what_keeps_to_the_target() -> None:
     assert text.index("| 32,768 |") < text.index("| 1,024 |")
     assert "| 1,024 | **2.0%** / 3%" in text
     assert "| 32,768 | 25.5% / 50%" in text
-    assert shares(_run(1024, 0.5), "whole", 0.1, "symbols") == [0.25, 0.5]
+    assert shares(_run(1024, 0.5), "whole", 0.1, "symbols") == {"median": 0.375, "mean": 0.375, "worst": 0.5}
+
+
+def test_a_spread_is_median_mean_and_worst() -> None:
+    assert spread([1.0, 2.0, 9.0]) == {"median": 2.0, "mean": 4.0, "worst": 9.0}
+    assert spread([1234567]) == {"median": 1234600.0, "mean": 1234600.0, "worst": 1234600.0}

@@ -222,7 +222,9 @@ def test_tables_show_every_file_that_is_not_beaten_and_what_was_skipped() -> Non
 def test_results_of_some_formats_keep_the_others() -> None:
     new = run(rivals=[rival("SOG", 2300, 42.0, "sog")])
     del new["scar"]
-    found = rivals_run.merged(run(), new, ["sog"])
+    skipped = [{"name": name, "family": name, "why": "w"} for name in ("spz", "sog")]
+    found = rivals_run.merged(run(skipped=skipped), new, ["sog"])
+    assert found["skipped"] == skipped[:1]
     assert [each["bytes"] for each in found["rivals"]] == [2000, 2300, 4000]
     assert len(found["scar"]) == 2
 

@@ -127,6 +127,38 @@ def test_every_square_and_twist_is_a_rotation(seed: int) -> None:
     assert np.allclose(matrix_from_quaternion(quaternion_from(square, twist)), axes, atol=1e-9)
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_squares_that_would_overflow_are_rotations_too(dtype: type) -> None:
+    """A step may be 2^96 (SPEC §6.4): u and v reach 1.7e38, their squares and sums do not fit binary32."""
+    top, rng = float(np.float32(1.7e38)), np.random.default_rng(6)
+    extreme = np.array([[top, top], [top, -top], [-top, 0], [1e30, -3], [2.5, 1e20]])
+    square = np.concatenate([extreme, rng.normal(size=(100, 2)) * 10.0 ** rng.integers(0, 37, (100, 1))]).astype(dtype)
+    twist = rng.uniform(-1.5, 1.5, len(square)).astype(dtype)
+    with np.errstate(all="raise", under="ignore"):
+        q = quaternion_from(square, twist)
+    assert q.dtype == dtype
+    axes = axes_from(square.astype(np.float64), twist.astype(np.float64))
+    np.testing.assert_allclose(matrix_from_quaternion(q), axes, atol=1e-6)
+    u, v = square.astype(np.float64).T
+    normal = np.stack([(u + v) / 2, (u - v) / 2, 1 - np.maximum(np.abs(u), np.abs(v))], axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    np.testing.assert_allclose(matrix_from_quaternion(q)[:, :, 2], normal, atol=1e-6)
+
+
+def test_scaling_changes_no_bit_of_an_ordinary_rotation() -> None:
+    """By a power of two: files and decodes stay what they were where nothing overflows."""
+    rng = np.random.default_rng(7)
+    for dtype in (np.float32, np.float64):
+        square = rng.uniform(-40, 40, (2000, 2)).astype(dtype)
+        px, py = (square[:, 0] + square[:, 1]) / 2, (square[:, 0] - square[:, 1]) / 2
+        normal = np.stack([px, py, 1 - np.abs(px) - np.abs(py)], axis=1)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        x, y, z = normal.T
+        length = np.sqrt((1 + z) * (1 + z) + x * x + y * y)
+        expected = np.stack([(1 + z) / length, -y / length, x / length, 0 * z / length], axis=1)
+        assert np.array_equal(quaternion_from(square, np.zeros(2000, dtype)), expected)
+
+
 def test_quaternions_of_half_turns_are_found() -> None:
     """Where w is 0 a formula that divides by it fails."""
     quaternions = np.concatenate([np.eye(4), _axis_aligned(), np.array([[0, 1, 1, 0], [0, 1, 0, -1], [1e-9, 0, 1, 1]])])

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reference_decoder.anchors import SH_C0, gaussians
+from reference_decoder.anchors import SH_C0, gaussians, outlook, unit_quaternions
 from reference_decoder.bake import bake, default_eyes, sh_basis
 from reference_decoder.decode import decode
 from reference_decoder.stream_ply import export_ply
@@ -104,6 +104,32 @@ def test_nothing_to_draw_is_an_empty_scene() -> None:
 def test_eye_at_an_anchor_gives_finite_gaussians() -> None:
     model = random_model()
     assert not gaussians(model, model.anchors[0]).scene.invalid_rows().any()
+
+
+@pytest.mark.parametrize("distance", [1e-320, 1e-200, 1e200, 1e307])
+def test_directions_do_not_depend_on_the_distance(distance: float) -> None:
+    """Squares of it over- or underflow in float64 (SPEC §9.6); float32 may not hold it, without a warning."""
+    model = random_model()
+    steps = np.random.default_rng(4).integers(-5, 6, (40, 3)).astype(np.float64)
+    seen = AnchorModel(steps * distance, model.features, model.offsets, model.log_scaling, model.mlps, model.slot_mask)
+    with np.errstate(all="raise", under="ignore"):
+        found = outlook(seen, np.arange(40), np.zeros(3), np.float64)[:, 5:]
+        single = outlook(seen, np.arange(40), np.zeros(3), np.float32)[:, 5:]
+    # What float64 makes of the steps; below 1e-308 not all of their digits.
+    steps = seen.anchors / distance
+    long = np.linalg.norm(steps, axis=1, keepdims=True)
+    np.testing.assert_allclose(found[:, :3], steps / np.where(long > 0, long, 1), rtol=1e-12)
+    np.testing.assert_allclose(found[:, 3:] / distance, long, rtol=1e-3 if distance < 1e-300 else 1e-12)
+    np.testing.assert_allclose(single[:, :3], found[:, :3], rtol=1e-7)
+
+
+@pytest.mark.parametrize("length", [1e-44, 1e-30, 1e-20, 1, 1e20, 1e38])
+def test_quaternions_have_length_one_however_long_they_were(length: float) -> None:
+    """In float32, where the squares of most of these vanish or overflow."""
+    q = (np.array([[2, 0, 0, 0], [0, 0, 2, 0], [1, -1, 1, 1], [0, 0, 0, 0]]) * length).astype(np.float32)
+    expected = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0.5, -0.5, 0.5, 0.5], [1, 0, 0, 0]], np.float32)
+    assert np.array_equal(unit_quaternions(q), expected)
+    assert np.array_equal(unit_quaternions(np.full((1, 4), np.nan, np.float32)), expected[:1])
 
 
 def test_model_without_networks_is_refused() -> None:

@@ -65,7 +65,7 @@ class Case:
             Channel(Stream.SCALE, (1.0,) * 3, (ContextRule(),) * 3),
             Channel(Stream.COLOUR, (1.0,) * components, rules),
         )
-        occupancies = tuple(sorted(rng.choice([1, 2, 3, 8, 60], depths, replace=False).tolist(), reverse=True))
+        occupancies = tuple(sorted(rng.choice([1, 2, 3, 8, 300], depths, replace=False).tolist(), reverse=True))
         context = DecodedContext(int(rng.integers(0, 4)), occupancies)
         self.model = SceneModel(Profile.EXPLICIT, 1, channels, (LayerRow((0,), ((1, 1),)),), context)
         self.codes = rng.integers(0, 1 << 3 * BITS, self.count, np.uint64) >> rng.integers(0, 19, self.count, np.uint64)
@@ -207,6 +207,9 @@ def one_symbol(step: int, value: int, *, components: int = 1) -> dict[TableKey, 
         (2, EXTREME // 3, 1, ""),
         (2, EXTREME // 3 + 1, -1, "value-range"),
         (2, -EXTREME, 1, "value-range"),
+        (2, -EXTREME // 3, 1, "value-range"),
+        (2, -EXTREME // 3, 2, "bad-trit"),
+        (2, -(EXTREME // 3), -1, ""),
         (20, EXTREME, 0, "value-range"),
         (2, EXTREME, 2, "bad-trit"),
         (3, 0, None, "missing-table"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -207,6 +208,46 @@ def test_logits_on_any_words(seed: int, words: int, size: int, count: int, reach
     check_same_state(compiled, pure)
     assert compiled.decode_logits(np.asfortranarray(logits)).tolist() == pure.decode_rows(rows).tolist()
     check_same_state(compiled, pure)
+
+
+def symbols_at(slot: int, logits: F32) -> set[tuple[int, ...]]:
+    """What every way to code (k, 1) `logits` finds at a slot."""
+    decoder = partial(KernelRansDecoder, library(), np.array([slot, 0x80000001], "<u4").tobytes())
+    rows = frequency_rows(logits)
+    found = decoder().decode_logits(logits), decoder().decode_rows(rows)
+    table = decoder().decode(FrequencyTable(rows[0].astype(np.int64) + 1), 1)
+    return {tuple(symbols.tolist()) for symbols in (*found, table)}
+
+
+@settings(deadline=None, max_examples=40)
+@given(SEEDS, st.sampled_from([2, 3, 7, 64, 4096]), st.sampled_from([0, 1, 40, 600]))
+@example(0, 2, 0)
+@example(0, 4096, 0)
+def test_slots_on_both_sides_of_an_edge(seed: int, size: int, reach: int) -> None:
+    """Where equal products decide, every way to code the same frequencies agrees."""
+    rng = np.random.default_rng(seed)
+    logits = rng.integers(-reach, reach + 1, (size, 1)).astype(np.float32)
+    edges = np.concatenate(([0], np.cumsum(frequency_rows(logits)[0] + 1))).astype(np.int64)
+    for symbol in {0, 1, size - 1, *rng.integers(0, size, 5).tolist()}:
+        assert symbols_at(int(edges[symbol]), logits) == {(symbol,)}
+        assert symbols_at(int(edges[symbol + 1]) - 1, logits) == {(symbol,)}
+
+
+def test_a_state_at_the_limit_takes_no_word() -> None:
+    """2^33 halved is exactly 2^32, from which on no word is needed (SPEC §8.2)."""
+    data = np.array([7, 0, 2], "<u4").tobytes()
+    halves = np.full((1, 2), (TOTAL - 2) / 2)
+    reads: list[Callable[[KernelRansDecoder], Any]] = [
+        lambda decoder: decoder.uniform(2, 1),
+        lambda decoder: decoder.decode(uniform_table(2), 1),
+        lambda decoder: decoder.decode_rows(halves),
+        lambda decoder: decoder.decode_logits(np.zeros((2, 1), np.float32)),
+    ]
+    for read in reads:
+        compiled, pure = both_decoders(data)
+        assert read(compiled).tolist() == pure.decode(uniform_table(2), 1).tolist() == [0]
+        assert pure._state == 1 << 32
+        check_same_state(compiled, pure)
 
 
 @settings(deadline=None, max_examples=40)

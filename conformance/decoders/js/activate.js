@@ -137,7 +137,7 @@ export function activateAnchors(tile, { position, values, latent }, eye) {
 }
 
 /**
- * (v, d), or v alone where there is no room for d.
+ * (v, d), or v alone where there is no room for d. Divided by the largest number first: no square over- or underflows.
  * @param {Float64Array} centre (3)
  * @param {number[]} eye (3)
  * @param {Float64Array} out
@@ -145,9 +145,11 @@ export function activateAnchors(tile, { position, values, latent }, eye) {
  */
 function lookAt(centre, eye, out, to) {
   const v = [0, 1, 2].map((i) => centre[i] - eye[i]);
-  const d = Math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-  for (let i = 0; i < 3; i++) out[to + i] = d === 0 ? 0 : v[i] / d;
-  if (to + 3 < out.length) out[to + 3] = d;
+  const most = Math.max(...v.map(Math.abs));
+  const [x, y, z] = v.map((number) => (most === 0 ? 0 : number / most));
+  const length = Math.sqrt(x * x + y * y + z * z);
+  [x, y, z].forEach((number, i) => (out[to + i] = most === 0 ? 0 : number / length));
+  if (to + 3 < out.length) out[to + 3] = length * most;
 }
 
 /**
