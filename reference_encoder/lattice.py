@@ -20,8 +20,12 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 U64 = NDArray[np.uint64]
 
-TILE_ANCHORS = 16384
-"""Most anchors of a tile, unless asked otherwise: docs/decisions/0015-tile-size.md."""
+TILE_ANCHORS, LARGE_SCENE_TILE_ANCHORS = 32768, 16384
+"""Most anchors of a tile unless asked otherwise; the second in scenes of more than `LARGE_SCENE` anchors.
+
+Only there a region is a small part of a file: docs/decisions/0015-tile-size.md.
+"""
+LARGE_SCENE = 1 << 18
 # A leaf cell this many times the step that pays for the 70th percentile of a tile's anchors; those who
 # need more get it from the position residual.
 _CELL_FACTOR = 1.5
@@ -51,8 +55,10 @@ class Placement:
     cell: F64
 
 
-def place(positions: F64, wanted_step: F64, tile_anchors: int = TILE_ANCHORS) -> Placement:
+def place(positions: F64, wanted_step: F64, tile_anchors: int | None = None) -> Placement:
     """Tiles and cells for (N, 3) positions whose quantiser step should be about (N,) `wanted_step`."""
+    if tile_anchors is None:
+        tile_anchors = LARGE_SCENE_TILE_ANCHORS if len(positions) > LARGE_SCENE else TILE_ANCHORS
     low = positions.min(axis=0)
     reach = float(np.abs(positions).max())
     side = float(np.max(positions.max(axis=0) - low))

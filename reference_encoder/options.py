@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from reference_encoder.lattice import TILE_ANCHORS
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS
 from scarfmt.render.camera import Camera
@@ -34,8 +33,8 @@ class EncodeOptions:
         estimator: gradient through the learned latent's quantiser: "rotation" or "straight-through".
         decode_budget: most multiply-adds of integer networks an anchor may cost a decoder; 0 for static tables alone,
             None for whatever makes the file smallest.
-        tile_anchors: most anchors of a tile, 1024..65536. With smaller tiles the file is larger, decoding a region of
-            it cheaper, and decoding all of it slower.
+        tile_anchors: most anchors of a tile, 1024..65536; None for 32768, and 16384 in scenes of more than 262,144.
+            With smaller tiles the file is larger, decoding a region of it cheaper, and decoding all of it slower.
         seed: of everything random; same seed, same bytes.
         metadata: JSON-able annotations to store.
     """
@@ -48,7 +47,7 @@ class EncodeOptions:
     latent: str = "linear"
     estimator: str = "rotation"
     decode_budget: int | None = None
-    tile_anchors: int = TILE_ANCHORS
+    tile_anchors: int | None = None
     seed: int = 0
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
@@ -66,7 +65,7 @@ class EncodeOptions:
             raise InvalidInput("input-options", f"{self.layers} layers: 1..{MAX_LAYERS} are possible", field="layers")
         if self.decode_budget is not None and self.decode_budget < 0:
             raise InvalidInput("input-options", f"a budget of {self.decode_budget}: 0 is least", field="decode_budget")
-        if not MIN_TILE_ANCHORS <= self.tile_anchors <= MAX_ANCHORS_PER_TILE:
+        if self.tile_anchors is not None and not MIN_TILE_ANCHORS <= self.tile_anchors <= MAX_ANCHORS_PER_TILE:
             message = f"tiles of {self.tile_anchors}: {MIN_TILE_ANCHORS}..{MAX_ANCHORS_PER_TILE} anchors are possible"
             raise InvalidInput("input-options", message, field="tile_anchors")
         for name, choices in (("latent", LATENTS), ("estimator", ESTIMATORS)):

@@ -38,6 +38,22 @@ def signed_varint(value: int) -> bytes:
     return unsigned_varint(2 * value if value >= 0 else -2 * value - 1)
 
 
+def varints(payload: bytes, bits: int) -> I64 | None:
+    """(n,) int64: all of `payload` as LEB128 integers below 2^bits, at most 56; None if it is not just those."""
+    window = np.frombuffer(payload, np.uint8)
+    ends = np.flatnonzero(window < 0x80)
+    if not len(ends) or int(ends[-1]) != len(window) - 1:
+        return None
+    lengths = np.diff(ends, prepend=-1)
+    if int(lengths.max()) > -(-bits // 7) or bool(((window[ends] == 0) & (lengths > 1)).any()):
+        return None
+    values = np.zeros(len(ends), np.int64)
+    for place in range(int(lengths.max())):
+        there = np.flatnonzero(lengths > place)
+        values[there] |= (window[ends[there] - lengths[there] + 1 + place] & 0x7F).astype(np.int64) << (7 * place)
+    return None if int(values.max()) >> bits else values
+
+
 class ByteReader:
     """A cursor over one payload that never reads past its end."""
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt import kernel
-from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint
+from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint, varints
 from scarfmt.errors import InvalidInput, Malformed
 from scarfmt.kernel.rans import CONTEXTS, KernelRansDecoder, PackedMembers, PackedTables
 from scarfmt.rans import MAX_ALPHABET, PRECISION, FrequencyTable, RansDecoder, RansEncoder, SymbolSource, uniform_table
@@ -381,6 +381,9 @@ def unpack_tables(payload: bytes) -> dict[TableKey, SymbolTable]:
     Raises:
         Malformed: ``bad-table`` for a record that breaks SPEC §8.3.
     """
+    found = _unpack_sound(payload)
+    if found is not None:
+        return found
     reader = ByteReader(payload, "tables")
     tables: dict[TableKey, SymbolTable] = {}
     previous = -1
@@ -392,6 +395,49 @@ def unpack_tables(payload: bytes) -> dict[TableKey, SymbolTable]:
         tables[TableKey.from_number(number)] = _read_table(reader)
     reader.finish()
     return tables
+
+
+def _unpack_sound(payload: bytes) -> dict[TableKey, SymbolTable] | None:
+    """:func:`unpack_tables` of a payload that breaks no rule, all numbers at once; None of any other."""
+    numbers = varints(payload, bits=33)
+    if numbers is None or not numbers[0] <= MAX_TABLES:
+        return None
+    records = _records(numbers)
+    if records is None:
+        return None
+    keys, sizes, at = records
+    # Per record: key, size, then as many numbers that make the alphabet, and as many weights.
+    place = np.arange(int(sizes.sum())) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    start = np.repeat(at, sizes) + place
+    steps, weights = numbers[start], numbers[start + np.repeat(sizes, sizes)]
+    first = (steps >> 1) ^ -(steps & 1)
+    running = np.cumsum(np.where(place == 0, first, steps + 1))
+    begins = np.cumsum(sizes) - sizes
+    base = running[begins] - first[begins]
+    alphabet = running - np.repeat(base, sizes)
+    sound = bool(((steps < 1 << 32) | (place == 0)).all()) and bool((np.diff(keys) > 0).all())
+    sound &= bool((np.abs(alphabet) < 1 << 31).all()) and bool(((weights >= 1) & (weights < 1 << 24)).all())
+    if not sound:
+        return None
+    spans = zip(keys.tolist(), begins.tolist(), (begins + sizes).tolist(), strict=True)
+    return {TableKey.from_number(key): SymbolTable(alphabet[a:b], weights[a:b]) for key, a, b in spans}
+
+
+def _records(numbers: I64) -> tuple[I64, I64, I64] | None:
+    """Key, size and place of the first alphabet number of each record, (tables,) each; None if they do not fit."""
+    keys, sizes, places, at = [], [], [], 1
+    # One by one: where a record begins, only the one before tells.
+    plain = numbers.tolist()
+    for _ in range(plain[0]):
+        if at + 2 > len(plain) or not 1 <= plain[at + 1] <= MAX_ALPHABET or plain[at] >= 1 << 32:
+            return None
+        keys.append(plain[at])
+        sizes.append(plain[at + 1])
+        places.append(at + 2)
+        at += 2 + 2 * plain[at + 1]
+    if at != len(plain):
+        return None
+    return np.array(keys, np.int64), np.array(sizes, np.int64), np.array(places, np.int64)
 
 
 def _read_table(reader: ByteReader) -> SymbolTable:

@@ -9,7 +9,7 @@ function allocates. What indexes an array comes from other arrays that the calle
 
 #define EXPORT __attribute__((visibility("default")))
 
-/* Wider vectors where the machine has them. Functions are chosen when they are loaded, which glibc does, musl does not. */
+/* Wider vectors where the machine has them, chosen when the library is loaded: glibc can, musl cannot. */
 #if defined(__x86_64__) && defined(__GLIBC__) && __GNUC__ >= 12 && !defined(__clang__)
 #define WIDE __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
 #else

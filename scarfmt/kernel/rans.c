@@ -84,11 +84,11 @@ EXPORT void scar_rans_uniform(Rans *rans, uint32_t size, int64_t n, int32_t *out
     const uint64_t spare = TOTAL - size;
     for (int64_t i = 0; i < n; i++) {
         const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
-        /* Within one of the symbol: its width is 2^24 / size but for less than 1. */
+        /* The symbol, or one before it: c_s <= s 2^24 / size <= slot. */
         uint32_t s = (uint32_t)((uint64_t)slot * size >> PRECISION);
-        while (edge(s, spare, size, s) > slot) s--;
-        while (edge(s + 1, spare, size, s + 1) <= slot) s++;
-        advance(rans, slot, edge(s, spare, size, s), edge(s + 1, spare, size, s + 1));
+        uint32_t first = edge(s, spare, size, s), past = edge(s + 1, spare, size, s + 1);
+        while (past <= slot) first = past, s++, past = edge(s + 1, spare, size, s + 1);
+        advance(rans, slot, first, past);
         out[i] = (int32_t)s;
     }
 }

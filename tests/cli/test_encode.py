@@ -11,6 +11,7 @@ import pytest
 
 from reference_decoder.export_ply import write_inria_ply
 from reference_encoder.importers import FORMATS
+from reference_encoder.lattice import LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
 from reference_encoder.options import MAX_QUALITY, MIN_QUALITY, MIN_TILE_ANCHORS, EncodeOptions
 from scarfmt.cli import cli
 from scarfmt.cli.encode import FORMAT_IDS, parse_metadata
@@ -94,13 +95,16 @@ def test_choices_and_defaults_told_are_those_of_the_encoder() -> None:
     options = {parameter.name: parameter for parameter in cli.commands["encode"].params}
     assert tuple(known.id for known in FORMATS) == FORMAT_IDS
     defaults = EncodeOptions()
-    for name in ("quality", "effort", "layers", "frame", "tile_anchors"):
+    for name in ("quality", "effort", "layers", "frame"):
         parameter = options[name]
         assert isinstance(parameter, click.Option)
         assert f"[default: {getattr(defaults, name)!s}]".replace(".0]", "]") in (parameter.help or "")
     quality = options["quality"].type
     assert isinstance(quality, click.FloatRange)
     assert (quality.min, quality.max) == (MIN_QUALITY, MAX_QUALITY)
+    assert f"{TILE_ANCHORS}, in scenes of more than {LARGE_SCENE:,} Gaussians {LARGE_SCENE_TILE_ANCHORS}" in (
+        options["tile_anchors"].help or ""
+    )
     size = options["tile_anchors"].type
     assert isinstance(size, click.IntRange)
     assert (size.min, size.max) == (MIN_TILE_ANCHORS, MAX_ANCHORS_PER_TILE)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from reference_encoder.lattice import TILE_ANCHORS, Placement, place, split
+from reference_encoder.lattice import LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS, Placement, place, split
 from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LOCAL_BITS
 from scarfmt.morton import deinterleave
 
@@ -48,12 +49,15 @@ def test_cells_hold_their_anchors(
         assert 0 <= placement.lattice.bits - tile.depth - tile.shift <= MAX_LOCAL_BITS
 
 
-def test_large_clouds_are_split() -> None:
-    """No tile holds more than `TILE_ANCHORS` anchors while cubes can still be halved."""
-    positions = np.random.default_rng(0).random((3 * TILE_ANCHORS, 3))
+@pytest.mark.parametrize(
+    ("count", "most"), [(3 * TILE_ANCHORS, TILE_ANCHORS), (LARGE_SCENE + 1, LARGE_SCENE_TILE_ANCHORS)]
+)
+def test_large_clouds_are_split(count: int, most: int) -> None:
+    """No tile holds more than the default for so many anchors while cubes can still be halved."""
+    positions = np.random.default_rng(0).random((count, 3))
     placement = place(positions, np.full(len(positions), 0.01))
     assert len(placement.tiles) >= 8
-    assert np.bincount(placement.tile).max() <= TILE_ANCHORS
+    assert most / 8 < np.bincount(placement.tile).max() <= most
 
 
 def test_tiles_are_as_small_as_asked_for_and_cells_are_still_right() -> None:
@@ -94,7 +98,7 @@ def test_cubes_are_the_largest_that_hold_few_enough(codes: list[int], most: int)
 
 
 def test_the_default_is_a_size_the_format_allows() -> None:
-    assert TILE_ANCHORS <= MAX_ANCHORS_PER_TILE
+    assert max(TILE_ANCHORS, LARGE_SCENE_TILE_ANCHORS) <= MAX_ANCHORS_PER_TILE
 
 
 def test_duplicates_beyond_a_tile_do_not_loop() -> None:
