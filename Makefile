@@ -17,7 +17,7 @@ help:
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 22
 
 # torch alone and first: whatever else is installed afterwards then finds the pinned build in place.
-$(STAMP): pyproject.toml
+$(STAMP): pyproject.toml $(wildcard scarfmt/kernel/*.c scarfmt/kernel/*.h)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet 'torch==2.13.0'
 	$(BIN)/python -m pip install --quiet --editable '.[encode,render,http,import,dev]'

@@ -143,7 +143,7 @@ class RansEncoder:
         """
         values = np.ascontiguousarray(symbols, dtype=np.int32)
         rows = np.ascontiguousarray(weights, dtype=np.float64)
-        _check_rows(rows, len(values))
+        check_rows(rows, len(values))
         count = rows.shape[1]
         if len(values) and (int(values.min()) < 0 or int(values.max()) >= count):
             raise InvalidInput("input-symbol", f"symbol outside the alphabet of {count}", field="symbols")
@@ -161,7 +161,7 @@ class RansEncoder:
         return bytes(coder.get_compressed().astype("<u4").tobytes())
 
 
-def _check_rows(rows: F64, count: int) -> None:
+def check_rows(rows: F64, count: int) -> None:
     """Refuse rows that are not `count` frequency tables minus 1."""
     if rows.ndim != 2 or len(rows) != count or not 1 <= rows.shape[1] <= MAX_ALPHABET:
         raise InvalidInput("input-table", f"rows of shape {rows.shape} for {count} symbols", field="table")

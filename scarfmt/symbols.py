@@ -8,7 +8,8 @@ nobody used costs nothing and an outlier costs two bytes, not a wide alphabet.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from scarfmt import kernel
 from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint, varints
 from scarfmt.errors import InvalidInput, Malformed
-from scarfmt.kernel.rans import CONTEXTS, KernelRansDecoder, PackedMembers, PackedTables
+from scarfmt.kernel.rans import CONTEXTS, KernelRansDecoder, KernelRansEncoder, PackedMembers, PackedTables
 from scarfmt.rans import MAX_ALPHABET, PRECISION, FrequencyTable, RansDecoder, RansEncoder, SymbolSource, uniform_table
 
 Values = NDArray[np.integer[Any]]
@@ -135,17 +136,40 @@ class Emitter(Protocol):
     def emit_rows(self, weights: F64, values: Values) -> None: ...
 
 
-class SymbolCounter:
+class GroupEmitter:
+    """An emitter that can take many groups at once: those of one step of some components, by ascending kind."""
+
+    def emit_grouped(self, key: StepKey, kinds: Values, values: Values) -> None:
+        """(n,) `values` with their (n,) kinds (see :class:`StepKey`), order kept within each group (SPEC §8.4)."""
+        raise NotImplementedError
+
+    def emit_logits(self, logits: F32, values: Values) -> None:
+        """(n,) `values` of (k, n) integer `logits`; only while the compiled library is in use."""
+        raise NotImplementedError
+
+
+class SymbolCounter(GroupEmitter):
     """An emitter that only counts, per table key."""
 
     def __init__(self) -> None:
         self._values: dict[TableKey, list[Values]] = {}
+        # Per step: (m,) joint numbers of kind and value, and how often each came.
+        self._joint: dict[StepKey, list[tuple[I64, I64]]] = {}
         self.uniform_bits = 0.0
         self.modelled_bits = 0.0
 
     def emit(self, key: TableKey, values: Values) -> None:
         if len(values):
             self._values.setdefault(key, []).append(values)
+
+    def emit_grouped(self, key: StepKey, kinds: Values, values: Values) -> None:
+        if len(values):
+            self._joint.setdefault(key, []).append(_joint_counts(kinds, values))
+
+    def emit_logits(self, logits: F32, values: Values) -> None:
+        library = kernel.library()
+        assert library is not None
+        self.modelled_bits += float(KernelRansEncoder(library).encode_logits(values, logits).sum())
 
     def emit_uniform(self, size: int, values: Values) -> None:
         self.uniform_bits += len(values) * float(np.log2(size))
@@ -156,17 +180,76 @@ class SymbolCounter:
 
     def histograms(self) -> dict[TableKey, tuple[I64, I64]]:
         """(alphabet, counts) per key, keys ascending."""
-        joined = {key: np.concatenate(groups) for key, groups in sorted(self._values.items())}
-        pairs = {key: np.unique(values, return_counts=True) for key, values in joined.items()}
-        return {key: (alphabet.astype(np.int64), counts.astype(np.int64)) for key, (alphabet, counts) in pairs.items()}
+        found: dict[TableKey, list[tuple[I64, I64]]] = {}
+        for key, groups in self._values.items():
+            alphabet, counts = np.unique(np.concatenate(groups), return_counts=True)
+            found[key] = [(alphabet.astype(np.int64), counts)]
+        for step, parts in self._joint.items():
+            joint, counts = _added([part[0] for part in parts], [part[1] for part in parts])
+            kinds = joint >> _VALUE_BITS
+            starts = np.flatnonzero(np.diff(kinds, prepend=-1)).tolist()
+            for first, past in itertools.pairwise([*starts, len(kinds)]):
+                values = (joint[first:past] & _VALUE_MASK) - _VALUE_ZERO
+                found.setdefault(step.table(int(kinds[first])), []).append((values, counts[first:past]))
+        return {key: _added(*zip(*parts, strict=True)) for key, parts in sorted(found.items())}
 
 
-class SymbolWriter:
+# A joint number is kind * 2^33 + value + 2^32.
+_VALUE_BITS = 33
+_VALUE_ZERO = 1 << 32
+_VALUE_MASK = (1 << _VALUE_BITS) - 1
+# So many cells are counted without sorting.
+_DENSE = 1 << 16
+
+
+def _joint_counts(kinds: Values, values: Values) -> tuple[I64, I64]:
+    """Joint numbers of kind and value that occur, ascending, and how often."""
+    low = int(values.min())
+    wide = int(values.max()) - low + 1
+    if (int(kinds.max()) + 1) * wide <= _DENSE:
+        counts = np.bincount(kinds.astype(np.int64) * wide + (values - low))
+        cells = np.flatnonzero(counts)
+        return ((cells // wide) << _VALUE_BITS) + cells % wide + low + _VALUE_ZERO, counts[cells]
+    joint = (kinds.astype(np.int64) << _VALUE_BITS) + values + _VALUE_ZERO
+    found, counts = np.unique(joint, return_counts=True)
+    return found, counts
+
+
+def _added(numbers: Sequence[I64], counts: Sequence[I64]) -> tuple[I64, I64]:
+    """Numbers that occur in any of several lists, ascending, and their counts added up."""
+    if len(numbers) == 1:
+        return numbers[0], counts[0]
+    found, place = np.unique(np.concatenate(numbers), return_inverse=True)
+    total = np.zeros(len(found), np.int64)
+    np.add.at(total, place, np.concatenate(counts))
+    return found, total
+
+
+def rans_encoder() -> RansEncoder | KernelRansEncoder:
+    """The fastest there is."""
+    library = kernel.library()
+    return RansEncoder() if library is None else KernelRansEncoder(library)
+
+
+class SymbolWriter(GroupEmitter):
     """An emitter that codes one sub-stream."""
 
     def __init__(self, tables: Mapping[TableKey, SymbolTable]) -> None:
-        self._tables = tables
-        self._rans = RansEncoder()
+        self._tables = tables if isinstance(tables, StaticTables) else StaticTables(tables)
+        self._rans = rans_encoder()
+
+    def emit_grouped(self, key: StepKey, kinds: Values, values: Values) -> None:
+        if isinstance(self._rans, KernelRansEncoder):
+            self._rans.encode_grouped(self._tables.packed(key), kinds, values)
+            return
+        order, runs = by_context(kinds)
+        arranged = values[order]
+        for kind, start, past in runs:
+            self.emit(key.table(kind), arranged[start:past])
+
+    def emit_logits(self, logits: F32, values: Values) -> None:
+        assert isinstance(self._rans, KernelRansEncoder)
+        self._rans.encode_logits(values, logits)
 
     def emit(self, key: TableKey, values: Values) -> None:
         if len(values):
@@ -184,7 +267,7 @@ class SymbolWriter:
         return self._rans.finish()
 
 
-class SymbolRecorder:
+class SymbolRecorder(GroupEmitter):
     """An emitter that keeps what it is given, to be coded once the tables are known.
 
     Args:
@@ -193,8 +276,8 @@ class SymbolRecorder:
 
     def __init__(self, counter: SymbolCounter) -> None:
         self._counter = counter
-        self._groups: list[tuple[TableKey | int, Values]] = []
-        self._modelled = RansEncoder()
+        self._groups: list[tuple[TableKey | int, Values] | tuple[StepKey, Values, Values]] = []
+        self._modelled = rans_encoder()
         self._coded = b""
 
     def emit(self, key: TableKey, values: Values) -> None:
@@ -204,8 +287,16 @@ class SymbolRecorder:
     def emit_uniform(self, size: int, values: Values) -> None:
         self._groups.append((size, values))
 
+    def emit_grouped(self, key: StepKey, kinds: Values, values: Values) -> None:
+        self._counter.emit_grouped(key, kinds, values)
+        self._groups.append((key, kinds.astype(np.uint16), values.astype(np.int32)))
+
     def emit_rows(self, weights: F64, values: Values) -> None:
         self._modelled.encode_rows(values, weights)
+
+    def emit_logits(self, logits: F32, values: Values) -> None:
+        assert isinstance(self._modelled, KernelRansEncoder)
+        self._modelled.encode_logits(values, logits)
 
     def settle(self) -> None:
         """Code symbols that came with their own frequencies: those take much memory, and wait for no table.
@@ -213,18 +304,20 @@ class SymbolRecorder:
         Raises:
             InvalidInput: ``input-symbol`` when the stream has others, too.
         """
-        self._coded, self._modelled = self._modelled.finish(), RansEncoder()
+        self._coded, self._modelled = self._modelled.finish(), rans_encoder()
         if self._coded and self._groups:
             raise InvalidInput("input-symbol", "a sub-stream mixes static tables and rows", field="symbols")
 
     def code(self, tables: Mapping[TableKey, SymbolTable]) -> bytes:
         """The sealed rANS stream."""
         writer = SymbolWriter(tables)
-        for key, values in self._groups:
-            if isinstance(key, TableKey):
-                writer.emit(key, values)
+        for key, *arrays in self._groups:
+            if isinstance(key, StepKey):
+                writer.emit_grouped(key, *arrays)
+            elif isinstance(key, TableKey):
+                writer.emit(key, *arrays)
             else:
-                writer.emit_uniform(key, values)
+                writer.emit_uniform(key, *arrays)
         return self._coded or writer.finish()
 
 
@@ -501,12 +594,20 @@ def emit_by_context(emitter: Emitter, key: TableKey, contexts: I64, values: Valu
         key: the tables' key; its context is replaced.
         contexts, values: (n,) each.
     """
+    emit_grouped(emitter, StepKey(key.stream, (key.component,), key.step), contexts, values)
+
+
+def emit_grouped(emitter: Emitter, key: StepKey, kinds: Values, values: Values) -> None:
+    """Emit (n,) `values` grouped by ascending kind, order kept within each group: what `read_grouped` reads."""
     if not len(values):
         return
-    order, runs = by_context(contexts)
+    if isinstance(emitter, GroupEmitter):
+        emitter.emit_grouped(key, kinds, values)
+        return
+    order, runs = by_context(kinds)
     arranged = values[order]
-    for context, start, past in runs:
-        emitter.emit(TableKey(key.stream, key.component, key.step, context), arranged[start:past])
+    for kind, start, past in runs:
+        emitter.emit(key.table(kind), arranged[start:past])
 
 
 def read_by_context(reader: SymbolReader, key: TableKey, contexts: I64) -> I32:

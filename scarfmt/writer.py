@@ -37,7 +37,16 @@ from scarfmt.reader import SceneReader
 from scarfmt.schema import BlockKind, Profile, Stream
 from scarfmt.source import BytesSource
 from scarfmt.substreams import pack_substreams
-from scarfmt.symbols import SymbolCounter, SymbolRecorder, SymbolTable, TableKey, fit_table, pack_table, pack_tables
+from scarfmt.symbols import (
+    StaticTables,
+    SymbolCounter,
+    SymbolRecorder,
+    SymbolTable,
+    TableKey,
+    fit_table,
+    pack_table,
+    pack_tables,
+)
 from scarfmt.tile import NeuralModels, TileContent, first_values, put_layer
 
 Report = Callable[[str, float], None]
@@ -189,7 +198,7 @@ def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
     """
     _check(scene)
     layers = len(scene.model.layers)
-    known: dict[TableKey, SymbolTable] = {}
+    known = StaticTables({})
     blocks: list[Block] = []
     for layer in range(1, layers + 1):
         counter, neural = SymbolCounter(), scene.neural(layer)
@@ -198,7 +207,7 @@ def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
             report("code", (layer - 1 + tile / len(scene.tiles)) / layers)
             recorded.append(_record_tile(scene, layer, tile, neural, counter))
         sent = _fit_tables(counter, known)
-        known = {**known, **sent}
+        known = StaticTables({**known, **sent})
         blocks += _model_blocks(scene, layer, sent)
         coded = (each.block(layer, tile, known) for tile, each in enumerate(recorded))
         blocks += [block for block in coded if block is not None]

@@ -6,19 +6,30 @@ the attribute is v_n * step / 3^(n-1). Cells nest, so any prefix of steps is its
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt import kernel
 from scarfmt.errors import Malformed
 from scarfmt.kernel.channel import BAD_TRIT, VALUE_RANGE, KernelChannel
 from scarfmt.kernel.rans import ALL_READ, CONTEXTS, KernelRansDecoder
 from scarfmt.model import MAX_STEPS, NO_SOURCE, Channel, ContextRule
 from scarfmt.neural.predicted import PredictedChannel
 from scarfmt.schema import Stream
-from scarfmt.symbols import Emitter, StepKey, SymbolReader, TableKey, emit_by_context, missing_table, read_by_context
+from scarfmt.symbols import (
+    Emitter,
+    GroupEmitter,
+    StepKey,
+    SymbolReader,
+    TableKey,
+    emit_by_context,
+    missing_table,
+    read_by_context,
+)
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
@@ -29,6 +40,7 @@ REACH = 1.0
 """Largest magnitude of a position residual, in cells of 2^shift voxels: it bounds where a tile's anchors can be."""
 
 _SOURCE_CONTEXTS = 16
+_POWERS = 3 ** np.arange(MAX_STEPS + 1, dtype=np.int64)
 VALUE_LIMIT = (1 << 31) - 1
 """Largest magnitude of a channel value: -2^31 is left out, so that every value can be negated."""
 # (anchors, step, components, contexts, values before) -> values after; one row a component.
@@ -39,7 +51,7 @@ FirstValues = Sequence[I32]
 
 def coarsen(values: Ints, steps: I64 | int) -> I64:
     """Drop `steps` ternary digits of `values`, rounding to nearest: v_n -> v_(n - steps) (SPEC §7.5)."""
-    power = np.power(3, np.asarray(steps, np.int64))
+    power = _POWERS[np.asarray(steps, np.int64)]
     return np.asarray((np.asarray(values, np.int64) + (power - 1) // 2) // power)
 
 
@@ -83,6 +95,10 @@ def put_channel(
         predicted: the channel's predictors, if it has any.
     """
     values, at = final
+    library = kernel.library()
+    if library is not None and isinstance(emitter, GroupEmitter) and (predicted is None or predicted.compilable):
+        _put_compiled(emitter, library, channel, classes, (before, after), final, first, predicted)
+        return
 
     def put(part: I64, step: int, components: Sequence[int], kinds: Sequence[I64], coarse: I64) -> I64:
         here = coarsen(values[part[:, None], components].T, at[part] - step)
@@ -165,6 +181,35 @@ def get_channel(
             predicted.settle(step, chosen, values[chosen])
 
 
+def _put_compiled(
+    emitter: GroupEmitter,
+    library: ctypes.CDLL,
+    channel: Channel,
+    classes: I64,
+    steps: tuple[I64, I64],
+    final: tuple[Ints, I64],
+    first: FirstValues,
+    predicted: PredictedChannel | None,
+) -> None:
+    """As :func:`put_channel`, a call of the compiled library for each step."""
+    (before, after), (values, at) = steps, final
+    known = np.where(before[:, None] > 0, coarsen(values, (at - before)[:, None]), 0).astype(np.int32)
+    sources = [np.ascontiguousarray(array, np.int32) for array in first]
+    target = KernelChannel(library, channel, classes, known, sources, before.astype(np.int64))
+    for step in steps_coded(before, after):
+        chosen = np.flatnonzero((before < step) & (after >= step))
+        if not len(chosen):
+            continue
+        given = np.zeros(values.shape, np.int32)
+        given[chosen] = coarsen(values[chosen], (at[chosen] - step)[:, None])
+        parts, around = [chosen], None
+        if predicted is not None:
+            parts, around = predicted.passes(step, chosen), predicted.surroundings(library, step)
+        key = StepKey(channel.stream, tuple(range(channel.components)), step)
+        for kinds, symbols in target.write(step, parts, given, around):
+            emitter.emit_grouped(key, kinds, symbols)
+
+
 def _get_compiled(
     reader: SymbolReader,
     compiled: KernelRansDecoder,
@@ -177,7 +222,7 @@ def _get_compiled(
 ) -> None:
     """As :func:`get_channel`, a call of the compiled library for each step."""
     before, after = steps
-    target = KernelChannel(compiled, channel, classes, values, first, before.astype(np.int64))
+    target = KernelChannel(compiled.library, channel, classes, values, first, before.astype(np.int64))
     for step in steps_coded(before, after):
         chosen = np.flatnonzero((before < step) & (after >= step))
         if not len(chosen):
@@ -187,7 +232,7 @@ def _get_compiled(
         if predicted is not None:
             parts, around = predicted.passes(step, chosen), predicted.surroundings(compiled.library, step)
             predicted.count(step, len(chosen))
-        read = target.read(step, parts, reader.packed(key), around)
+        read = target.read(compiled, step, parts, reader.packed(key), around)
         if read == BAD_TRIT:
             raise _bad_trit()
         if read == VALUE_RANGE:

@@ -6,25 +6,26 @@ coded stage by stage. A symbol is one of the codebook, or a cluster and then a m
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt import kernel
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.counters import Part
 from scarfmt.kernel.cells import KernelCellSums
 from scarfmt.kernel.network import kernel_embedding_inputs
 from scarfmt.neural.context import CellSums, count_features
-from scarfmt.neural.evaluator import Evaluator
+from scarfmt.neural.evaluator import Block, Evaluator
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.products import NetworkWork, grid_products
-from scarfmt.symbols import Emitter, SymbolReader
+from scarfmt.symbols import Emitter, GroupEmitter, SymbolReader
 
 I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
@@ -202,16 +203,22 @@ def embedding_inputs(coder: IndexCoder, known: Around, part: I64) -> F32:
 def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: Any, symbols: I64) -> None:
     head, evaluator = coder.network.heads[book], coder.evaluator
     if not head.two_level:
-        for block in evaluator.first_blocks(book, mixed):
-            emitter.emit_rows(block.weights(), symbols[block.rows])
+        _put_blocks(emitter, evaluator.first_blocks(book, mixed), symbols)
         return
     starts = head.starts
     clusters = np.searchsorted(starts, symbols, side="right") - 1
-    members = symbols - starts[clusters]
-    for block in evaluator.first_blocks(book, mixed):
-        emitter.emit_rows(block.weights(), clusters[block.rows])
-    for block in evaluator.member_blocks(book, mixed, clusters):
-        emitter.emit_rows(block.weights(), members[block.rows])
+    _put_blocks(emitter, evaluator.first_blocks(book, mixed), clusters)
+    _put_blocks(emitter, evaluator.member_blocks(book, mixed, clusters), symbols - starts[clusters])
+
+
+def _put_blocks(emitter: Emitter, blocks: Iterable[Block], symbols: I64) -> None:
+    compiled = isinstance(emitter, GroupEmitter) and kernel.enabled()
+    for block in blocks:
+        logits = block.logits if compiled else None
+        if isinstance(emitter, GroupEmitter) and logits is not None:
+            emitter.emit_logits(logits, symbols[block.rows])
+        else:
+            emitter.emit_rows(block.weights(), symbols[block.rows])
 
 
 def _get_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any, count: int) -> I64:

@@ -17,7 +17,7 @@ from scarfmt.errors import Malformed
 from scarfmt.kernel.positions import BAD_BIN, BAD_REST, BAD_SPLIT, KernelPositions
 from scarfmt.kernel.rans import ALL_READ, KernelRansDecoder
 from scarfmt.schema import Stream
-from scarfmt.symbols import Emitter, StepKey, SymbolReader, TableKey, missing_table
+from scarfmt.symbols import Emitter, StepKey, SymbolReader, TableKey, emit_grouped, missing_table
 
 U64 = NDArray[np.uint64]
 I64 = NDArray[np.int64]
@@ -80,9 +80,8 @@ def put_positions(emitter: Emitter, codes: U64, bits: int) -> None:
 
 
 def _put_splits(emitter: Emitter, count: I64, lower: I64) -> None:
-    for n in range(2, LARGEST_OWN_TABLE + 1):
-        emitter.emit(_key(n), lower[count == n])
     large = count > LARGEST_OWN_TABLE
+    emit_grouped(emitter, _KEY, count[~large], lower[~large])
     sizes, below = count[large], lower[large]
     bins = below * _BINS // (sizes + 1)
     emitter.emit(_key(LARGEST_OWN_TABLE + 1), bins)

@@ -49,7 +49,8 @@ EXPORT void scar_cells_add(const Cells *cells, const int64_t *anchors, int64_t m
 }
 
 /* (m, depths, columns) means around m anchors, and (m, depths) counts. */
-WIDE EXPORT void scar_cells_around(const Cells *cells, const int64_t *anchors, int64_t m, double *means, double *counts) {
+WIDE EXPORT void scar_cells_around(const Cells *cells, const int64_t *anchors, int64_t m, double *means,
+                                   double *counts) {
     const int64_t columns = cells->columns;
     for (int64_t i = 0; i < m; i++)
         for (int64_t d = 0; d < cells->depths; d++, means += columns, counts++) {
@@ -95,6 +96,9 @@ typedef struct {
     uint16_t *kind;                  /* scratch: (components, widest pass) */
     int32_t *symbols, *order;        /* scratch: as many each */
     int64_t *counts;                 /* scratch: tables->kinds + 1 */
+    const int32_t *given;            /* (n, components) values after the step, to be written; NULL to read them */
+    uint16_t *kinds_out;             /* writing: kinds and symbols, (anchors of all passes * components), */
+    int32_t *symbols_out;            /* pass by pass and, in step 1, component by component */
 } Step;
 
 INLINE int64_t own_column(const Step *s) { return CLASSES + s->settled_columns; }
@@ -208,8 +212,21 @@ static void follow_rule(const Step *s, int64_t component, const int64_t *anchors
     }
 }
 
-/* Reads components first..past - 1 of a pass; ALL_READ or what is wrong. */
-static int64_t read_components(Rans *rans, const Step *s, const int64_t *anchors, int64_t wide, int64_t first,
+/* Symbols of components first..past - 1 of a pass, from values that are known; whether all are such as can be read. */
+static int given_symbols(const Step *s, const int64_t *anchors, int64_t wide, int64_t first, int64_t past) {
+    for (int64_t c = first; c < past; c++)
+        for (int64_t i = 0; i < wide; i++) {
+            const int64_t at = anchors[i] * s->components + c;
+            const int64_t before = s->step > 1 ? 3 * (int64_t)s->values[at] : 0;
+            const int64_t symbol = s->given[at] - before;
+            if (s->step > 1 && (symbol < -1 || symbol > 1)) return 0;
+            s->symbols_out[(c - first) * wide + i] = (int32_t)symbol;
+        }
+    return 1;
+}
+
+/* Reads or writes components first..past - 1 of a pass; ALL_READ or what is wrong. */
+static int64_t code_components(Rans *rans, Step *s, const int64_t *anchors, int64_t wide, int64_t first,
                                int64_t past) {
     for (int64_t c = first; c < past; c++) {
         uint16_t *kind = s->kind + (c - first) * wide;
@@ -217,18 +234,31 @@ static int64_t read_components(Rans *rans, const Step *s, const int64_t *anchors
             predict(s, c, wide, kind);
         else
             follow_rule(s, c, anchors, wide, kind);
-        for (int64_t i = 0; i < wide; i++) kind[i] = (uint16_t)(kind[i] + c * KINDS);
+        for (int64_t i = 0; i < wide; i++) kind[i] = (uint16_t)(kind[i] + (c - first) * KINDS);
     }
     const int64_t n = (past - first) * wide;
-    const int64_t read = scar_rans_grouped(rans, s->tables, s->kind, n, s->counts, s->order, s->symbols);
-    if (read != ALL_READ) return read;
+    const int32_t *symbols = s->symbols;
+    if (s->given) {
+        if (!given_symbols(s, anchors, wide, first, past)) return BAD_TRIT;
+        for (int64_t i = 0; i < n; i++) s->kinds_out[i] = (uint16_t)(s->kind[i] + first * KINDS);
+        symbols = s->symbols_out;
+        s->kinds_out += n, s->symbols_out += n;
+    } else {
+        /* Kinds of these components alone: clearing and walking those of all would take longer than reading few. */
+        Tables tables = *s->tables;
+        tables.kinds = (past - first) * KINDS;
+        tables.number += first * KINDS;
+        tables.used += first * KINDS;
+        const int64_t read = scar_rans_grouped(rans, &tables, s->kind, n, s->counts, s->order, s->symbols);
+        if (read != ALL_READ) return read + first * KINDS;
+    }
     if (s->step > 1)
         for (int64_t i = 0; i < n; i++)
-            if (s->symbols[i] < -1 || s->symbols[i] > 1) return BAD_TRIT;
+            if (symbols[i] < -1 || symbols[i] > 1) return BAD_TRIT;
     for (int64_t c = first; c < past; c++)
         for (int64_t i = 0; i < wide; i++) {
             int32_t *value = s->values + anchors[i] * s->components + c;
-            int64_t now = s->symbols[(c - first) * wide + i];
+            int64_t now = symbols[(c - first) * wide + i];
             if (s->step > 1) now += 3 * (int64_t)*value;
             if (now < -VALUE_LIMIT || now > VALUE_LIMIT) return VALUE_RANGE;
             *value = (int32_t)now;
@@ -251,10 +281,10 @@ INLINE void add_anchor(const Step *s, int64_t anchor) {
     add_to_cells(&s->cells, anchor, s->components, 1);
 }
 
-/* Reads one step of a channel, pass by pass (SPEC 7.5, 10.3), in a tile-layer of `count` anchors.
+/* Reads or writes one step of a channel, pass by pass (SPEC 7.5, 10.3), in a tile-layer of `count` anchors.
 
 Returns ALL_READ, BAD_TRIT, VALUE_RANGE, or a kind (component * 256 + context) without a table. */
-EXPORT int64_t scar_channel_step(Rans *rans, const Step *s, int64_t count) {
+EXPORT int64_t scar_channel_step(Rans *rans, Step *s, int64_t count) {
     if (s->predicted)
         for (int64_t anchor = 0; anchor < count; anchor++)
             if (s->steps[anchor] >= s->step) add_anchor(s, anchor);
@@ -267,7 +297,7 @@ EXPORT int64_t scar_channel_step(Rans *rans, const Step *s, int64_t count) {
         /* The components of a first step are context for each other; later steps need no component's news. */
         const int64_t together = s->step == 1 ? 1 : s->components;
         for (int64_t c = 0; c < s->components; c += together) {
-            const int64_t read = read_components(rans, s, anchors, wide, c, c + together);
+            const int64_t read = code_components(rans, s, anchors, wide, c, c + together);
             if (read != ALL_READ) return read;
             if (s->predicted && s->step == 1) tell_component(s, c, anchors, wide);
         }

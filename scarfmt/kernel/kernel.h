@@ -9,6 +9,9 @@ function allocates. What indexes an array comes from other arrays that the calle
 
 #define EXPORT __attribute__((visibility("default")))
 
+/* Grows with every change of a function's arguments or of a struct: library.py loads no other. */
+#define INTERFACE 1
+
 /* Wider vectors where the machine has them, chosen when the library is loaded: glibc can, musl cannot. */
 #if defined(__x86_64__) && defined(__GLIBC__) && __GNUC__ >= 12 && !defined(__clang__)
 #define WIDE __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
@@ -30,7 +33,7 @@ typedef struct {
     const uint32_t *words;
 } Rans;
 
-/* Static tables by kind: number[k] of kind k's table, -1 for none. Table t has the values[starts[t]..starts[t + 1] - 1],
+/* Static tables by kind: number[k] of kind k's table, -1 for none. Table t has values[starts[t]..starts[t + 1] - 1],
 and one prefix sum more, from sums[starts[t] + t] on. */
 typedef struct {
     int64_t kinds;

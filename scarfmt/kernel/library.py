@@ -110,6 +110,7 @@ class Step(Structure):
         ("cells", Cells),
         ("tables", POINTER(Tables)),
         *((name, c_void_p) for name in ("inputs", "kind", "symbols", "order", "counts")),
+        *((name, c_void_p) for name in ("given", "kinds_out", "symbols_out")),
     )
 
 
@@ -167,20 +168,22 @@ class Embedding(Structure):
     )
 
 
+INTERFACE = 1
+"""That of kernel.h: a library built before its last change would be called with wrong arguments."""
+
 _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
+    "scar_interface": (c_int64, []),
     "scar_rans_open": (None, [POINTER(Rans)]),
     "scar_rans_table": (None, [POINTER(Rans), c_void_p, c_uint32, c_int64, c_void_p]),
     "scar_rans_grouped": (c_int64, [POINTER(Rans), POINTER(Tables), c_void_p, c_int64, c_void_p, c_void_p, c_void_p]),
     "scar_rans_uniform": (None, [POINTER(Rans), c_uint32, c_int64, c_void_p]),
     "scar_rans_rows": (None, [POINTER(Rans), c_void_p, c_int64, c_int64, c_void_p]),
-    "scar_rans_logits": (
-        None,
-        [POINTER(Rans), c_void_p, c_int64, c_int64, c_int64, c_void_p, c_void_p, c_void_p],
-    ),
-    "scar_rans_members": (
-        None,
-        [POINTER(Rans), POINTER(Members), c_void_p, c_void_p, c_int64, *[c_void_p] * 6],
-    ),
+    "scar_rans_logits": (None, [POINTER(Rans), c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_spans_grouped": (c_int64, [POINTER(Tables), c_void_p, c_void_p, c_int64, *[c_void_p] * 4]),
+    "scar_spans_rows": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_void_p]),
+    "scar_spans_logits": (None, [c_void_p, c_void_p, c_int64, c_int64, *[c_void_p] * 4]),
+    "scar_rans_encode": (c_int64, [c_void_p, c_void_p, c_int64, c_void_p]),
+    "scar_rans_members": (None, [POINTER(Rans), POINTER(Members), c_void_p, c_void_p, c_int64, *[c_void_p] * 6]),
     "scar_fine": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
     "scar_cells_add": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p]),
     "scar_cells_around": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p, c_void_p]),
@@ -193,7 +196,7 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
 
 @cache
 def load() -> ctypes.CDLL | None:
-    """The library with its functions declared; None where it was not built, or was built for another machine."""
+    """The library with its functions declared; None where it was not built, or for another machine or version."""
     spec = importlib.util.find_spec("scarfmt.kernel.native")
     if spec is None or spec.origin is None:
         return None
@@ -204,4 +207,4 @@ def load() -> ctypes.CDLL | None:
             function.restype, function.argtypes = result, arguments
     except (OSError, AttributeError):
         return None
-    return library
+    return library if library.scar_interface() == INTERFACE else None

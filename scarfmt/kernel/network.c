@@ -78,8 +78,8 @@ INLINE float within(double value, double amax) {
 }
 
 /* (m, width) inputs of m anchors; `rows` are their names in `cells`. */
-WIDE EXPORT void scar_embedding_inputs(const Embedding *e, const Cells *cells, const int64_t *anchors, const int64_t *rows,
-                                  int64_t m, float *out) {
+WIDE EXPORT void scar_embedding_inputs(const Embedding *e, const Cells *cells, const int64_t *anchors,
+                                       const int64_t *rows, int64_t m, float *out) {
     const int64_t columns = e->attributes + e->latents;
     const double amax = (double)e->amax, scale = 1.0 / (double)((int64_t)1 << e->latent_shift);
     const double half = e->latent_shift ? 0.5 : 0;

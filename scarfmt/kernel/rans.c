@@ -2,6 +2,8 @@
 
 #include "kernel.h"
 
+EXPORT int64_t scar_interface(void) { return INTERFACE; }
+
 #define PRECISION 24
 #define TOTAL (1u << PRECISION)
 #define SLOT_MASK (TOTAL - 1)
@@ -42,12 +44,8 @@ EXPORT void scar_rans_table(Rans *rans, const uint32_t *c, uint32_t size, int64_
     for (int64_t i = 0; i < n; i++) out[i] = (int32_t)symbol(rans, c, size);
 }
 
-/* Values of n symbols that travel grouped by ascending kind, their order kept within a group.
-
-counts: kinds + 1 numbers of scratch; order: n of them. Returns ALL_READ, or the least kind that occurs and has no
-table; nothing is then read. */
-EXPORT int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_t *kind, int64_t n, int64_t *counts,
-                                 int32_t *order, int32_t *out) {
+/* The order of n symbols by ascending kind; counts[k] is then where kind k ends. ALL_READ, or a kind without table. */
+static int64_t sorted_by_kind(const Tables *tables, const uint16_t *kind, int64_t n, int64_t *counts, int32_t *order) {
     const int64_t kinds = tables->kinds;
     for (int64_t k = 0; k <= kinds; k++) counts[k] = 0;
     for (int64_t i = 0; i < n; i++) {
@@ -58,8 +56,19 @@ EXPORT int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_
         if (counts[k + 1] && tables->number[k] < 0) return k;
     for (int64_t k = 0; k < kinds; k++) counts[k + 1] += counts[k];
     for (int64_t i = 0; i < n; i++) order[counts[kind[i]]++] = (int32_t)i;
+    return ALL_READ;
+}
+
+/* Values of n symbols that travel grouped by ascending kind, their order kept within a group.
+
+counts: kinds + 1 numbers of scratch; order: n of them. Returns ALL_READ, or the least kind that occurs and has no
+table; nothing is then read. */
+EXPORT int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_t *kind, int64_t n, int64_t *counts,
+                                 int32_t *order, int32_t *out) {
+    const int64_t missing = sorted_by_kind(tables, kind, n, counts, order);
+    if (missing != ALL_READ) return missing;
     int64_t at = 0;
-    for (int64_t k = 0; k < kinds; k++) {
+    for (int64_t k = 0; k < tables->kinds; k++) {
         const int64_t past = counts[k];
         if (at == past) continue;
         tables->used[k] = 1;
@@ -146,28 +155,33 @@ INLINE uint32_t weighted(Rans *rans, const uint32_t *weights, size_t stride, uin
     return s;
 }
 
-/* n symbols of the tables that the columns of (size, n) integer `logits` make; rows are `stride` apart, size >= 2.
+/* The same of LANES columns from the i-th of n on; columns beyond the last are zeros. `last` has room for them. */
+static void some_weights(const float *logits, int64_t size, int64_t n, int64_t i, const uint32_t *exp2,
+                         uint32_t *weights, uint32_t *totals, float *last) {
+    const int64_t wide = n - i < LANES ? n - i : LANES;
+    if (wide == LANES) {
+        column_weights(logits + i, size, n, exp2, weights, totals);
+        return;
+    }
+    for (int64_t k = 0; k < size; k++)
+        for (int64_t j = 0; j < LANES; j++) last[k * LANES + j] = j < wide ? logits[k * n + i + j] : 0;
+    column_weights(last, size, LANES, exp2, weights, totals);
+}
+
+/* n symbols of the tables that the columns of (size, n) integer `logits` make, size >= 2.
 
 exp2: 513 weights. scratch: (size + 1) * 2 * LANES numbers. */
-EXPORT void scar_rans_logits(Rans *rans, const float *logits, int64_t size, int64_t n,
-                             int64_t stride, const uint32_t *exp2, uint32_t *scratch, int32_t *out) {
+EXPORT void scar_rans_logits(Rans *rans, const float *logits, int64_t size, int64_t n, const uint32_t *exp2,
+                             uint32_t *scratch, int32_t *out) {
     uint32_t *weights = scratch, *totals = scratch + size * LANES;
-    float *last = (float *)(totals + LANES);
     for (int64_t i = 0; i < n; i += LANES) {
-        const int64_t wide = n - i < LANES ? n - i : LANES;
-        if (wide == LANES) {
-            column_weights(logits + i, size, stride, exp2, weights, totals);
-        } else {
-            for (int64_t k = 0; k < size; k++)
-                for (int64_t j = 0; j < LANES; j++) last[k * LANES + j] = j < wide ? logits[k * stride + i + j] : 0;
-            column_weights(last, size, LANES, exp2, weights, totals);
-        }
-        for (int64_t j = 0; j < wide; j++)
+        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + LANES));
+        for (int64_t j = 0; j < LANES && i + j < n; j++)
             out[i + j] = (int32_t)weighted(rans, weights + j, LANES, totals[j], (uint32_t)size);
     }
 }
 
-/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m of them, the
+/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m, the
 (width, m) weights from weights[starts[k] * width] on, and m offsets. */
 typedef struct {
     int64_t clusters, width, largest;
@@ -196,8 +210,8 @@ INLINE uint64_t member_weights(const Members *members, int64_t first, int64_t si
     return total;
 }
 
-/* Members that n anchors chose in their clusters: clusters ascend, the order of anchors is kept in each, and a cluster of
-one member takes no symbol (SPEC 10.5).
+/* Members that n anchors chose in their clusters: clusters ascend, the order of anchors is kept in each, and a cluster
+of one member takes no symbol (SPEC 10.5).
 
 cluster: (n), below members->clusters. o: (n, width). counts: clusters + 1 numbers of scratch, order: n, logits and
 weights: largest each. */
@@ -217,4 +231,73 @@ WIDE EXPORT void scar_rans_members(Rans *rans, const Members *members, const int
         const uint64_t total = member_weights(members, first, size, own, exp2, logits, weights);
         out[anchor] = (int32_t)weighted(rans, weights, 1, total, (uint32_t)size);
     }
+}
+
+/* Encoding. A span is where a symbol lies in its table: first <= slot < past. */
+
+/* Spans of n values that travel grouped by ascending kind, in that order.
+
+Returns ALL_READ, the least kind that occurs and has no table, or NO_SYMBOL where a table does not hold a value. */
+#define NO_SYMBOL (-2)
+EXPORT int64_t scar_spans_grouped(const Tables *tables, const uint16_t *kind, const int32_t *value, int64_t n,
+                                  int64_t *counts, int32_t *order, uint32_t *first, uint32_t *past) {
+    const int64_t missing = sorted_by_kind(tables, kind, n, counts, order);
+    if (missing != ALL_READ) return missing;
+    for (int64_t i = 0; i < n; i++) {
+        const int64_t table = tables->number[kind[order[i]]], start = tables->starts[table];
+        const int64_t size = tables->starts[table + 1] - start;
+        const int32_t *alphabet = tables->values + start, wanted = value[order[i]];
+        const uint32_t *c = tables->sums + start + table;
+        int64_t low = 0;
+        for (int64_t left = size; left > 1; left -= left >> 1)
+            low = alphabet[low + (left >> 1)] <= wanted ? low + (left >> 1) : low;
+        if (alphabet[low] != wanted) return NO_SYMBOL;
+        first[i] = c[low];
+        past[i] = c[low + 1];
+    }
+    return ALL_READ;
+}
+
+/* Spans of n symbols, each of a table of its own: row i of (n, size) `weights` holds frequencies - 1. */
+EXPORT void scar_spans_rows(const double *weights, const int32_t *symbol, int64_t n, int64_t size, uint32_t *first,
+                            uint32_t *past) {
+    for (int64_t i = 0; i < n; i++, weights += size) {
+        uint32_t sum = 0;
+        for (int32_t k = 0; k < symbol[i]; k++) sum += (uint32_t)weights[k] + 1;
+        first[i] = sum;
+        past[i] = sum + (uint32_t)weights[symbol[i]] + 1;
+    }
+}
+
+/* Spans of n symbols of the tables that the columns of (size, n) integer `logits` make; the rest as for reading. */
+EXPORT void scar_spans_logits(const float *logits, const int32_t *symbol, int64_t size, int64_t n,
+                              const uint32_t *exp2, uint32_t *scratch, uint32_t *first, uint32_t *past) {
+    uint32_t *weights = scratch, *totals = scratch + size * LANES;
+    const uint64_t spare = TOTAL - (uint64_t)size;
+    for (int64_t i = 0; i < n; i += LANES) {
+        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + LANES));
+        for (int64_t j = 0; j < LANES && i + j < n; j++) {
+            const uint32_t chosen = (uint32_t)symbol[i + j];
+            uint64_t sum = 0;
+            for (uint32_t k = 0; k < chosen; k++) sum += weights[(size_t)k * LANES + j];
+            first[i + j] = edge(sum, spare, totals[j], chosen);
+            past[i + j] = edge(sum + weights[(size_t)chosen * LANES + j], spare, totals[j], chosen + 1);
+        }
+    }
+}
+
+/* Codes n spans, the last first; `words` has room for n + 2. Returns how many were written (SPEC 8.2). */
+EXPORT int64_t scar_rans_encode(const uint32_t *first, const uint32_t *past, int64_t n, uint32_t *words) {
+    uint64_t state = 0;
+    int64_t count = 0;
+    for (int64_t i = n; i--;) {
+        const uint64_t frequency = past[i] - first[i];
+        if (state >> (64 - PRECISION) >= frequency) {
+            words[count++] = (uint32_t)state;
+            state >>= 32;
+        }
+        state = (state / frequency << PRECISION) + state % frequency + first[i];
+    }
+    for (; state; state >>= 32) words[count++] = (uint32_t)state;
+    return count;
 }
