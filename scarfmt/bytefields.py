@@ -44,6 +44,11 @@ def varints(payload: bytes, bits: int) -> I64 | None:
     ends = np.flatnonzero(window < 0x80)
     if not len(ends) or int(ends[-1]) != len(window) - 1:
         return None
+    return _ending_at(window, ends, bits)
+
+
+def _ending_at(window: NDArray[np.uint8], ends: I64, bits: int) -> I64 | None:
+    """(n,) int64 LEB128 integers whose last bytes are those at n >= 1 `ends`; None if one is not below 2^bits."""
     lengths = np.diff(ends, prepend=-1)
     if int(lengths.max()) > -(-bits // 7) or bool(((window[ends] == 0) & (lengths > 1)).any()):
         return None
@@ -108,21 +113,16 @@ class ByteReader:
 
     def unsigned_array(self, bits: int, count: int) -> I64:
         """(count,) int64: `count` times :meth:`unsigned`, all at once where they are many; `bits` at most 56."""
-        if count < _FEW:
-            return np.array([self.unsigned(bits) for _ in range(count)], np.int64)
-        most = -(-bits // 7)
-        window = np.frombuffer(self.rest(count * most), np.uint8)
+        values = self._at_once(bits, count) if count >= _FEW else None
+        # One by one, too, to refuse the first that is wrong.
+        return np.array([self.unsigned(bits) for _ in range(count)], np.int64) if values is None else values
+
+    def _at_once(self, bits: int, count: int) -> I64 | None:
+        window = np.frombuffer(self.rest(count * -(-bits // 7)), np.uint8)
         ends = np.flatnonzero(window < 0x80)[:count]
-        lengths = np.diff(ends, prepend=-1)
-        if len(ends) < count or int(lengths.max()) > most:
-            return np.array([self.unsigned(bits) for _ in range(count)], np.int64)
-        values = np.zeros(count, np.int64)
-        for place in range(int(lengths.max())):
-            there = np.flatnonzero(lengths > place)
-            values[there] |= (window[ends[there] - lengths[there] + 1 + place] & 0x7F).astype(np.int64) << (7 * place)
-        if int(values.max()) >> bits or bool(((window[ends] == 0) & (lengths > 1)).any()):
-            return np.array([self.unsigned(bits) for _ in range(count)], np.int64)  # to refuse the first that is wrong
-        self.take(int(ends[-1]) + 1)
+        values = _ending_at(window, ends, bits) if len(ends) == count else None
+        if values is not None:
+            self.take(int(ends[-1]) + 1)
         return values
 
     def signed(self, bits: int) -> int:

@@ -203,11 +203,17 @@ _DENSE = 1 << 16
 
 
 def _joint_counts(kinds: Values, values: Values) -> tuple[I64, I64]:
-    """Joint numbers of kind and value that occur, ascending, and how often."""
-    low = int(values.min())
-    wide = int(values.max()) - low + 1
+    """Joint numbers of kind and value that occur, ascending, and how often.
+
+    Raises:
+        InvalidInput: ``input-symbol`` for a value beyond 32 bits.
+    """
+    low, high = int(values.min()), int(values.max())
+    if low < -(1 << 31) or high >= 1 << 31:
+        raise InvalidInput("input-symbol", "a value beyond 32 bits", field="symbols")
+    wide = high - low + 1
     if (int(kinds.max()) + 1) * wide <= _DENSE:
-        counts = np.bincount(kinds.astype(np.int64) * wide + (values - low))
+        counts = np.bincount(kinds.astype(np.int64) * wide + values - low)
         cells = np.flatnonzero(counts)
         return ((cells // wide) << _VALUE_BITS) + cells % wide + low + _VALUE_ZERO, counts[cells]
     joint = (kinds.astype(np.int64) << _VALUE_BITS) + values + _VALUE_ZERO
@@ -490,9 +496,13 @@ def unpack_tables(payload: bytes) -> dict[TableKey, SymbolTable]:
     return tables
 
 
+# Fifty times as much memory is in use meanwhile; tables of real scenes take a fiftieth of this.
+_AT_ONCE = 1 << 20
+
+
 def _unpack_sound(payload: bytes) -> dict[TableKey, SymbolTable] | None:
     """:func:`unpack_tables` of a payload that breaks no rule, all numbers at once; None of any other."""
-    numbers = varints(payload, bits=33)
+    numbers = varints(payload, bits=33) if len(payload) <= _AT_ONCE else None
     if numbers is None or not numbers[0] <= MAX_TABLES:
         return None
     records = _records(numbers)

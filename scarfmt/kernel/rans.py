@@ -240,9 +240,15 @@ class KernelRansEncoder:
             self._library.scar_spans_rows(rows.ctypes.data, chosen.ctypes.data, *rows.shape, first, past)
 
     def encode_logits(self, symbols: Ints, logits: F32) -> F64:
-        """Append (n,) `symbols` of (k, n) float32 integer `logits` (SPEC §10.5); returns what each costs, in bits."""
-        _check_symbols(symbols, len(logits))
+        """Append (n,) `symbols` of (k, n) float32 integer `logits` (SPEC §10.5); returns what each costs, in bits.
+
+        Raises:
+            InvalidInput: ``input-symbol``, ``input-table``.
+        """
         size, count = logits.shape
+        if count != len(symbols):
+            raise InvalidInput("input-table", f"logits of {count} symbols, not {len(symbols)}", field="table")
+        _check_symbols(symbols, size)
         if size == 1 or not count:
             return np.zeros(count)
         rows, chosen = np.ascontiguousarray(logits, np.float32), np.ascontiguousarray(symbols, np.int32)
@@ -261,11 +267,14 @@ class KernelRansEncoder:
         """
         if not len(values):
             return
-        short, chosen = np.ascontiguousarray(kinds, np.uint16), np.ascontiguousarray(values, np.int32)
+        short, chosen = _narrowed(kinds, np.uint16), _narrowed(values, np.int32)
+        if len(short) != len(chosen):
+            raise InvalidInput("input-symbol", f"{len(short)} kinds of {len(chosen)} values", field="symbols")
         counts, order = np.empty(tables.kinds + 1, np.int64), np.empty(len(chosen), np.int32)
         first, past = self._room(len(chosen))
         arrays = short.ctypes.data, chosen.ctypes.data, len(chosen), counts.ctypes.data, order.ctypes.data
         if self._library.scar_spans_grouped(tables.pointer, *arrays, first, past) != ALL_READ:
+            self._spans.pop()
             raise InvalidInput("input-symbol", "a value that no table holds", field="symbols")
 
     def _room(self, count: int) -> tuple[int, int]:
@@ -281,6 +290,14 @@ class KernelRansEncoder:
         words = np.empty(len(first) + 2, np.uint32)
         count = self._library.scar_rans_encode(first.ctypes.data, past.ctypes.data, len(first), words.ctypes.data)
         return words[:count].astype("<u4").tobytes()
+
+
+def _narrowed(numbers: Ints, dtype: type[np.integer[Any]]) -> NDArray[Any]:
+    """The same in one piece; refused rather than wrapped."""
+    ends = np.iinfo(dtype)
+    if numbers.dtype != dtype and not ends.min <= int(numbers.min()) <= int(numbers.max()) <= ends.max:
+        raise InvalidInput("input-symbol", "a value that no table holds", field="symbols")
+    return np.ascontiguousarray(numbers, dtype)
 
 
 def _check_symbols(symbols: Ints, size: int) -> None:
