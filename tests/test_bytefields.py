@@ -8,10 +8,18 @@ import tracemalloc
 import numpy as np
 import pytest
 import zstandard
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from scarfmt.bytefields import MAX_ZSTD_WINDOW, ByteReader, compress, decompress, signed_varint, unsigned_varint
+from scarfmt.bytefields import (
+    MAX_ZSTD_WINDOW,
+    ByteReader,
+    compress,
+    decompress,
+    signed_varint,
+    unsigned_varint,
+    varints,
+)
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError
 
 PAYLOAD = b"payload " * 30
@@ -224,3 +232,40 @@ def test_many_varints_at_once_are_those_one_by_one(values: list[int], tail: byte
                 except ScarError as error:
                     answers.append(error.refusal)
             assert answers[0] == answers[1]
+
+
+BYTES = st.one_of(st.integers(0, 255), st.sampled_from([0, 1, 0x7F, 0x80, 0x81, 0xFF]))
+
+
+@settings(max_examples=300)
+@given(st.lists(BYTES, max_size=40).map(bytes), st.sampled_from([1, 7, 8, 24, 32, 33, 56]))
+@example(b"", 24)
+@example(unsigned_varint((1 << 56) - 1), 56)
+@example(unsigned_varint(1 << 33), 33)
+@example(b"\x80" * 9 + b"\0", 56)
+def test_a_payload_of_varints_and_nothing_else(data: bytes, bits: int) -> None:
+    """All of it, as one by one; None for what is refused then, or for no integer at all."""
+    reader, wanted = ByteReader(data, "x"), list[int]()
+    try:
+        while reader.position < len(data):
+            wanted.append(reader.unsigned(bits))
+    except Malformed:
+        wanted = []
+    found = varints(data, bits)
+    assert (None if found is None else found.tolist()) == (wanted or None)
+
+
+@settings(max_examples=300)
+@given(st.lists(BYTES, max_size=60).map(bytes), st.integers(12, 20), st.sampled_from([7, 8, 24, 32, 56]))
+def test_many_varints_of_any_bytes(data: bytes, count: int, bits: int) -> None:
+    """At once and one by one: the same integers and place, or the same refusal at the same place."""
+    answers = []
+    for at_once in (False, True):
+        reader = ByteReader(data, "x")
+        try:
+            one_by_one = () if at_once else [reader.unsigned(bits) for _ in range(count)]
+            found = reader.unsigned_array(bits, count).tolist() if at_once else one_by_one
+            answers.append((found, reader.position))
+        except ScarError as error:
+            answers.append((error.refusal, error.message, reader.position))
+    assert answers[0] == answers[1]

@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from contextlib import nullcontext
+from typing import Any
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from codec_samples import Recorder, coded, emitting, refuses
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from scarfmt.bytefields import signed_varint, unsigned_varint
+from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError
 from scarfmt.rans import MAX_ALPHABET, PureRansDecoder
 from scarfmt.symbols import (
     MAX_TABLES,
     Emitter,
+    StepKey,
     SymbolCounter,
     SymbolReader,
     SymbolRecorder,
     SymbolTable,
     SymbolWriter,
     TableKey,
+    Values,
+    _unpack_sound,
     cached_uniform,
     emit_by_context,
+    emit_grouped,
     fit_table,
     pack_table,
     pack_tables,
@@ -119,9 +128,7 @@ def test_of_several_faults_the_first_in_the_content_is_refused(size: int) -> Non
     refuses("payload-short", lambda: unpack_tables(b"\x01" + record(5, 0, (EDGE - 1,), (), size)))
 
 
-@pytest.mark.parametrize(
-    "payload", [unsigned_varint(MAX_TABLES + 1), b"\x01\x05" + unsigned_varint(MAX_ALPHABET + 1)]
-)
+@pytest.mark.parametrize("payload", [unsigned_varint(MAX_TABLES + 1), b"\x01\x05" + unsigned_varint(MAX_ALPHABET + 1)])
 def test_too_many_tables_or_symbols_pass_a_limit(payload: bytes) -> None:
     """Counts are refused before their records are read."""
     with pytest.raises(LimitExceeded):
@@ -277,3 +284,206 @@ def test_uniform_tables_kept_are_few() -> None:
     for size in range(2, 4097, 7):
         assert len(cached_uniform(size)) == size
     assert cached_uniform.cache_info().currsize <= 128
+
+
+STEP = StepKey(3, tuple(range(64)), 2)
+_MOST_KINDS = 64 * 256
+
+
+@st.composite
+def many_groups(draw: st.DrawFn) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
+    """Kinds and values of one call: few cells or many, values close together or at the ends of 32 bits."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    count, kinds = draw(st.integers(1, 80)), draw(st.sampled_from([1, 3, 256, _MOST_KINDS]))
+    reach = draw(st.sampled_from([0, 1, 40, 30_000, 1 << 15, EDGE]))
+    middle = draw(st.sampled_from([0, -EDGE + reach, EDGE - reach]))
+    values = middle + rng.integers(-reach, reach + 1, count)
+    if draw(st.booleans()):
+        values = rng.choice([-reach, reach], count) + middle
+    chosen = kinds - 1 - rng.integers(0, min(kinds, 500), count) if draw(st.booleans()) else np.full(count, kinds - 1)
+    types: list[tuple[type, type]] = [(np.int64, np.int64), (np.uint16, np.int32)]
+    if np.abs(values).max() < 1 << 15:
+        types.append((np.int16, np.int16))
+    a, b = draw(st.sampled_from(types))
+    return chosen.astype(a), values.astype(b)
+
+
+def one_by_one(counter: SymbolCounter, key: StepKey, kinds: Values, values: Values) -> None:
+    """Each group by itself."""
+    for kind in np.unique(kinds).tolist():
+        counter.emit(key.table(kind), values[kinds == kind])
+
+
+def same_histograms(a: SymbolCounter, b: SymbolCounter) -> None:
+    """Equal keys in the same order, alphabets and counts of one type."""
+    one, other = a.histograms(), b.histograms()
+    assert list(one) == list(other) == sorted(one)
+    for key, parts in one.items():
+        for found, wanted in zip(parts, other[key], strict=True):
+            assert found.dtype == wanted.dtype == np.int64
+            assert found.tolist() == wanted.tolist()
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.lists(st.tuples(many_groups(), st.booleans(), st.booleans()), max_size=5))
+def test_counting_many_groups_at_once_is_counting_each(
+    calls: list[tuple[tuple[Values, Values], bool, bool]],
+) -> None:
+    """Of the same tables again and again, some at once and some one by one; in wide and in narrow steps."""
+    mixed, plain = SymbolCounter(), SymbolCounter()
+    for (kinds, values), together, shifted in calls:
+        # Component 1 of one step is component 0 of the other: the same tables under other kinds.
+        key = StepKey(3, (*range(1, 64), 0), 2) if shifted else STEP
+        one_by_one(plain, key, kinds, values)
+        if together:
+            emit_grouped(mixed, key, kinds, values)
+        else:
+            one_by_one(mixed, key, kinds, values)
+    same_histograms(mixed, plain)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "wide"), [(1, 1 << 16), (1, (1 << 16) + 1), (256, 256), (256, 257), (_MOST_KINDS, 4)]
+)
+@pytest.mark.parametrize("low", [-EDGE, -5, 0, EDGE - (1 << 17)])
+def test_counts_on_both_sides_of_what_is_counted_without_sorting(kinds: int, wide: int, low: int) -> None:
+    """The first and the last kind with the least and the greatest value."""
+    ends = np.array([(kind, value) for kind in (0, kinds - 1) for value in (low, low + wide - 1)] * 3).T
+    grouped, plain = SymbolCounter(), SymbolCounter()
+    grouped.emit_grouped(STEP, ends[0].astype(np.uint16), ends[1].astype(np.int32))
+    one_by_one(plain, STEP, *ends)
+    same_histograms(grouped, plain)
+
+
+@pytest.mark.parametrize("value", [1 << 31, -(1 << 31) - 1, 1 << 32, 1 << 33, -(1 << 62)])
+def test_values_beyond_32_bits_are_not_counted_as_others(value: int) -> None:
+    """They would be wrapped when they are coded, or be taken for values of another kind."""
+    for emitter in (SymbolCounter(), SymbolRecorder(SymbolCounter())):
+        with pytest.raises(InvalidInput) as caught:
+            emit_grouped(emitter, STEP, np.array([0, 3]), np.array([7, value]))
+        assert caught.value.refusal == "input-symbol"
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.lists(many_groups(), max_size=3))
+def test_writers_and_recorders_of_many_groups(calls: list[tuple[Values, Values]]) -> None:
+    """The same bytes at once, later, and group by group; a reader finds the values in their places."""
+    counter = SymbolCounter()
+    recorder = SymbolRecorder(counter)
+    for kinds, values in calls:
+        emit_grouped(recorder, STEP, kinds, values)
+    recorder.settle()
+    known = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
+    together, each = SymbolWriter(known), SymbolWriter(known)
+    for kinds, values in calls:
+        emit_grouped(together, STEP, kinds, values)
+        for kind in np.unique(kinds).tolist():
+            each.emit(STEP.table(kind), values[kinds == kind])
+    data = together.finish()
+    assert data == each.finish() == recorder.code(known)
+    for reader in (SymbolReader(data, known), SymbolReader(data, known, PureRansDecoder(data))):
+        for kinds, values in calls:
+            assert reader.read_grouped(STEP, kinds).tolist() == values.tolist()
+        reader.finish()
+
+
+def table_blocks(payload: bytes, at_once: bool) -> Any:
+    """What `unpack_tables` makes of a payload, or how it refuses it, with the fast way or without."""
+    fast = nullcontext() if at_once else patch("scarfmt.symbols._unpack_sound", return_value=None)
+    try:
+        with fast:
+            found = unpack_tables(payload)
+    except ScarError as error:
+        return type(error), error.refusal, error.message, error.field
+    return [
+        (key, *((array.dtype.str, array.tolist()) for array in (table.alphabet, table.weights)))
+        for key, table in found.items()
+    ]
+
+
+def check_both_ways(payload: bytes) -> bool:
+    """Equal tables or refusals both ways; whether the fast way took it, which it does exactly if it is sound."""
+    slow = table_blocks(payload, at_once=False)
+    assert table_blocks(payload, at_once=True) == slow
+    taken = _unpack_sound(payload) is not None
+    assert taken == isinstance(slow, list)
+    return taken
+
+
+# The ends of what the numbers of a record may be, and what lies beyond.
+_NUMBERS = sorted(
+    {max((1 << bits) + apart, 0) for bits in (0, 7, 12, 14, 16, 24, 31, 32, 33, 35, 56, 62) for apart in (-2, -1, 0, 1)}
+)
+
+
+@st.composite
+def table_numbers(draw: st.DrawFn) -> list[int]:
+    """The integers of a payload, of which few or none are changed."""
+    payload = pack_tables(draw(st.dictionaries(KEYS, tables(), max_size=4)))
+    reader, numbers = ByteReader(payload, "x"), list[int]()
+    while reader.position < len(payload):
+        numbers.append(reader.unsigned(33))
+    for _ in range(draw(st.integers(0, 3))):
+        at = draw(st.integers(0, len(numbers) - 1))
+        new = draw(st.lists(st.one_of(st.sampled_from(_NUMBERS), st.integers(0, 6)), max_size=2))
+        numbers[at : at + draw(st.integers(0, 1))] = new
+        numbers = numbers or [0]
+    return numbers
+
+
+@settings(deadline=None, max_examples=400)
+@given(table_numbers())
+@example([])
+@example([0])
+@example([0, 0])
+@example([1, 5, 1, 0, 1])
+@example([1, 5, 1, (1 << 32) - 2, 1])
+@example([1, 5, 1, (1 << 32) - 1, 1])
+@example([1, 5, 2, (1 << 32) - 3, (1 << 32) - 3, 1, (1 << 24) - 1])
+@example([1, 5, 2, (1 << 32) - 3, (1 << 32) - 2, 1, 1])
+@example([2, 5, 1, 0, 1, 5, 1, 0, 1])
+@example([MAX_TABLES + 1])
+def test_records_of_any_numbers_are_read_alike_at_once_and_one_by_one(numbers: list[int]) -> None:
+    """Sound ones at once; what breaks a rule is refused as it is when read number by number."""
+    check_both_ways(b"".join(map(unsigned_varint, numbers)))
+
+
+@settings(deadline=None, max_examples=400)
+@given(st.dictionaries(KEYS, tables(), max_size=4), st.data())
+def test_damaged_records_are_read_alike_at_once_and_one_by_one(
+    wanted: dict[TableKey, SymbolTable], data: st.DataObject
+) -> None:
+    """Bytes changed, left out, put in; over-long integers among them."""
+    payload = bytearray(pack_tables(wanted))
+    assert check_both_ways(bytes(payload))
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(payload)))
+        new = data.draw(
+            st.one_of(st.binary(max_size=2), st.sampled_from([b"\x80", b"\x80\0", b"\xff", b"\0", b"\x7f"]))
+        )
+        payload[at : at + data.draw(st.integers(0, 2))] = new
+    check_both_ways(bytes(payload))
+
+
+def test_the_largest_tables_are_read_alike() -> None:
+    """4096 symbols from end to end; many small tables; and more than is read at once."""
+    rng = np.random.default_rng(3)
+    wide = np.unique(np.concatenate([rng.integers(-EDGE, EDGE, MAX_ALPHABET), [-EDGE, EDGE]]))[-MAX_ALPHABET:]
+    large = SymbolTable(wide, rng.integers(1, 1 << 24, MAX_ALPHABET))
+    assert check_both_ways(pack_tables({KEY: large}))
+    small = SymbolTable(np.array([-1, 0, 1]), np.array([1, 2, 3]))
+    many = {TableKey.from_number(number): small for number in range(3000)}
+    assert check_both_ways(pack_tables({**many, TableKey(255, 255, 255, 255): large}))
+    payload = pack_tables({KEY._replace(context=context): large for context in range(256)})
+    assert len(payload) > 1 << 20
+    assert _unpack_sound(payload) is None
+    assert len(table_blocks(payload, at_once=True)) == 256
+
+
+def test_a_long_payload_of_no_tables_costs_little() -> None:
+    """Megabytes of zeros, a few hundred bytes of a file: refused before all of them are parsed."""
+    payload = bytes(16 << 20)
+    tracemalloc.start()
+    refuses("payload-long", lambda: unpack_tables(payload))
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()

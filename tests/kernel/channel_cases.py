@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kernel.samples import random_stream
+from kernel.samples import EXTREME, I64, random_stream
 from scarfmt.codecs.channels import coarsen, get_channel, put_channel
 from scarfmt.counters import Counters
 from scarfmt.directory import TileFrame
@@ -29,8 +29,6 @@ from scarfmt.schema import Profile, Stream
 from scarfmt.symbols import Emitter, SymbolReader, SymbolTable, TableKey
 
 I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-EXTREME = (1 << 31) - 1
 BITS = 6
 
 

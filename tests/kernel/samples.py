@@ -1,4 +1,4 @@
-"""What the tests of the compiled library share: outcomes with it and without, and streams of any words."""
+"""What the tests of the compiled library share: outcomes with it and without, streams and tables of any numbers."""
 
 from __future__ import annotations
 
@@ -8,11 +8,20 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from scarfmt import kernel
 from scarfmt.errors import ScarError
 from scarfmt.kernel.rans import KernelRansDecoder
-from scarfmt.rans import PureRansDecoder
+from scarfmt.neural.operations import NUMPY
+from scarfmt.neural.tables import exp2_table
+from scarfmt.rans import FrequencyTable, PureRansDecoder
+from scarfmt.symbols import SymbolTable
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+EXTREME = (1 << 31) - 1
 
 needs_kernel = pytest.mark.skipif(
     not kernel.enabled(), reason="no compiled library: not built here (no C compiler?), or SCARFMT_KERNEL=0"
@@ -37,6 +46,34 @@ def random_stream(rng: np.random.Generator, words: int) -> bytes:
     out = rng.integers(0, 1 << 32, words, np.uint32)
     out[-1:] |= np.uint32(1)
     return out.astype("<u4").tobytes()
+
+
+def random_weights(rng: np.random.Generator, size: int, top: int = (1 << 24) - 1) -> I64:
+    """(size,) weights from 1, evenly spread or over all magnitudes."""
+    if rng.random() < 0.5:
+        return rng.integers(1, top + 1, size)
+    return np.maximum(np.exp2(rng.uniform(0, np.log2(top), size)).astype(np.int64), 1)
+
+
+def random_table(rng: np.random.Generator, size: int) -> SymbolTable:
+    """Any values, the ends of the range among them."""
+    alphabet = np.unique(np.concatenate([rng.integers(-EXTREME, EXTREME + 1, size), [-EXTREME, EXTREME]]))
+    chosen = np.sort(rng.choice(len(alphabet), size, replace=False))
+    return SymbolTable(alphabet[chosen], random_weights(rng, size))
+
+
+def random_rows(rng: np.random.Generator, count: int, size: int) -> F64:
+    """(count, size) frequencies - 1: anything from even to all of it at one symbol."""
+    weights = np.exp2(rng.uniform(0, 16, (count, size))).astype(np.int64)
+    weights[rng.random(count) < 0.3] = 0
+    weights[np.arange(count), rng.integers(0, size, count)] += 1 << int(rng.integers(0, 24))
+    tables = [FrequencyTable.from_weights(row).frequencies - 1 for row in weights]
+    return np.array(tables, np.float64).reshape(count, size)
+
+
+def frequency_rows(logits: F32) -> F64:
+    """What NumPy makes of logits: it uses up a copy."""
+    return NUMPY.frequency_rows(logits.copy(), NUMPY.constant(exp2_table()))
 
 
 def library() -> Any:

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from kernel.channel_cases import EXTREME, I32, I64, Case
-from kernel.samples import SEEDS, both, library, needs_kernel, outcome, same
+from kernel.channel_cases import I32, Case
+from kernel.samples import EXTREME, I64, SEEDS, both, library, needs_kernel, outcome, same
 from scarfmt.codecs.channels import get_channel
 from scarfmt.kernel.channel import KernelChannel
 from scarfmt.kernel.rans import KernelRansDecoder

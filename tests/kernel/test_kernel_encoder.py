@@ -10,8 +10,18 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from kernel.samples import SEEDS, library, needs_kernel
-from kernel.test_kernel_rans import EXTREME, F64, I64, frequency_rows, random_rows, random_table, random_weights
+from kernel.samples import (
+    EXTREME,
+    F64,
+    I64,
+    SEEDS,
+    frequency_rows,
+    library,
+    needs_kernel,
+    random_rows,
+    random_table,
+    random_weights,
+)
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel.rans import KernelRansEncoder, PackedTables
 from scarfmt.rans import MAX_ALPHABET, PRECISION, FrequencyTable, PureRansDecoder, RansEncoder, uniform_table
@@ -111,10 +121,10 @@ def test_any_groups_give_the_bytes_of_the_definition(seed: int, groups: list[tup
 
 @pytest.mark.parametrize("seed", range(3))
 def test_long_streams(seed: int) -> None:
-    """Of thousands of words."""
+    """Of hundreds of words."""
     rng = np.random.default_rng(seed)
     groups = [grouped(rng, 64, 3000), *(random_group(rng, kind, 40, 400) for kind in (0, 1, 2, 3))]
-    assert len(check_same_bytes(groups)) > 4000
+    assert len(check_same_bytes(groups)) > 2000
 
 
 @pytest.mark.parametrize("last", [0, 1])

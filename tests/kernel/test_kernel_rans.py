@@ -10,13 +10,23 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from kernel.samples import SEEDS, both_decoders, check_same_state, library, needs_kernel, random_stream, streams
+from kernel.samples import (
+    F32,
+    SEEDS,
+    both_decoders,
+    check_same_state,
+    frequency_rows,
+    library,
+    needs_kernel,
+    random_rows,
+    random_stream,
+    random_table,
+    random_weights,
+    streams,
+)
 from scarfmt.errors import Malformed
 from scarfmt.kernel.rans import KernelRansDecoder, PackedTables
-from scarfmt.neural.operations import NUMPY
-from scarfmt.neural.tables import exp2_table
 from scarfmt.rans import (
     MAX_ALPHABET,
     TOTAL,
@@ -29,27 +39,6 @@ from scarfmt.rans import (
 from scarfmt.symbols import SymbolTable
 
 pytestmark = needs_kernel
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-EXTREME = (1 << 31) - 1
-
-
-def random_weights(rng: np.random.Generator, size: int, top: int = (1 << 24) - 1) -> I64:
-    """(size,) weights from 1, evenly spread or over all magnitudes."""
-    if rng.random() < 0.5:
-        return rng.integers(1, top + 1, size)
-    return np.maximum(np.exp2(rng.uniform(0, np.log2(top), size)).astype(np.int64), 1)
-
-
-def random_table(rng: np.random.Generator, size: int) -> SymbolTable:
-    """Any values, the ends of the range among them."""
-    alphabet = np.unique(np.concatenate([rng.integers(-EXTREME, EXTREME + 1, size), [-EXTREME, EXTREME]]))
-    chosen = np.sort(rng.choice(len(alphabet), size, replace=False))
-    return SymbolTable(alphabet[chosen], random_weights(rng, size))
-
-
 SIZES = st.one_of(st.sampled_from([1, 2, 3, MAX_ALPHABET - 1, MAX_ALPHABET]), st.integers(1, 50))
 COUNTS = st.one_of(st.integers(0, 40), st.just(500))
 
@@ -161,15 +150,6 @@ def test_prefix_sums_are_those_of_the_tables(seed: int, sizes: list[int], top: i
     assert np.array_equal(packed._sums, wanted)
 
 
-def random_rows(rng: np.random.Generator, count: int, size: int) -> F64:
-    """(count, size) frequencies - 1: anything from even to all of it at one symbol."""
-    weights = np.exp2(rng.uniform(0, 16, (count, size))).astype(np.int64)
-    weights[rng.random(count) < 0.3] = 0
-    weights[np.arange(count), rng.integers(0, size, count)] += 1 << int(rng.integers(0, 24))
-    tables = [FrequencyTable.from_weights(row).frequencies - 1 for row in weights]
-    return np.array(tables, np.float64).reshape(count, size)
-
-
 @settings(deadline=None, max_examples=80)
 @given(SEEDS, st.integers(0, 60), SIZES, st.integers(0, 60))
 def test_rows_on_any_words(seed: int, words: int, size: int, count: int) -> None:
@@ -180,11 +160,6 @@ def test_rows_on_any_words(seed: int, words: int, size: int, count: int) -> None
     assert compiled.decode_rows(rows).tolist() == pure.decode_rows(rows).tolist()
     assert compiled.decode_rows(np.asfortranarray(rows)).tolist() == pure.decode_rows(rows).tolist()
     check_same_state(compiled, pure)
-
-
-def frequency_rows(logits: F32) -> F64:
-    """What NumPy makes of logits: it uses up a copy."""
-    return NUMPY.frequency_rows(logits.copy(), NUMPY.constant(exp2_table()))
 
 
 # Distances below, at and beyond the 512 from which a weight is 0, and those that binary32 no longer tells apart.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,7 @@ import pytest
 from conformance.generate import VECTORS
 from kernel.samples import needs_kernel
 from scarfmt import kernel
-from scarfmt.kernel.library import load
+from scarfmt.kernel.library import INTERFACE, load
 
 _DECODE = """
 import hashlib, sys
@@ -69,6 +70,14 @@ def test_a_library_without_our_functions_counts_as_none(monkeypatch: pytest.Monk
     if other is None or not str(other.origin).endswith(".so"):
         pytest.skip("no shared library at hand to mistake for ours")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: other)
+    assert load.__wrapped__() is None
+
+
+def test_the_interface_is_that_of_the_header(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both places are changed together; a library of another interface counts as none."""
+    header = Path(kernel.__file__).with_name("kernel.h").read_text()
+    assert re.findall(r"^#define INTERFACE (\d+)$", header, re.MULTILINE) == [str(INTERFACE)]
+    monkeypatch.setitem(load.__wrapped__.__globals__, "INTERFACE", INTERFACE + 1)
     assert load.__wrapped__() is None
 
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from conformance.generate import VECTORS
 from conformance.neural_scenes import neural_plans
 from conformance.scenes import build, static_plans
-from kernel.channel_cases import EXTREME, I64, Case
-from kernel.samples import SEEDS, both, library, needs_kernel, same
+from kernel.channel_cases import Case
+from kernel.samples import EXTREME, I64, SEEDS, both, library, needs_kernel, same
 from scarfmt import kernel
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel.channel import KernelChannel
@@ -116,6 +116,7 @@ def written(step: int, values: I64, given: I64, parts: list[I64]) -> list[tuple[
     found = target.write(step, parts, np.array(given, np.int32), None)
     chosen = np.concatenate(parts)
     assert (known[chosen] == given[chosen]).all()
+    assert (first[chosen] == (given[chosen] if step == 1 else 0)).all()
     assert (steps[chosen] == step).all()
     others = np.setdiff1d(np.arange(count), chosen)
     assert (known[others] == values[others]).all()
@@ -152,7 +153,7 @@ def test_only_trits_are_written(value: int, other: int, apart: int, step: int, w
     values, given = np.array([[5, 0], [0, value]]), np.array([[15, 1], [0, now]])
     trit = now - 3 * value
     if abs(trit) <= 1 and abs(now) <= EXTREME:
-        (_, symbols), = written(step, values, given, [np.arange(2)])
+        ((_, symbols),) = written(step, values, given, [np.arange(2)])
         assert symbols == [0, 0, 1, trit]
     else:
         with pytest.raises(InvalidInput) as caught:
