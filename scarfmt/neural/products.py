@@ -31,17 +31,21 @@ class NetworkWork:
         self._network, self._counters = network, counters
 
     def _add(self, rows: int, products: int, part: Part = Part.INDEX_NETWORK) -> None:
-        if self._counters is not None:
-            self._counters.multiply(part, rows, products)
+        assert self._counters is not None
+        self._counters.multiply(part, rows, products)
 
     def embedded(self, rows: int) -> None:
         """Embeddings, their share of the mixer and, with attention, queries."""
+        if self._counters is None:
+            return
         net = self._network
         query = 0 if net.attention is None else net.attention.query.weights.size
         self._add(rows, sum(layer.weights.size for layer in net.embed) + _half_mixer(net) + query)
 
     def mixed(self, stage: int, rows: int) -> None:
         """Contexts of `stage`, from 1; that of the first needs nothing but the embedding's share."""
+        if self._counters is None:
+            return
         attended = 0 if self._network.attention is None else 2 * stage * self._network.hidden
         self._add(rows, (attended + _half_mixer(self._network)) * (stage > 1))
 
@@ -60,10 +64,14 @@ class NetworkWork:
 
     def advanced(self, stage: int, rows: int) -> None:
         """States after the indices of `stage`; those after the first are looked up."""
+        if self._counters is None:
+            return
         self._add(rows, _step(self._network) * (stage > 1))
 
     def prepared(self, books: Codebooks) -> None:
         """Tables of the input products of codewords, of states after the first token, and constants."""
+        if self._counters is None:
+            return
         net = self._network
         used = books.sizes[: len(net.heads)]
         self._add(sum(used), net.gru[0].inputs[0].size, Part.INDEX_TABLES)
