@@ -181,7 +181,9 @@ def test_inputs_of_the_index_network(seed: int, count: int, inputs: Inputs, amax
     known, values = rng.permutation(count)[: count // 2], spread(rng, (count, inputs.latents), 1 << 22)
     grid = rng.integers(-127, 128, (count, inputs.grid)).astype(np.int16)
     context: Any = SimpleNamespace(classes=rng.integers(0, MAX_CLASSES, count), rows=rows.__getitem__)
-    coder: Any = IndexCoder(SimpleNamespace(inputs=inputs, amax=amax), *[SimpleNamespace()] * 3)  # type: ignore[arg-type]
+    network: Any = SimpleNamespace(inputs=inputs, amax=amax)
+    nothing: Any = SimpleNamespace()
+    coder = IndexCoder(network, nothing, nothing, nothing)
     columns = inputs.attributes + inputs.latents
     part = rng.permutation(count)[: rng.integers(0, count + 1)]
 
