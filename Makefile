@@ -50,7 +50,7 @@ check: test lint types ## what CI runs
 bench: $(STAMP) ## every benchmark, short, on the example scene: prints, writes to build/bench/ alone
 	$(BIN)/python -m benchmarks.all --short
 
-bench-full: $(STAMP) ## every benchmark on every scene found, three quarters of an hour; rewrites docs/
+bench-full: $(STAMP) ## every benchmark on every scene found, two hours or more; rewrites docs/
 	$(BIN)/python -m benchmarks.all --full
 
 pictures: $(STAMP) ## redraw docs/images/

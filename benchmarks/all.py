@@ -80,8 +80,8 @@ def summary(outcomes: Sequence[Outcome]) -> str:
 def main(arguments: Sequence[str] | None = None, start: Start = start) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     mode = parser.add_mutually_exclusive_group(required=True)
-    mode.add_argument("--short", action="store_true", help="a minute or two; needs no scene but the example")
-    mode.add_argument("--full", action="store_true", help="everything, three quarters of an hour")
+    mode.add_argument("--short", action="store_true", help="some minutes; needs no scene but the example")
+    mode.add_argument("--full", action="store_true", help="everything, two hours or more")
     parser.add_argument("--only", nargs="+", choices=COMMANDS, default=list(COMMANDS), metavar="NAME")
     asked = parser.parse_args(arguments)
     outcomes = run(asked.only, asked.full, start)

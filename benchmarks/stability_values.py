@@ -207,14 +207,14 @@ def _tables(rng: np.random.Generator) -> Edge:
 
 def _decoders(data: bytes) -> list[SymbolSource]:
     """Every decoder there is, at the start of a stream."""
-    library = kernel.library()
+    library = kernel.functions()
     compiled = [] if library is None else [KernelRansDecoder(library, data)]
     return [RansDecoder(data), PureRansDecoder(data), *compiled]
 
 
 def _compiled_logits(rng: np.random.Generator) -> list[Edge]:
     """Symbols the compiled decoder finds from logits itself: all equal, far apart, beyond the table, at their ends."""
-    library, cases, differ = kernel.library(), 0, 0
+    library, cases, differ = kernel.functions(), 0, 0
     if library is None:
         return []
     for size in (2, 3, 63, 64, 65, 1000, MAX_ALPHABET):

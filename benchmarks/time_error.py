@@ -1,6 +1,6 @@
 """Run time against error: decoding and encoding, by layer, effort, precision, entropy coder and machine.
 
-    python -m benchmarks.time_error                        all sections, about a quarter of an hour
+    python -m benchmarks.time_error                        all sections, an hour or more
     python -m benchmarks.time_error --sections ways limit --scenes flowers
     python -m benchmarks.time_error --short --no-write     the example scene at effort 1, printed
     python -m benchmarks.time_error --report               only rewrite tables and plots

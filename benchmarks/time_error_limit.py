@@ -176,7 +176,7 @@ def multiply_all(kept: Recording) -> None:
 
 def readers(words: bytes) -> list[SymbolSource]:
     """The rANS decoders there are, at the beginning of `words`."""
-    library = kernel.library()
+    library = kernel.functions()
     return [RansDecoder(words), *([] if library is None else [KernelRansDecoder(library, words)])]
 
 

@@ -9,6 +9,7 @@ nobody used costs nothing and an outlier costs two bytes, not a wide alphabet.
 from __future__ import annotations
 
 import itertools
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -136,16 +137,16 @@ class Emitter(Protocol):
     def emit_rows(self, weights: F64, values: Values) -> None: ...
 
 
-class GroupEmitter:
+class GroupEmitter(ABC):
     """An emitter that can take many groups at once: those of one step of some components, by ascending kind."""
 
+    @abstractmethod
     def emit_grouped(self, key: StepKey, kinds: Values, values: Values) -> None:
         """(n,) `values` with their (n,) kinds (see :class:`StepKey`), order kept within each group (SPEC §8.4)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def emit_logits(self, logits: F32, values: Values) -> None:
         """(n,) `values` of (k, n) integer `logits`; only while the compiled library is in use."""
-        raise NotImplementedError
 
 
 class SymbolCounter(GroupEmitter):
@@ -167,7 +168,7 @@ class SymbolCounter(GroupEmitter):
             self._joint.setdefault(key, []).append(_joint_counts(kinds, values))
 
     def emit_logits(self, logits: F32, values: Values) -> None:
-        library = kernel.library()
+        library = kernel.functions()
         assert library is not None
         self.modelled_bits += float(KernelRansEncoder(library).encode_logits(values, logits).sum())
 
@@ -233,7 +234,7 @@ def _added(numbers: Sequence[I64], counts: Sequence[I64]) -> tuple[I64, I64]:
 
 def rans_encoder() -> RansEncoder | KernelRansEncoder:
     """The fastest there is."""
-    library = kernel.library()
+    library = kernel.functions()
     return RansEncoder() if library is None else KernelRansEncoder(library)
 
 
@@ -341,7 +342,7 @@ class SymbolReader:
 
     def __init__(self, data: bytes, tables: Mapping[TableKey, SymbolTable], source: SymbolSource | None = None) -> None:
         self._tables = tables
-        library = kernel.library()
+        library = kernel.functions()
         if source is None:
             source = RansDecoder(data) if library is None else KernelRansDecoder(library, data)
         self._rans = source

@@ -95,7 +95,7 @@ def put_channel(
         predicted: the channel's predictors, if it has any.
     """
     values, at = final
-    library = kernel.library()
+    library = kernel.functions()
     if library is not None and isinstance(emitter, GroupEmitter) and (predicted is None or predicted.compilable):
         _put_compiled(emitter, library, channel, classes, (before, after), final, first, predicted)
         return
@@ -222,7 +222,7 @@ def _get_compiled(
 ) -> None:
     """As :func:`get_channel`, a call of the compiled library for each step."""
     before, after = steps
-    target = KernelChannel(compiled.library, channel, classes, values, first, before.astype(np.int64))
+    target = KernelChannel(compiled.functions, channel, classes, values, first, before.astype(np.int64))
     for step in steps_coded(before, after):
         chosen = np.flatnonzero((before < step) & (after >= step))
         if not len(chosen):
@@ -230,7 +230,7 @@ def _get_compiled(
         key = StepKey(channel.stream, tuple(range(channel.components)), step)
         parts, around = [chosen], None
         if predicted is not None:
-            parts, around = predicted.passes(step, chosen), predicted.surroundings(compiled.library, step)
+            parts, around = predicted.passes(step, chosen), predicted.surroundings(compiled.functions, step)
             predicted.count(step, len(chosen))
         read = target.read(compiled, step, parts, reader.packed(key), around)
         if read == BAD_TRIT:

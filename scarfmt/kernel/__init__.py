@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from scarfmt.kernel.library import load
+from scarfmt.kernel.interface import load
 
 _unwanted = 0
 
@@ -21,7 +21,7 @@ def available() -> bool:
     return load() is not None
 
 
-def library() -> ctypes.CDLL | None:
+def functions() -> ctypes.CDLL | None:
     """The compiled library, None where it is not there or not wanted."""
     if _unwanted or os.environ.get("SCARFMT_KERNEL") == "0":
         return None
@@ -30,7 +30,7 @@ def library() -> ctypes.CDLL | None:
 
 def enabled() -> bool:
     """Whether decoding uses the compiled library."""
-    return library() is not None
+    return functions() is not None
 
 
 @contextmanager

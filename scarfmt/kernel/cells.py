@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.kernel.library import DEPTHS, Cells, address
+from scarfmt.kernel.interface import DEPTHS, Cells, address
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
@@ -22,14 +22,14 @@ class KernelCellSums:
     """Sums per cell and depth over the anchors added so far.
 
     Args:
-        library: from :func:`scarfmt.kernel.library`.
+        library: from :func:`scarfmt.kernel.functions`.
         cell: per depth, coarse first, the (n,) int32 cell of each anchor or row, in one piece.
         sizes: per depth, how many cells there are.
         columns: values of an anchor.
     """
 
     def __init__(self, library: ctypes.CDLL, cell: Sequence[I32], sizes: Sequence[int], columns: int) -> None:
-        self.library, self._cell, self._columns = library, cell, columns
+        self.functions, self._cell, self._columns = library, cell, columns
         self._sums = [np.zeros((size, columns + 1)) for size in sizes]
         pointers = ctypes.c_void_p * DEPTHS
         self.struct = Cells(
@@ -43,7 +43,7 @@ class KernelCellSums:
         """Add (m,) anchors with their (m, columns) integer values."""
         places, numbers = np.ascontiguousarray(anchors, np.int64), np.ascontiguousarray(values, np.int64)
         address = ctypes.byref(self.struct)
-        self.library.scar_cells_add(address, places.ctypes.data, len(places), numbers.ctypes.data)
+        self.functions.scar_cells_add(address, places.ctypes.data, len(places), numbers.ctypes.data)
 
     def around(self, anchors: Ints) -> tuple[F64, F64]:
         """(w, depths, columns) means and (w, depths) counts in the cells of (w,) anchors."""
@@ -52,7 +52,7 @@ class KernelCellSums:
         means, counts = np.empty((len(places), depths, self._columns)), np.empty((len(places), depths))
         address = ctypes.byref(self.struct)
         arrays = (array.ctypes.data for array in (means, counts))
-        self.library.scar_cells_around(address, places.ctypes.data, len(places), *arrays)
+        self.functions.scar_cells_around(address, places.ctypes.data, len(places), *arrays)
         return means, counts
 
 

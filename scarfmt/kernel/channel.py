@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel.cells import KernelCellSums
-from scarfmt.kernel.library import Cells, Predictor, Rule, Step, address, check_symbols
+from scarfmt.kernel.interface import Cells, Predictor, Rule, Step, address, check_symbols
 from scarfmt.kernel.rans import ALL_READ, KernelRansDecoder, PackedTables
 from scarfmt.model import NO_SOURCE, Channel
 from scarfmt.neural import predictors as definition
@@ -80,7 +80,7 @@ class KernelChannel:
     """One channel in one tile-layer.
 
     Args:
-        library: from :func:`scarfmt.kernel.library`.
+        library: from :func:`scarfmt.kernel.functions`.
         channel: its model.
         classes: (n,) int64.
         values: (n, components) int32, changed in place.

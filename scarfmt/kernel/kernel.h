@@ -9,7 +9,7 @@ function allocates. What indexes an array comes from other arrays that the calle
 
 #define EXPORT __attribute__((visibility("default")))
 
-/* Grows with every change of a function's arguments or of a struct: library.py loads no other. */
+/* Grows with every change of a function's arguments or of a struct: interface.py loads no other. */
 #define INTERFACE 1
 
 /* Wider vectors where the machine has them, chosen when the library is loaded: glibc can, musl cannot. */

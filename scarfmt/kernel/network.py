@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.kernel.cells import KernelCellSums
-from scarfmt.kernel.library import Embedding, Grid, GridLevel, address
+from scarfmt.kernel.interface import Embedding, Grid, GridLevel, address
 
 if TYPE_CHECKING:
     from scarfmt.neural.grid import HashGrid
@@ -58,5 +58,5 @@ def kernel_embedding_inputs(
     struct = Embedding(*shape, network.amax, kinds, fine, grid)
     out = np.empty((len(arrays[3]), inputs.width), np.float32)
     pointers = ctypes.byref(struct), ctypes.byref(cells.struct)
-    cells.library.scar_embedding_inputs(*pointers, anchors, rows, len(out), out.ctypes.data)
+    cells.functions.scar_embedding_inputs(*pointers, anchors, rows, len(out), out.ctypes.data)
     return out

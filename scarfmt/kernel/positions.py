@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.kernel.library import Nodes, Positions, check_symbols
+from scarfmt.kernel.interface import Nodes, Positions, check_symbols
 from scarfmt.kernel.rans import KernelRansDecoder, PackedTables
 
 U64 = NDArray[np.uint64]
@@ -40,5 +40,5 @@ class KernelPositions:
         struct = Positions(
             total, bits, self.codes.ctypes.data, open_bits, Nodes(*rest[:3]), Nodes(*rest[3:6]), *rest[6:]
         )
-        read = rans.library.scar_positions(rans.pointer, ctypes.byref(struct), tables.pointer)
+        read = rans.functions.scar_positions(rans.pointer, ctypes.byref(struct), tables.pointer)
         self.read, self.static, self.uniform = int(read), int(struct.static_read), int(struct.uniform_read)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.errors import InvalidInput
-from scarfmt.kernel.library import Members, Rans, Tables, check_symbols
+from scarfmt.kernel.interface import Members, Rans, Tables, check_symbols
 from scarfmt.neural.tables import exp2_table
 from scarfmt.rans import PRECISION, FrequencyTable, check_rows, seal_error, words_of
 
@@ -115,7 +115,7 @@ class KernelRansDecoder:
     """As :class:`scarfmt.rans.RansDecoder`, and faster where many tables take turns.
 
     Args:
-        library: from :func:`scarfmt.kernel.library`.
+        library: from :func:`scarfmt.kernel.functions`.
         data: the stream.
 
     Raises:
@@ -123,7 +123,7 @@ class KernelRansDecoder:
     """
 
     def __init__(self, library: ctypes.CDLL, data: bytes) -> None:
-        self.library = library
+        self.functions = library
         self._words = np.ascontiguousarray(words_of(data))
         self._rans = Rans(0, len(self._words), self._words.ctypes.data)
         self.pointer = byref(self._rans)
@@ -134,14 +134,14 @@ class KernelRansDecoder:
         out = np.zeros(count, np.int32)
         if len(table) > 1 and count:
             sums = table.cumulative.astype(np.uint32)
-            self.library.scar_rans_table(self.pointer, sums.ctypes.data, len(table), count, out.ctypes.data)
+            self.functions.scar_rans_table(self.pointer, sums.ctypes.data, len(table), count, out.ctypes.data)
         return out
 
     def uniform(self, size: int, count: int) -> I32:
         """The next `count` symbols of a uniform table of `size`, 1..4096."""
         out = np.zeros(count, np.int32)
         if size > 1:
-            self.library.scar_rans_uniform(self.pointer, size, count, out.ctypes.data)
+            self.functions.scar_rans_uniform(self.pointer, size, count, out.ctypes.data)
         return out
 
     def grouped(self, tables: PackedTables, kinds: U16) -> I32 | int:
@@ -151,7 +151,7 @@ class KernelRansDecoder:
         out, order = np.empty((2, len(kinds)), np.int32)
         counts = np.empty(tables.kinds + 1, np.int64)
         addresses = (array.ctypes.data for array in (counts, order, out))
-        read = self.library.scar_rans_grouped(self.pointer, tables.pointer, short.ctypes.data, len(short), *addresses)
+        read = self.functions.scar_rans_grouped(self.pointer, tables.pointer, short.ctypes.data, len(short), *addresses)
         return out if read == ALL_READ else int(read)
 
     def decode_rows(self, weights: F64) -> I32:
@@ -159,7 +159,7 @@ class KernelRansDecoder:
         out = np.zeros(len(weights), np.int32)
         if weights.shape[1] > 1 and len(weights):
             rows = np.ascontiguousarray(weights, np.float64)
-            self.library.scar_rans_rows(self.pointer, rows.ctypes.data, *rows.shape, out.ctypes.data)
+            self.functions.scar_rans_rows(self.pointer, rows.ctypes.data, *rows.shape, out.ctypes.data)
         return out
 
     def decode_logits(self, logits: F32) -> I32:
@@ -170,7 +170,7 @@ class KernelRansDecoder:
             rows = np.ascontiguousarray(logits, np.float32)
             scratch = np.empty((size + 1) * 2 * _LANES, np.uint32)
             addresses = (array.ctypes.data for array in (_exp2(), scratch, out))
-            self.library.scar_rans_logits(self.pointer, rows.ctypes.data, size, count, *addresses)
+            self.functions.scar_rans_logits(self.pointer, rows.ctypes.data, size, count, *addresses)
         return out
 
     def decode_members(self, members: PackedMembers, clusters: I64, o: F32) -> I32:
@@ -187,7 +187,7 @@ class KernelRansDecoder:
         arrays = [array.ctypes.data for array in (_exp2(), *scratch, out)]
         chosen = np.ascontiguousarray(clusters, np.int64)
         pointers = self.pointer, byref(struct), chosen.ctypes.data, rows.ctypes.data
-        self.library.scar_rans_members(*pointers, len(out), *arrays)
+        self.functions.scar_rans_members(*pointers, len(out), *arrays)
         return out
 
     def finish(self) -> None:
@@ -206,7 +206,7 @@ class KernelRansEncoder:
     It keeps of each symbol where it lies in its table.
 
     Args:
-        library: from :func:`scarfmt.kernel.library`.
+        library: from :func:`scarfmt.kernel.functions`.
     """
 
     def __init__(self, library: ctypes.CDLL) -> None:

@@ -51,7 +51,7 @@ def fine(values: Ints, steps: Ints) -> I64:
         values: (n, components) v after `steps` steps, |v| < 2^31.
         steps: (n,), or (1,) for all, ternary steps received, 0..20; with none the value is 0.
     """
-    library = kernel.library()
+    library = kernel.functions()
     if library is not None:
         return kernel_fine(library, values, np.broadcast_to(steps, len(values)))
     power = cell_power(steps)[:, None]
@@ -119,7 +119,7 @@ class CellMeans:
 
     def sums(self, columns: int) -> CellSums | KernelCellSums:
         """No anchors yet, `columns` values each."""
-        library = kernel.library()
+        library = kernel.functions()
         if library is None:
             return CellSums(self, columns)
         return self.kernel_sums(library, columns, self.compact)

@@ -215,7 +215,7 @@ class HashGrid:
 
         Any order of anchors gives the same features; an order in which neighbours follow one another is fastest.
         """
-        library = kernel.library()
+        library = kernel.functions()
         if library is not None:
             return grid_features(library, self, positions)
         out, box = np.empty((len(positions), self.width), np.int16), self.box

@@ -78,7 +78,7 @@ def frequency_rows(logits: F32) -> F64:
 
 def library() -> Any:
     """The compiled library."""
-    found = kernel.library()
+    found = kernel.functions()
     assert found is not None
     return found
 

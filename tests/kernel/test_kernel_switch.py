@@ -16,7 +16,7 @@ import pytest
 from conformance.generate import VECTORS
 from kernel.samples import needs_kernel
 from scarfmt import kernel
-from scarfmt.kernel.library import INTERFACE, load
+from scarfmt.kernel.interface import INTERFACE, load
 
 _DECODE = """
 import hashlib, sys

@@ -56,6 +56,9 @@ class Groups(GroupEmitter):
     def emit_rows(self, weights: object, values: Values) -> None:
         raise AssertionError
 
+    def emit_logits(self, logits: object, values: Values) -> None:
+        raise AssertionError
+
 
 def check_groups(case: Case, more: int) -> int:
     """That a layer makes equal groups either way; how many."""
