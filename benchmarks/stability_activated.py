@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.stability_search import F64, Floats, Operation, extreme_inputs, used_tolerance
 from conformance import activated
 from reference_decoder.anchors import outlook, sigmoid, slot_centres
-from reference_decoder.explicit import opacity_logits, spherical_harmonics_from_colour
+from scarfmt.activation import opacity_logits, spherical_harmonics_from_colour
 from scarfmt.rotation import quaternion_from
 from scarfmt.scene import AnchorModel, Mlp
 

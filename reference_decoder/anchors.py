@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_decoder.explicit import CHUNK, network_outputs, opacity_logits
+from reference_decoder.explicit import CHUNK, network_outputs
+from scarfmt.activation import opacity_logits
 from scarfmt.codecs.mlp import Network
 from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.anchors import NETWORKS, log_sigmoid, outlook, run, sigmoid, slot_centres, unit_quaternions
-from reference_decoder.explicit import opacity_logits
+from scarfmt.activation import opacity_logits
 from scarfmt.counters import Counters, Part
 from scarfmt.errors import InvalidInput
 from scarfmt.rotation import matrix_from_quaternion, quaternion_from_matrix

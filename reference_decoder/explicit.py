@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.dequantise import latents
+from scarfmt.activation import opacity_logits, spherical_harmonics_from_colour
 from scarfmt.counters import Counters, Part
 from scarfmt.reader import SceneModels
 from scarfmt.requirements import network_coefficients
@@ -26,21 +27,6 @@ I64 = NDArray[np.int64]
 
 CHUNK = 1 << 14
 """Rows at a time; the networks' hidden layers of so many rows fit in the caches."""
-MAX_LOG_OPACITY = -(2.0**-13)
-"""Opacity 1 has no logit: ln(opacity) is capped here, where the logit is 9.01 (SPEC §9.4)."""
-
-
-def opacity_logits(log_opacities: Floats) -> F64:
-    """(n,) float64 logits of opacities given as natural logarithms: y - ln(1 - e^y) with y capped (SPEC §9.4)."""
-    y = np.minimum(np.asarray(log_opacities, np.float64), MAX_LOG_OPACITY)
-    # expm1: 1 - e^y would cancel for y near 0.
-    return np.asarray(y - np.log(-np.expm1(y)), np.float64)
-
-
-def spherical_harmonics_from_colour(colours: Floats) -> Floats:
-    """(n, 3) degree-0 coefficients R, G, B of (n, 3) coded (Y, G, O) (SPEC §9.4)."""
-    y, green, orange = colours.T
-    return np.stack([y - green + orange, y + green, y - green - orange], axis=1)
 
 
 def gaussians(

@@ -8,14 +8,14 @@ are taken along the lower convex hull, so that a smaller lambda never takes anyt
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.codecs.channels import coarsen
-from scarfmt.model import MAX_CLASSES, MAX_STEPS, LayerRow
+from scarfmt.model import MAX_CLASSES, MAX_STEPS
 from scarfmt.schema import Stream
 
 F64 = NDArray[np.float64]
@@ -27,7 +27,6 @@ _FINEST = 9
 TABLE_ENTRY_BITS = 8.0
 _SAMPLE = 12_000
 _STAGGER = 3.0**0.5
-_LARGEST_RATIO = 1e7
 _IMPORTANCE_RATIO = 9.0
 """Squared-error ratio between neighbouring classes: one ternary step."""
 
@@ -74,8 +73,8 @@ def classify(importance: F64, rate: float, bits: float, limit: int) -> tuple[I64
     return classes, len(used)
 
 
-def entropy_bits(symbols: I64, contexts: I64) -> float:
-    """Bits of `symbols` under ideal static tables per context, plus about a byte per table entry."""
+def entropy_bits(symbols: I64, contexts: I64, scale: float = 1.0) -> float:
+    """Bits of `scale` times `symbols` under ideal static tables per context, plus about a byte per table entry."""
     if not len(symbols):
         return 0.0
     low = int(symbols.min())
@@ -90,7 +89,7 @@ def entropy_bits(symbols: I64, contexts: I64) -> float:
         kinds, amounts = np.unique(joint, return_counts=True)
         counts = amounts.astype(np.float64)
         totals = np.bincount(kinds // span, counts)[kinds // span]
-    return float((counts * np.log2(totals / counts)).sum()) + TABLE_ENTRY_BITS * len(counts)
+    return scale * float((counts * np.log2(totals / counts)).sum()) + TABLE_ENTRY_BITS * len(counts)
 
 
 def aligned_steps(
@@ -151,13 +150,6 @@ def plan_channel(
     return ChannelPlan(stream, step, bits, error)
 
 
-def _scaled(symbols: I64, contexts: I64, scale: float) -> float:
-    """Bits of `scale` times as many symbols as were sampled; the tables are paid once."""
-    entries = len(np.unique(contexts * (1 << 20) + symbols - symbols.min())) if len(symbols) else 0
-    tables = TABLE_ENTRY_BITS * entries
-    return (entropy_bits(symbols, contexts) - tables) * scale + tables
-
-
 def _step_bits(now: I64, previous: I64 | None, scale: float) -> float:
     total = 0.0
     for component in range(now.shape[1]):
@@ -166,10 +158,10 @@ def _step_bits(now: I64, previous: I64 | None, scale: float) -> float:
             # The component before is a context of the first step; 16 buckets of it.
             source = now[:, component - 1] if component else np.zeros(len(column), np.int64)
             contexts = np.clip(source - int(np.median(source)) + 8, 0, 15) if len(source) else source
-            total += min(_scaled(column, contexts, scale), _scaled(column, np.zeros_like(contexts), scale))
+            total += min(entropy_bits(column, contexts, scale), entropy_bits(column, np.zeros_like(contexts), scale))
         else:
             coarse = previous[:, component]
-            total += _scaled(column - 3 * coarse, np.clip(coarse, -2, 2) + 2, scale)
+            total += entropy_bits(column - 3 * coarse, np.clip(coarse, -2, 2) + 2, scale)
     return total
 
 
@@ -201,108 +193,8 @@ class LatentChain:
     error: F64
 
 
-@dataclass(frozen=True)
-class Allocation:
-    """The layer table and what it is expected to give.
-
-    Attributes:
-        rows: one a layer.
-        order: new number of each class, by first appearance.
-        error: predicted squared picture error after each layer.
-        bits: predicted bits after each layer.
-    """
-
-    rows: tuple[LayerRow, ...]
-    order: I64
-    error: tuple[float, ...]
-    bits: tuple[float, ...]
-
-
-def allocate(
-    plans: list[ChannelPlan],
-    latent: LatentChain,
-    position_bits: PositionBits,
-    absence: F64,
-    lost: float,
-    rates: list[float],
-    base_classes: int,
-) -> Allocation:
-    """Layer rows for falling `rates`.
-
-    Args:
-        plans: channels in coding order.
-        latent: RVQ stages, then steps of the latent channel.
-        position_bits: lambda -> (classes,) bits of positions, labels and whatever else presence costs.
-        absence: (classes,) error of leaving the class out.
-        lost: error of the anchors dropped for good.
-        rates: lambda per layer.
-        base_classes: classes of the first layer; later ones add a class when it pays.
-    """
-    count = len(absence)
-    chosen: list[list[tuple[int, ...] | None]] = []
-    errors, spent = [], []
-    present = np.zeros(count, bool)
-    for number, rate in enumerate(rates):
-        row: list[tuple[int, ...] | None] = []
-        fixed = position_bits(rate)
-        error, cost = lost, 0.0
-        for kind in range(count):
-            entry, e, b = _increment(plans, latent, kind, rate, rates[-1])
-            b += fixed[kind]
-            last = number == len(rates) - 1
-            pays = kind < base_classes if number == 0 else e + rate * b < absence[kind]
-            if present[kind] or last or pays:
-                present[kind] = True
-                row.append(entry)
-                error, cost = error + e, cost + b
-            else:
-                row.append(None)
-                error += absence[kind]
-        chosen.append(row)
-        errors.append(float(error))
-        spent.append(float(cost))
-    return _numbered(chosen, errors, spent)
-
-
-def base_layer(
-    plans: list[ChannelPlan],
-    latent: LatentChain,
-    position_bits: PositionBits,
-    absence: F64,
-    model_bits: float,
-    last: float,
-    share: float,
-) -> tuple[float, int]:
-    """Lambda and number of classes of a first layer that takes at most `share` of the bits at `last`.
-
-    A class is a large step in bytes, a lambda a small one: for every number of classes the smallest
-    affordable lambda is found, and the pair with the least predicted error taken.
-
-    Args:
-        model_bits: bits of codebooks and networks, which the first layer carries too.
-        last: lambda of the last layer.
-    """
-    count = len(absence)
-
-    def outcome(rate: float, shown: int) -> tuple[float, float]:
-        fixed = position_bits(rate)
-        parts = [_increment(plans, latent, kind, rate, last) for kind in range(shown)]
-        bits = model_bits + sum(part[2] + fixed[kind] for kind, part in enumerate(parts))
-        return float(bits), float(sum(part[1] for part in parts) + absence[shown:].sum())
-
-    budget = share * outcome(last, count)[0]
-    best = (float("inf"), last * _LARGEST_RATIO, 1)
-    for shown in range(1, count + 1):
-        for rate in last * np.geomspace(1, _LARGEST_RATIO, 80):
-            bits, error = outcome(float(rate), shown)
-            if bits <= budget:
-                best = min(best, (error, float(rate), shown))
-                break
-    return best[1], best[2]
-
-
-def _increment(
-    plans: list[ChannelPlan], latent: LatentChain, kind: int, rate: float, last: float
+def increment(
+    plans: Sequence[ChannelPlan], latent: LatentChain, kind: int, rate: float, last: float
 ) -> tuple[tuple[int, ...], float, float]:
     """(stages, steps per plan, latent steps), error left and bits of one class at `rate`.
 
@@ -326,22 +218,3 @@ def _pick(plan: ChannelPlan, kind: int, rate: float) -> int:
     # Far from the truth the model of errors is too kind: an anchor that shows has at least a coarse shape,
     # opacity and colour.
     return min(max(best, 0 if plan.stream == Stream.POSITION_RESIDUAL else 1), MAX_STEPS)
-
-
-def _numbered(chosen: list[list[tuple[int, ...] | None]], error: list[float], bits: list[float]) -> Allocation:
-    """Renumber classes by first appearance; drop layers that add nothing."""
-    count = len(chosen[0])
-    first = [next(layer for layer, row in enumerate(chosen) if row[kind] is not None) for kind in range(count)]
-    sequence = sorted(range(count), key=lambda kind: (first[kind], kind))
-    order = np.empty(count, np.int64)
-    order[sequence] = np.arange(count)
-    rows: list[LayerRow] = []
-    kept: list[int] = []
-    for number, choice in enumerate(chosen):
-        entries = [entry for entry in (choice[kind] for kind in sequence) if entry is not None]
-        row = LayerRow(tuple(e[0] for e in entries), tuple(e[1:] for e in entries))
-        if rows and row == rows[-1]:
-            continue
-        rows.append(row)
-        kept.append(number)
-    return Allocation(tuple(rows), order, tuple(error[k] for k in kept), tuple(bits[k] for k in kept))

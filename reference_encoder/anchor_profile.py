@@ -10,9 +10,21 @@ from numpy.typing import NDArray
 from reference_encoder.allocate import classify
 from reference_encoder.anchor_sensitivity import AnchorSensitivity, measure_anchors
 from reference_encoder.assemble import final_rate, position_bits
-from reference_encoder.decide import Problem, best_step, codebooks, contents, decide, decoder, header_fields, targets
+from reference_encoder.decide import (
+    Problem,
+    best_step,
+    codebooks,
+    contents,
+    decide,
+    decoder,
+    header_fields,
+    layer_costs,
+    planned,
+    targets,
+)
 from reference_encoder.fit_latent import fit_latent
 from reference_encoder.lattice import place
+from reference_encoder.layering import predicted
 from reference_encoder.options import EncodeOptions
 from reference_encoder.rdo import choose_values
 from reference_encoder.sensitivity import ABSENCE_FACTOR, survey
@@ -42,9 +54,7 @@ _MOST_CLASSES = 7
 _BASE_SHARE = 0.28
 
 
-def encode_anchors(
-    model: AnchorModel, options: EncodeOptions, report: Report
-) -> tuple[QuantisedScene, Targets | None]:
+def encode_anchors(model: AnchorModel, options: EncodeOptions, report: Report) -> tuple[QuantisedScene, Targets | None]:
     """Decide everything about a file for `model`, and tell what its codewords are to reproduce.
 
     Raises:
@@ -54,7 +64,7 @@ def encode_anchors(
         raise InvalidInput("input-anchors", f"networks {sorted(model.mlps)}: opacity, cov and color are needed")
     source_count = len(model)
     seen = measure_anchors(model, _cameras(model, options), options.seed, lambda f: report("visibility", f))
-    rate = final_rate(options, source_count)
+    rate = final_rate(options.quality, source_count)
     slots = seen.shape * ABSENCE_FACTOR > rate * _SLOT_BITS
     importance = (seen.shape * slots).sum(axis=1) * ABSENCE_FACTOR
     classes, count = classify(importance, rate, _ANCHOR_BITS, _MOST_CLASSES)
@@ -105,7 +115,9 @@ def _encode(
 ) -> tuple[QuantisedScene, Targets | None]:
     problem = _problem(job, lost, importance, report)
     report("allocate", 0.0)
-    decision = decide(problem, job.options.layers)
+    plans = planned(problem)
+    choices = predicted(layer_costs(problem, plans), problem.base_share, job.options.layers)
+    decision = decide(problem, plans, choices)
     model, offsets = _with_offsets(job, decision.model, decision.classes)
     slot_layers = _slot_layers(job, model, decision.classes, decision.rates)
     finals = {**decision.finals, Stream.OFFSETS: offsets * (slot_layers > 0)[:, :, None]}

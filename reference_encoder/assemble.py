@@ -11,7 +11,6 @@ from reference_encoder.allocate import ChannelPlan, LatentChain, aligned_steps, 
 from reference_encoder.contexts import choose_rules
 from reference_encoder.latent import Latent
 from reference_encoder.lattice import Placement
-from reference_encoder.options import EncodeOptions
 from reference_encoder.rdo import choose_values
 from reference_encoder.rvq import RvqResult
 from scarfmt.codecs.channels import coarsen
@@ -35,19 +34,12 @@ def codebook_size(anchors: int) -> int:
     return int(2 ** np.clip(np.round(np.log2(max(anchors, 1) / 150)), 4, 10))
 
 
-def final_rate(options: EncodeOptions, gaussians: int) -> float:
-    """Lambda of the last layer: squared picture error per bit that gives about `options.quality` dB.
+def final_rate(quality: float, gaussians: int) -> float:
+    """Lambda of the last layer: squared picture error per bit that is predicted to give `quality` dB.
 
     Measured on the real scenes (docs/decisions/0004-rate-constant.md).
     """
-    return 10 ** (-(_RATE_OFFSET_DB + (options.quality - _RATE_QUALITY) / _RATE_SLOPE) / 10) / max(gaussians, 1)
-
-
-def layer_rates(last: float, first: float, layers: int) -> list[float]:
-    """Lambdas falling geometrically from `first` to `last`; a single layer has the last."""
-    if layers == 1:
-        return [last]
-    return [float(rate) for rate in np.geomspace(first, last, layers)]
+    return 10 ** (-(_RATE_OFFSET_DB + (quality - _RATE_QUALITY) / _RATE_SLOPE) / 10) / max(gaussians, 1)
 
 
 def model_bits(rvq: RvqResult | None, latent: Latent | None) -> float:

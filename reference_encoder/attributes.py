@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.activation import colour_from_spherical_harmonics, log_opacities
 from scarfmt.rotation import normal_and_twist, sort_axes
 from scarfmt.scene import GaussianScene
 from scarfmt.schema import Stream
@@ -67,22 +68,16 @@ class Attributes:
         )
 
 
-def colour_from_rgb(rgb: NDArray[np.floating]) -> F64:
-    """(N, 3) float64 Y, G, O of (N, 3) r, g, b."""
-    r, g, b = np.asarray(rgb, np.float64).T
-    return np.stack([(r + 2 * g + b) / 4, (2 * g - r - b) / 4, (r - b) / 2], axis=1)
-
-
 def from_scene(scene: GaussianScene) -> Attributes:
     """Attributes of a scene without NaN or infinity."""
     log_scales, axes = sort_axes(np.clip(scene.log_scales, MIN_LOG_SCALE, MAX_LOG_SCALE), scene.rotations)
     square, twist = normal_and_twist(axes)
-    log_opacity = np.maximum(-np.logaddexp(0.0, -scene.opacity_logits.astype(np.float64)), MIN_LOG_OPACITY)
+    log_opacity = np.maximum(log_opacities(scene.opacity_logits), MIN_LOG_OPACITY)
     return Attributes(
         scene.positions,
         log_scales,
         np.concatenate([square, twist[:, None]], axis=1),
         log_opacity[:, None],
-        colour_from_rgb(scene.sh[:, 0]),
+        colour_from_spherical_harmonics(scene.sh[:, 0]),
         np.ascontiguousarray(scene.sh[:, 1:].reshape(len(scene), -1)),
     )

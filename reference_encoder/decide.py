@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.allocate import aligned_steps, allocate, base_layer, plan_channel
+from reference_encoder.allocate import ChannelPlan, LatentChain, aligned_steps, plan_channel
 from reference_encoder.assemble import (
     anchor_order,
     build_model,
     latent_chain,
-    layer_rates,
     model_bits,
     tile_contents,
 )
 from reference_encoder.latent import Latent
 from reference_encoder.lattice import Placement
+from reference_encoder.layering import LayerChoice, LayerCosts
 from reference_encoder.rvq import RvqResult
 from reference_encoder.targets import Targets
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.codecs.mlp import Network
 from scarfmt.container import HeaderFields
-from scarfmt.model import SceneModel
+from scarfmt.model import LayerRow, SceneModel
 from scarfmt.schema import ColourSpace, CoordinateFrame, Profile, Stream
 from scarfmt.tile import TileContent
 
@@ -51,7 +51,7 @@ class Problem:
         importance: (N,) squared picture error of leaving an anchor out.
         presence_bits: lambda -> (count,) bits that being there costs a class.
         lost: squared picture error of what was dropped for good.
-        base_share: share of the bits that the first layer may take.
+        base_share: share of the bits that the first layer takes.
     """
 
     profile: Profile
@@ -78,7 +78,7 @@ class Decision:
     Attributes:
         model: channels, classes and layers.
         finals: quantised values per channel.
-        classes: (N,) classes, numbered by first appearance.
+        classes: (N,) classes.
         rates: lambda of each layer that is kept.
     """
 
@@ -93,35 +93,94 @@ def best_step(sensitivity: F64, rate: float) -> F64:
     return np.asarray(np.sqrt(6 * rate / np.log(2) / np.maximum(sensitivity, 1e-300)))
 
 
-def decide(problem: Problem, layers: int) -> Decision:
-    """Steps, stages and classes of every layer, and the integers of the last."""
+@dataclass(frozen=True)
+class Plans:
+    """What everything costs and gains.
+
+    Attributes:
+        channels: plans of all channels but LATENT, in coding order.
+        latent: plan of the LATENT channel.
+        chain: what the latent can receive.
+        left: (N, d) float64 what the codewords leave to LATENT.
+    """
+
+    channels: list[ChannelPlan]
+    latent: ChannelPlan
+    chain: LatentChain
+    left: F64
+
+
+def planned(problem: Problem) -> Plans:
+    """Costs and gains of every step of every class."""
     p = problem
-    values, weights = dict(p.values), dict(p.weights)
     plans = [
         plan_channel(
             stream,
-            values[stream],
-            aligned_steps(caps, weights[stream], p.classes, p.count, p.rate),
-            weights[stream],
+            p.values[stream],
+            aligned_steps(caps, p.weights[stream], p.classes, p.count, p.rate),
+            p.weights[stream],
             p.classes,
             p.count,
         )
         for stream, caps in p.coarsest.items()
     ]
-    chain, latent_plan, left = latent_chain(p.latent, p.rvq, p.classes, p.count, p.rate)
-    values[Stream.LATENT] = left
-    if p.latent is not None:
-        weights[Stream.LATENT] = np.repeat(p.latent.weight[:, None].astype(np.float64), left.shape[1], axis=1)
-    absence = np.asarray(COARSE_ABSENCE * np.bincount(p.classes, p.importance, p.count), np.float64)
-    bits = model_bits(p.rvq, p.latent)
-    first, shown = base_layer(plans, chain, p.presence_bits, absence, bits, p.rate, p.base_share)
-    rates = layer_rates(p.rate, first, layers)
-    allocation = allocate(plans, chain, p.presence_bits, absence, p.lost, rates, shown)
-    classes = allocation.order[p.classes]
-    model, finals = build_model(
-        p.profile, p.slots, [*plans, latent_plan], allocation.rows, values, weights, classes, p.rate
+    chain, latent, left = latent_chain(p.latent, p.rvq, p.classes, p.count, p.rate)
+    return Plans(plans, latent, chain, left)
+
+
+def split(problem: Problem, kind: int, part: float) -> Problem:
+    """The problem with class `kind` made two: the most important `part` of its anchors, and the others."""
+    late = problem.classes > kind
+    late |= (problem.classes == kind) & ~leading(problem, kind, part)
+
+    def presence(rate: float) -> F64:
+        bits = problem.presence_bits(rate)
+        parts = np.insert(bits, kind + 1, (1 - part) * bits[kind])
+        parts[kind] = part * bits[kind]
+        return parts
+
+    return replace(problem, classes=problem.classes + late, count=problem.count + 1, presence_bits=presence)
+
+
+def leading(problem: Problem, kind: int, part: float) -> NDArray[np.bool_]:
+    """(N,) whether an anchor is among the most important `part` of class `kind`; of equals, the first are."""
+    members = np.flatnonzero(problem.classes == kind)
+    ranked = members[np.argsort(-problem.importance[members], kind="stable")]
+    found = np.zeros(len(problem.classes), bool)
+    found[ranked[: max(1, round(part * len(ranked)))]] = True
+    return found
+
+
+def layer_costs(problem: Problem, plans: Plans) -> LayerCosts:
+    """What layers cost and gain."""
+    absence = COARSE_ABSENCE * np.bincount(problem.classes, problem.importance, problem.count)
+    bits = model_bits(problem.rvq, problem.latent)
+    return LayerCosts(
+        plans.channels, plans.chain, problem.presence_bits, absence.astype(np.float64), problem.lost, bits, problem.rate
     )
-    return Decision(model, finals, classes, rates[-len(model.layers) :])
+
+
+def decide(problem: Problem, plans: Plans, choices: Sequence[LayerChoice]) -> Decision:
+    """Steps, stages and classes of every layer, and the integers of the last.
+
+    Args:
+        problem, plans: what there is to decide, and what it costs.
+        choices: what each layer shows, whole classes (:func:`split`); layers that add nothing are left out.
+    """
+    p = problem
+    values, weights = dict(p.values), dict(p.weights)
+    values[Stream.LATENT] = plans.left
+    if p.latent is not None:
+        weights[Stream.LATENT] = np.repeat(p.latent.weight[:, None].astype(np.float64), plans.left.shape[1], axis=1)
+    costs = layer_costs(problem, plans)
+    rows: dict[LayerRow, float] = {}
+    for choice in choices:
+        entries = costs.entries(choice)
+        rows.setdefault(LayerRow(tuple(e[0] for e in entries), tuple(e[1:] for e in entries)), choice.rate)
+    model, finals = build_model(
+        p.profile, p.slots, [*plans.channels, plans.latent], list(rows), values, weights, p.classes, p.rate
+    )
+    return Decision(model, finals, p.classes, [*list(rows.values())[:-1], p.rate])
 
 
 def header_fields(problem: Problem, sh_degree: int, source_count: int) -> HeaderFields:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,16 +12,34 @@ from numpy.typing import NDArray
 from reference_encoder.allocate import classify
 from reference_encoder.assemble import BASE_SHARE, final_rate, position_bits
 from reference_encoder.attributes import Attributes, from_scene
-from reference_encoder.decide import Problem, best_step, codebooks, contents, decide, decoder, header_fields, targets
+from reference_encoder.calibrate import Judge, calibrated
+from reference_encoder.decide import (
+    Decision,
+    Plans,
+    Problem,
+    best_step,
+    codebooks,
+    contents,
+    decide,
+    decoder,
+    header_fields,
+    layer_costs,
+    planned,
+    split,
+    targets,
+)
 from reference_encoder.fit_latent import fit_latent
 from reference_encoder.lattice import place
-from reference_encoder.options import EncodeOptions
+from reference_encoder.layering import Entry, best_looking, first_picture, predicted
+from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.reconstruct import reconstructed, rough
 from reference_encoder.sensitivity import Sensitivity, measure, survey
 from reference_encoder.targets import Targets
 from scarfmt.scene import GaussianScene
 from scarfmt.schema import Profile, Stream
 from scarfmt.writer import QuantisedScene, Report, silent
 
+F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 CHANNELS = (Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR)
@@ -35,6 +55,7 @@ _CHEAPEST_BITS = 40.0
 _MOST_CLASSES = 8
 # Errors of view-dependent colour agree between neighbours more than others do: they count for more.
 _REST_SHARE = 1.3
+_LAYER_VIEWS = 3
 
 
 def encode_explicit(
@@ -43,17 +64,12 @@ def encode_explicit(
     """Decide everything about a file for `scene`, and tell what its codewords are to reproduce."""
     report("visibility", 0.0)
     attributes = from_scene(scene)
-    sensitivity = measure(scene, attributes, survey(scene, options))
-    rate = final_rate(options, len(scene))
-    classes, count = classify(sensitivity.absence, rate, _CHEAPEST_BITS, _MOST_CLASSES)
-    kept = np.flatnonzero(classes >= 0)
-    lost = float(sensitivity.absence[classes < 0].sum())
+    job = _Job(scene, attributes, measure(scene, attributes, survey(scene, options)), options, report)
     report("visibility", 1.0)
-    seen = _Seen(attributes.take(kept), sensitivity.take(kept), classes[kept], count, rate, lost)
-    problem = _problem(seen, scene.sh_degree, options, report)
-    report("allocate", 0.0)
-    decision = decide(problem, options.layers)
-    report("allocate", 1.0)
+    attempt = _calibrated(job)
+    problem, decision = attempt.problem, attempt.decision
+    if EFFORTS[options.effort].looks_at_layers and options.layers > 1:
+        problem, decision = _layered_by_looks(job, attempt)
     quantised = QuantisedScene(
         header_fields(problem, scene.sh_degree, len(scene)),
         decision.model,
@@ -68,6 +84,22 @@ def encode_explicit(
 
 
 @dataclass(frozen=True)
+class _Job:
+    """A scene, and what is known of it whatever the quality."""
+
+    scene: GaussianScene
+    attributes: Attributes
+    sensitivity: Sensitivity
+    options: EncodeOptions
+    report: Report
+
+    @cached_property
+    def judge(self) -> Judge:
+        """Pictures of the source, drawn when they are first wanted."""
+        return Judge.of(self.scene, self.options)
+
+
+@dataclass(frozen=True)
 class _Seen:
     """What is left to encode after the invisible is gone."""
 
@@ -77,6 +109,63 @@ class _Seen:
     count: int
     rate: float
     lost: float
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """What one lambda leads to, the first layer as predicted."""
+
+    positions: F64
+    problem: Problem
+    plans: Plans
+    decision: Decision
+
+
+def _calibrated(job: _Job) -> _Attempt:
+    """The attempt whose pictures are about as good as asked for."""
+    options, degree = job.options, job.scene.sh_degree
+    corrections = EFFORTS[options.effort].corrections if options.corrections is None else options.corrections
+
+    def judged(tried: _Attempt) -> float:
+        job.report("quality", 0.0)
+        return job.judge.psnr_db(reconstructed(tried.positions, degree, tried.problem, tried.decision))
+
+    return calibrated(options.quality, corrections, partial(_attempt, job), judged)
+
+
+def _attempt(job: _Job, aim: float) -> _Attempt:
+    """What is decided at the lambda that is predicted to give `aim` dB."""
+    absence = job.sensitivity.absence
+    rate = final_rate(aim, len(job.scene))
+    classes, count = classify(absence, rate, _CHEAPEST_BITS, _MOST_CLASSES)
+    kept = np.flatnonzero(classes >= 0)
+    lost = float(absence[classes < 0].sum())
+    seen = _Seen(job.attributes.take(kept), job.sensitivity.take(kept), classes[kept], count, rate, lost)
+    problem = _problem(seen, job.scene.sh_degree, job.options, job.report)
+    job.report("allocate", 0.0)
+    plans = planned(problem)
+    choices = predicted(layer_costs(problem, plans), problem.base_share, job.options.layers)
+    decision = decide(problem, plans, choices)
+    job.report("allocate", 1.0)
+    return _Attempt(seen.attributes.positions, problem, plans, decision)
+
+
+def _layered_by_looks(job: _Job, attempt: _Attempt) -> tuple[Problem, Decision]:
+    """What `attempt` decided, but for layers that are best by their looks."""
+    problem, plans, options = attempt.problem, attempt.plans, job.options
+    judge = job.judge.fewer(_LAYER_VIEWS)
+
+    def look(entries: Sequence[Entry], part: float = 1.0) -> float:
+        job.report("layers", 0.0)
+        return judge.psnr_db(rough(attempt.positions, job.scene.sh_degree, problem, plans, entries, part))
+
+    first = first_picture(layer_costs(problem, plans), look, options.quality, problem.base_share)
+    if first.part < 1:
+        problem, first = split(problem, first.shown - 1, first.part), replace(first, part=1.0)
+        plans = planned(problem)
+    choices = best_looking(layer_costs(problem, plans), look, first, options.layers)
+    job.report("layers", 1.0)
+    return problem, decide(problem, plans, choices)
 
 
 def _problem(seen: _Seen, degree: int, options: EncodeOptions, report: Report) -> Problem:

@@ -13,6 +13,7 @@ from scarfmt.render.camera import Camera
 LATENTS = ("linear", "learned")
 ESTIMATORS = ("rotation", "straight-through")
 MIN_QUALITY, MAX_QUALITY = 20.0, 80.0
+MAX_CORRECTIONS = 10
 MIN_TILE_ANCHORS = 1024
 """Below, framing outweighs content."""
 
@@ -24,8 +25,11 @@ class EncodeOptions:
     Attributes:
         quality: about the PSNR in dB, against the source, of pictures of the last layer; 20..80.
         effort: 1 fast, static tables alone; 2 default; 3 slow: size of the training sample, epochs, codebooks, views,
-            networks tried.
-        layers: most layers, 1..16; the first takes about a quarter of the bytes.
+            networks tried, corrections.
+        corrections: how often at most lambda is corrected by what pictures of the result show, 0..10; 0 takes the
+            predicted one, None what `effort` says. Of explicit scenes only.
+        layers: most layers, 1..16. The first takes about a quarter of the bytes, from effort 2 as few as give a picture
+            of 25 dB.
         cameras: views that matter, e.g. those of the photos; None for rings round the core.
         frame: up axis, or UP:CENTRE_DEG:SPAN_DEG for a scene seen from one side.
         latent: "linear" (a weighted Karhunen-Loève basis, the default as measured) or "learned" (the paper's
@@ -41,6 +45,7 @@ class EncodeOptions:
 
     quality: float = 45.0
     effort: int = 2
+    corrections: int | None = None
     layers: int = 5
     cameras: Sequence[Camera] | None = None
     frame: str = "-y"
@@ -61,6 +66,9 @@ class EncodeOptions:
             raise InvalidInput("input-options", f"quality {self.quality} is not in 20..80", field="quality")
         if self.effort not in (1, 2, 3):
             raise InvalidInput("input-options", f"effort {self.effort} is not 1, 2 or 3", field="effort")
+        if self.corrections is not None and not 0 <= self.corrections <= MAX_CORRECTIONS:
+            message = f"{self.corrections} corrections: 0..{MAX_CORRECTIONS} are possible"
+            raise InvalidInput("input-options", message, field="corrections")
         if not 1 <= self.layers <= MAX_LAYERS:
             raise InvalidInput("input-options", f"{self.layers} layers: 1..{MAX_LAYERS} are possible", field="layers")
         if self.decode_budget is not None and self.decode_budget < 0:
@@ -83,12 +91,22 @@ class Effort:
         epochs: passes over them.
         stages: RVQ stages tried.
         thorough_views: twice the survey views.
+        judged_views: pictures a result is judged by.
+        corrections: of lambda, by what these show.
+        looks_at_layers: whether pictures decide what layers hold.
     """
 
     sample: int
     epochs: int
     stages: int
     thorough_views: bool
+    judged_views: int
+    corrections: int
+    looks_at_layers: bool
 
 
-EFFORTS = {1: Effort(32768, 5, 2, False), 2: Effort(65536, 7, 2, False), 3: Effort(262144, 12, 3, True)}
+EFFORTS = {
+    1: Effort(32768, 5, 2, False, 4, 1, False),
+    2: Effort(65536, 7, 2, False, 6, 2, True),
+    3: Effort(262144, 12, 3, True, 12, 3, True),
+}

@@ -72,22 +72,28 @@ def survey(scene: GaussianScene, options: EncodeOptions) -> list[Camera]:
 def survey_cameras(scene: GaussianScene, frame: str, thorough: bool) -> list[Camera]:
     """Views that stand for wherever a user may look from: four rings round the core at several heights and
     distances, or inside the given arc."""
+    rings = [(0.0625, 20.0, 1.0, 5), (0.02, 38.0, 1.25, 3), (0.09, 5.0, 0.8, 4), (0.045, 15.0, 1.9, 2)]
+    cameras: list[Camera] = []
+    for turn, elevation, radius, count in rings:
+        cameras += ring(scene, frame, count * 2 if thorough else count, turn, elevation, radius)
+    return cameras
+
+
+def ring(
+    scene: GaussianScene, frame: str, views: int, turn: float, elevation_deg: float, radius_factor: float
+) -> list[Camera]:
+    """Cameras round the core, the first `turn` turns from where azimuths start; on an arc, shifted by as much of it."""
     parts = frame.split(":")
     up, middle, span = parts[0], 0.0, 360.0
     if len(parts) == 3:
         middle, span = float(parts[1]), float(parts[2])
-    rings = [(0.0625, 20.0, 1.0, 5), (0.02, 38.0, 1.25, 3), (0.09, 5.0, 0.8, 4), (0.045, 15.0, 1.9, 2)]
-    cameras: list[Camera] = []
-    for turn, elevation, radius, count in rings:
-        views = count * 2 if thorough else count
-        if span >= 360:
-            arc, offset = up, turn * 360
-        else:
-            arc, offset = f"{up}:{middle + (turn - 0.05) * span}:{span * 1.1}", 0.0
-        cameras += orbit_cameras(
-            scene, views, up=arc, elevation_deg=elevation, azimuth_offset_deg=offset, radius_factor=radius
-        )
-    return cameras
+    if span >= 360:
+        arc, offset = up, turn * 360
+    else:
+        arc, offset = f"{up}:{middle + (turn - 0.05) * span}:{span * 1.1}", 0.0
+    return orbit_cameras(
+        scene, views, up=arc, elevation_deg=elevation_deg, azimuth_offset_deg=offset, radius_factor=radius_factor
+    )
 
 
 def measure(scene: GaussianScene, attributes: Attributes, cameras: Sequence[Camera]) -> Sensitivity:

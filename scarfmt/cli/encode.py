@@ -49,6 +49,13 @@ def _refuse_constant(name: str) -> Any:
 @click.option("--quality", type=click.FloatRange(20, 80), help="About the PSNR of the last layer, dB [default: 45].")
 @click.option("--effort", type=click.IntRange(1, 3), help="1 is fast and trains no networks, 3 is slow [default: 2].")
 @click.option(
+    "--corrections",
+    type=click.IntRange(0, 10),
+    metavar="N",
+    help="How often at most the result is drawn and quantised again to meet --quality; 0: as predicted, some dB off"
+    " [default: as many as --effort].",
+)
+@click.option(
     "--layers",
     type=click.IntRange(1, 16),
     help="Most layers to make [default: 5].",

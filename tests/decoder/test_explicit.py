@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from reference_decoder.decode import decode
-from reference_decoder.explicit import opacity_logits, spherical_harmonics_from_colour
 from scarfmt.rotation import axes_from, matrix_from_quaternion, quaternion_from
 from scarfmt.scene import GaussianScene
 from scarfmt.writer import write_scene
@@ -47,20 +46,3 @@ def test_quaternions_are_the_rotation_of_the_axes(dtype: type) -> None:
     assert q.dtype == dtype
     assert (q[:, 0] >= 0).all()
     np.testing.assert_allclose(matrix_from_quaternion(q), axes_from(square, twist), atol=4 * np.finfo(dtype).eps)
-
-
-def test_opacity_logits_from_certain_to_vanishing() -> None:
-    y = np.array([0.0, 5.0, -(2.0**-13), -0.5, -40.0, -1e30, -np.inf])
-    logits = opacity_logits(y)
-    assert logits[0] == logits[1] == logits[2]
-    assert 9.01 < logits[0] < 9.02
-    np.testing.assert_allclose(1 / (1 + np.exp(-logits[2:5])), np.exp(y[2:5]), rtol=1e-12)
-    assert logits[5] == -1e30
-    assert logits[6] == -np.inf
-
-
-def test_colour_transform_is_the_inverse_of_its_definition() -> None:
-    red, green, blue = 0.3, -0.2, 0.9
-    y = (red + 2 * green + blue) / 4
-    coded = np.array([[y, green - y, (red - blue) / 2]])
-    np.testing.assert_allclose(spherical_harmonics_from_colour(coded), [[red, green, blue]], atol=1e-15)

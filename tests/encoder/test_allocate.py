@@ -7,18 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from reference_encoder.allocate import (
-    LatentChain,
     aligned_steps,
-    allocate,
-    base_layer,
     classify,
     entropy_bits,
     hull_choice,
-    plan_channel,
 )
 from reference_encoder.rdo import choose_values
-from scarfmt.model import SceneModel
-from scarfmt.schema import Profile, Stream
 
 
 @given(
@@ -78,27 +72,6 @@ def test_aligned_steps_hit_the_best_step() -> None:
     turns = np.log(step / best) / np.log(3)
     assert abs(turns - round(turns)) < 1e-9
     assert 0.9 / 3**0.51 < step < 0.9 * 3**0.51
-
-
-def test_allocation_is_a_valid_layer_table_within_its_base_share() -> None:
-    """Rows from falling lambdas pass SPEC §6.5, errors fall, and the base rate keeps its share."""
-    draw = np.random.default_rng(3)
-    classes = draw.integers(0, 4, 4000)
-    weight = (9.0**-classes)[:, None] * np.ones((1, 3))
-    plans = [plan_channel(Stream.SCALE, draw.normal(size=(4000, 3)), (0.9,) * 3, weight, classes, 4)]
-    chain = LatentChain(0, np.zeros((4, 1)), np.zeros((4, 1)))
-    fixed, absence = np.full(4, 10_000.0), np.bincount(classes, weight.sum(axis=1) * 20, 4)
-    last = 1e-4
-    first, shown = base_layer(plans, chain, lambda _: fixed, absence, 0.0, last, 0.3)
-    rates = [float(rate) for rate in np.geomspace(first, last, 4)]
-    result = allocate(plans, chain, lambda _: fixed, absence, 0.0, rates, shown)
-    from scarfmt.model import Channel, ContextRule
-
-    channel = Channel(Stream.SCALE, plans[0].step, (ContextRule(),) * 3)
-    rows = tuple(type(row)(row.stages, tuple(steps[:1] for steps in row.steps)) for row in result.rows)
-    SceneModel(Profile.EXPLICIT, 1, (channel,), rows).check()
-    assert list(result.error) == sorted(result.error, reverse=True)
-    assert result.bits[0] <= 0.31 * result.bits[-1]
 
 
 @given(seed=st.integers(0, 1000), rate=st.sampled_from([0.0, 1e-3, 0.1, 10.0]))

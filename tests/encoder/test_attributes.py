@@ -4,18 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from reference_encoder.attributes import MIN_LOG_OPACITY, colour_from_rgb, from_scene
+from reference_encoder.attributes import MIN_LOG_OPACITY, from_scene
 from reference_encoder.contexts import choose_rules
 from scarfmt.model import NO_SOURCE
 from scarfmt.scene import GaussianScene
 from scarfmt.schema import Stream
-
-
-def test_colour_map_is_undone_by_the_specified_formula() -> None:
-    """(Y, G, O) of SPEC §9.4 gives back r, g, b."""
-    rgb = np.random.default_rng(0).normal(size=(50, 3))
-    y, g, o = colour_from_rgb(rgb).T
-    assert np.allclose(np.stack([y - g + o, y + g, y - g - o], axis=1), rgb)
 
 
 def test_extremes_stay_finite() -> None:

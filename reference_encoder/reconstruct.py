@@ -1,0 +1,88 @@
+"""The scene a decoder will give for what was decided, before anything is coded (encoder side of SPEC §9).
+
+To the rounding of binary32, which no picture shows: the encoder looks at it, nobody else does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reference_encoder.decide import Decision, Plans, Problem, leading
+from scarfmt.activation import opacity_logits, spherical_harmonics_from_colour
+from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.rotation import quaternion_from
+from scarfmt.scene import GaussianScene
+from scarfmt.schema import Stream
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+
+def reconstructed(positions: F64, sh_degree: int, problem: Problem, decision: Decision) -> GaussianScene:
+    """The Gaussians of the last layer of an explicit file.
+
+    Args:
+        positions: (N, 3) float64 true positions of the anchors of `problem`, in its order.
+        sh_degree: of the file.
+        problem, decision: what there was to decide, and what was.
+    """
+    model = decision.model
+    values = {}
+    for index, channel in enumerate(model.channels):
+        steps = model.steps(len(model.layers), index, decision.classes)
+        values[channel.stream] = decision.finals[channel.stream] * _units(channel.step, steps)
+    stages = model.stages(len(model.layers), decision.classes)
+    return _scene(positions, sh_degree, problem, values, stages, np.arange(len(positions)))
+
+
+def rough(
+    positions: F64, sh_degree: int, problem: Problem, plans: Plans, entries: Sequence[Sequence[int]], part: float = 1.0
+) -> GaussianScene:
+    """About the Gaussians of a layer in which the first classes have received `entries`, values simply rounded.
+
+    Args:
+        positions, sh_degree, problem: as for :func:`reconstructed`.
+        plans: first steps of all channels.
+        entries: of each class that is there, stages, steps of each channel, and LATENT steps.
+        part: of the last of these classes, the most important anchors.
+    """
+    last = len(entries) - 1
+    here = np.flatnonzero((problem.classes < last) | leading(problem, last, part))
+    received = np.array(entries)[problem.classes[here]]
+    values = {}
+    for index, plan in enumerate([*plans.channels, plans.latent], start=1):
+        true = plans.left if plan.stream == Stream.LATENT else problem.values[plan.stream]
+        unit = _units(plan.step, received[:, index])
+        values[plan.stream] = np.rint(true[here] / np.where(unit > 0, unit, 1.0)) * unit
+    return _scene(positions, sh_degree, problem, values, received[:, 0], here)
+
+
+def _units(step: Sequence[float], steps: I64) -> F64:
+    """(n, components) widths of the cells after `steps` steps, 0 after none (SPEC §9.2)."""
+    width = np.array(step) / 3.0 ** np.maximum(steps - 1, 0)[:, None]
+    return np.asarray(np.where(steps[:, None] > 0, width, 0.0))
+
+
+def _scene(
+    positions: F64, sh_degree: int, problem: Problem, values: Mapping[Stream, F64], stages: I64, here: I64
+) -> GaussianScene:
+    """The Gaussians of the anchors `here`; `values` and `stages` are theirs, what is not among `values` is 0."""
+    place, count = problem.placement, len(here)
+    rotation = values.get(Stream.ROTATION, np.zeros((count, 3)))
+    moved = values.get(Stream.POSITION_RESIDUAL, 0.0) - place.residual[here]
+    sh = np.zeros((count, (sh_degree + 1) ** 2, 3), np.float32)
+    sh[:, 0] = spherical_harmonics_from_colour(values[Stream.COLOUR])
+    if problem.latent is not None and problem.rvq is not None and (stages.any() or Stream.LATENT in values):
+        z = Codebooks(problem.rvq.coarse, problem.rvq.residual).latents(problem.rvq.indices[here], stages)
+        rest = problem.latent.decoder.apply(z + values.get(Stream.LATENT, 0.0))
+        sh[:, 1:] = rest.reshape(count, -1, 3)
+    return GaussianScene(
+        positions[here] + moved * place.cell[here, None],
+        values[Stream.SCALE].astype(np.float32),
+        quaternion_from(rotation[:, :2], rotation[:, 2]).astype(np.float32),
+        opacity_logits(values.get(Stream.OPACITY, np.zeros((count, 1)))[:, 0]).astype(np.float32),
+        sh,
+    )
