@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from reference_encoder.entropy.integers import UNIT, exact_bits, round_shift, rounded
-from reference_encoder.entropy.layers import Dense, Scale, geometric_bits
+from reference_encoder.entropy.layers import Dense, Scale
 from reference_encoder.entropy.softmax import range_bits
 
 if TYPE_CHECKING:
@@ -149,9 +149,6 @@ class HeadModel(nn.Module):
                 out[here] += exact_bits(logits, self.place[codes[here]])
         return out
 
-    def bias_cost(self) -> torch.Tensor:
-        """Bits of the biases, coded as differences."""
-        parts = []
-        for level in (cast(_Level, module) for module in self.levels):
-            parts.append(geometric_bits(torch.diff(level.beta) * (UNIT / BIAS_STEP)))
-        return torch.stack(parts).sum()
+    def bias_steps(self) -> list[torch.Tensor]:
+        """Biases as they are coded: as differences, of each level."""
+        return [torch.diff(cast(_Level, level).beta) * (UNIT / BIAS_STEP) for level in self.levels]

@@ -261,9 +261,9 @@ def test_weight_cost_is_near_the_entropy_of_the_weights() -> None:
         values = np.rint(draw.laplace(size=20000) * scale)
         shares = np.unique(values, return_counts=True)[1] / len(values)
         entropy = float(-(shares * np.log2(shares)).sum())
-        cost = float(geometric_bits(torch.tensor(values, dtype=torch.float32))) / len(values)
+        cost = float(geometric_bits([torch.tensor(values, dtype=torch.float32)])) / len(values)
         assert cost == pytest.approx(entropy, rel=0.05)
-    assert float(geometric_bits(torch.zeros(100))) < 1
+    assert float(geometric_bits([torch.zeros(100)])) < 1
 
 
 def test_larger_scenes_get_wider_networks_and_bounded_training() -> None:
