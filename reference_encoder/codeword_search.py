@@ -14,8 +14,8 @@ import torch
 from numpy.typing import NDArray
 
 from reference_encoder.entropy.head import HeadModel
-from reference_encoder.entropy.softmax import add_products, powers, products, summed, top_of
 from reference_encoder.jit import compiled
+from reference_encoder.loops import add_products, first_of_least, powers, products, summed, top_of
 
 F32 = NDArray[np.float32]
 I64 = NDArray[np.int64]
@@ -121,15 +121,6 @@ def _price(output: F32, vectors: F32, biases: F32, scratch: F32, out: F32) -> No
 
 
 @compiled
-def _place_of_least(values: F32) -> int:
-    best, least = 0, values[0]
-    for k in range(1, len(values)):
-        if values[k] < least:
-            best, least = k, values[k]
-    return best
-
-
-@compiled
 def _cheapest_of_clusters(distances: F32, least: F32) -> None:
     """Fill `least` (C,) with the smallest of the (S * C,) distances of each cluster."""
     count = len(least)
@@ -190,7 +181,7 @@ def _cheapest(
                 bounds[beam * clusters + k] = least[k] + prices[beam, k] + inner[k]
         costs[:] = np.inf
         while True:
-            best = _place_of_least(bounds)
+            best = first_of_least(bounds)
             if bounds[best] >= costs[keep - 1]:
                 break
             bounds[best] = np.inf
