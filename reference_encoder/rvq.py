@@ -91,12 +91,14 @@ class _Coster:
 def assign(
     x: torch.Tensor, weight: torch.Tensor, classes: torch.Tensor, book: torch.Tensor, bits: torch.Tensor, rate: float
 ) -> torch.Tensor:
-    """(n,) codes minimising weight * |x - e|^2 + rate * bits, with (classes, codes) `bits`."""
+    """(n,) codes minimising weight * |x - e|^2 + rate * bits, with (classes, codes) `bits`; at rate 0 the nearest."""
     half, words = ((book * book).sum(1) / 2).numpy(), np.ascontiguousarray(-book.numpy().T)
-    prices, out = (bits * rate).numpy(), np.empty(len(x), np.int64)
+    vectors, out = np.ascontiguousarray(x.detach().numpy()), np.empty(len(x), np.int64)
     # Twice the weight, because distances are halved; without a price all vectors count alike.
-    heavy = (2 * weight).numpy() if rate > 0 else np.ones(len(x), np.float32)
-    vectors, kinds = np.ascontiguousarray(x.numpy()), classes.numpy()
+    heavy, kinds, prices = (2 * weight).numpy(), classes.numpy(), (bits * rate).numpy()
+    if rate == 0:
+        heavy, kinds, prices = np.ones(len(x), np.float32), np.zeros(len(x), np.int64), np.zeros((1, len(half)))
+    prices = prices.astype(np.float32)
 
     def fill(first: int) -> None:
         part = slice(first, first + _CHUNK)

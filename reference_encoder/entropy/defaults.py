@@ -42,7 +42,7 @@ class TrainingBudget:
 
 BUDGETS = {
     1: TrainingBudget(200_000, 400_000, 16),
-    2: TrainingBudget(500_000, 1_000_000, 32),
+    2: TrainingBudget(500_000, 1_000_000, 22),
     3: TrainingBudget(4_000_000, 10_000_000, 60),
 }
 
