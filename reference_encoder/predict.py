@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from typing import cast
 
 import numpy as np
+from numba import get_num_threads
 from numpy.typing import NDArray
 
 from reference_encoder.predictor_net import TOP_WEIGHTS, Effort, candidates, float_contexts, quantised, train
@@ -134,9 +136,17 @@ def choose_predictors(
     frames, contents = _some_tiles([TileFrame(b) for b in bits], contents, seed)
     static = _static_bits(model, frames, contents, whole)
     chosen: dict[int, tuple[Predictor, ...]] = {}
-    for number, (key, sample) in enumerate(sorted(samples(model, frames, contents, whole, seed).items())):
-        predictor = _best(key, sample, static[key], EFFORTS[effort], seed + number)
-        if predictor is not None:
+    taken = sorted(samples(model, frames, contents, whole, seed).items())
+
+    def best(number: int) -> Predictor | None:
+        key, sample = taken[number]
+        return _best(key, sample, static[key], EFFORTS[effort], seed + number)
+
+    # Each is trained by itself, so threads change nothing.
+    with ThreadPoolExecutor(get_num_threads()) as pool:
+        for predictor in pool.map(best, range(len(taken))):
+            if predictor is None:
+                continue
             channel = model.channel_index(predictor.stream)
             layer = None if channel is None else first_use(model, channel, predictor.step)
             assert layer is not None

@@ -6,13 +6,12 @@ fixed order, so that the result does not depend on the machine's cores; the GIL 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from reference_encoder.jit import compiled, reduced
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -30,17 +29,6 @@ _SECOND_DECAY = 0.98
 _LEAST_MASS = 1e-6
 _CHUNK = 256
 """Rows worked on together: what they need stays in the cache."""
-
-_Function = TypeVar("_Function", bound=Callable[..., Any])
-
-
-def _compiled(function: _Function) -> _Function:
-    return cast(_Function, numba.njit(cache=True, nogil=True, error_model="numpy")(function))
-
-
-def _reduced(function: _Function) -> _Function:
-    """Compiled so that sums may be reordered, which is what lets LLVM vectorise them; the order stays the same."""
-    return cast(_Function, numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"reassoc"})(function))
 
 
 @dataclass
@@ -94,7 +82,7 @@ def one_cycle(iterations: int) -> tuple[F64, F64]:
     return rates, momenta
 
 
-@_compiled
+@compiled
 def _slopes(one: float, two: float, target: float, ternary: bool) -> tuple[float, float]:
     """Derivatives of the negative log-likelihood of `target` by both outputs."""
     if ternary:
@@ -112,7 +100,7 @@ def _slopes(one: float, two: float, target: float, ternary: bool) -> tuple[float
     return sharpness * (up - down) / mass, (above * up - below * down) / mass if -4.0 < two < 8.0 else 0.0
 
 
-@_compiled
+@compiled
 def _forward(wide: F32, second: F32, x: F32, targets: F32, ternary: bool, sums: F32, slopes: F32) -> None:
     """Fill `sums` with what the columns of `wide` make of a chunk, and `slopes` with derivatives by them.
 
@@ -141,7 +129,7 @@ def _forward(wide: F32, second: F32, x: F32, targets: F32, ternary: bool, sums: 
             slopes[unit, k] = back if sums[unit, k] > 0 else np.float32(0)
 
 
-@_reduced
+@reduced
 def _dot(one: F32, two: F32) -> float:
     total = np.float32(0)
     for k in range(_CHUNK):
@@ -149,7 +137,7 @@ def _dot(one: F32, two: F32) -> float:
     return float(total)
 
 
-@_compiled
+@compiled
 def _backward(x: F32, sums: F32, slopes: F32, by_wide: F32, by_second: F32) -> None:
     """Add a chunk's gradients by `wide` and `second`."""
     units = len(by_second)
@@ -163,7 +151,7 @@ def _backward(x: F32, sums: F32, slopes: F32, by_wide: F32, by_second: F32) -> N
             by_wide[row, column] += _dot(x[row], slopes[column])
 
 
-@_compiled
+@compiled
 def _adam(values: F32, gradient: F32, first: F64, second: F64, rate: float, momentum: float, at: int) -> None:
     """One step of Adam (Kingma and Ba 2014) on flat arrays."""
     correction = np.sqrt(1.0 - _SECOND_DECAY ** (at + 1))
@@ -175,7 +163,7 @@ def _adam(values: F32, gradient: F32, first: F64, second: F64, rate: float, mome
         values[k] -= length * first[k] / (np.sqrt(second[k]) / correction + 1e-8)
 
 
-@_compiled
+@compiled
 def _descend(
     wide: F32,
     second: F32,

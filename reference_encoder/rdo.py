@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,19 +25,22 @@ def choose_values(scaled: F64, weight: F64, classes: I64, rate: float) -> I64:
         classes: (N,) class numbers.
         rate: lambda.
     """
-    nearest = np.rint(scaled).astype(np.int64)
-    out = nearest.copy()
     order = np.argsort(classes, kind="stable")
-    edges = np.cumsum(np.bincount(classes))[:-1]
-    for here in np.split(order, edges):
-        for component in range(scaled.shape[1]):
-            column = scaled[here, component], nearest[here, component], weight[here, component]
-            out[here, component] = _choose_column(*column, rate)
+    edges = np.cumsum([0, *np.bincount(classes)])
+    # Values of a class and component side by side.
+    values, weights = (np.ascontiguousarray(each[order].T) for each in (scaled, np.broadcast_to(weight, scaled.shape)))
+    chosen = np.empty(values.shape, np.int64)
+    for first, last in pairwise(edges):
+        for column, x, heavy in zip(chosen, values, weights, strict=True):
+            column[first:last] = _choose_column(x[first:last], heavy[first:last], rate)
+    out = np.empty(scaled.shape, np.int64)
+    out[order] = chosen.T
     return out
 
 
-def _choose_column(x: F64, nearest: I64, weight: F64, rate: float) -> I64:
+def _choose_column(x: F64, weight: F64, rate: float) -> I64:
     """One component of one class."""
+    nearest = np.rint(x).astype(np.int64)
     if not len(x):
         return nearest
     other = nearest + np.where(x >= nearest, 1, -1)

@@ -8,18 +8,21 @@ together by a beam search, and the LATENT channel is fitted to what they leave.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from reference_encoder.codeword_search import CodewordSearch
 from reference_encoder.entropy.dataset import IndexRows
 from reference_encoder.entropy.model import IndexModel
 from reference_encoder.entropy.view import NetworkView
 from reference_encoder.leftovers import Leftovers, leftovers
 from reference_encoder.targets import Targets
 from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.tile import TileContent
 from scarfmt.writer import QuantisedScene
 
 I16 = NDArray[np.int16]
@@ -29,8 +32,8 @@ BEAM = 4
 """Partial choices kept from stage to stage."""
 _FINALISTS = 16
 """Whole choices that are compared by what they really cost."""
-_CHUNK = 512
-"""Anchors worked on at a time: prices of every codeword after each of their beams stay in the cache."""
+_CHUNK = 2048
+"""Anchors worked on at a time: fewer, and calls cost more than what they do."""
 
 
 def rechosen(
@@ -49,14 +52,19 @@ def rechosen(
         scene: whose indices `model` was trained on, books in the order of its clusters.
         report: told the fraction done.
     """
-    contents, first, rests = [], 0, leftovers(scene, targets)
-    for tile, content in enumerate(scene.contents):
-        part = slice(first, first + len(content))
-        rows = view.rows(scene, (tile,))
-        chooser = Chooser.of(scene, model, rows, targets.take(part), content.classes, rests)
-        contents.append(replace(content, indices=chooser.chosen(content.indices, beam)))
-        first = part.stop
-        report(first / max(len(targets.weight), 1))
+    rests, edges = leftovers(scene, targets), np.cumsum([0, *map(len, scene.contents)])
+
+    def content(tile: int) -> TileContent:
+        old, part = scene.contents[tile], slice(int(edges[tile]), int(edges[tile + 1]))
+        chooser = Chooser.of(scene, model, view.rows(scene, (tile,)), targets.take(part), old.classes, rests)
+        return replace(old, indices=chooser.chosen(old.indices, beam))
+
+    contents = []
+    # Tiles are chosen by themselves, so threads change nothing.
+    with ThreadPoolExecutor(torch.get_num_threads()) as pool:
+        for done in pool.map(content, range(len(scene.contents))):
+            contents.append(done)
+            report(int(edges[len(contents)]) / max(int(edges[-1]), 1))
     return targets.refined(replace(scene, contents=tuple(contents)))
 
 
@@ -66,7 +74,8 @@ class Chooser:
 
     Attributes:
         model: trained network.
-        books: (n, d) float32 codewords, coarse and residual.
+        searches: of the coarse and of the residual book.
+        started: G_0 and G_1 after every coarse codeword, (n, H) each.
         embedded: (rows, H) what the network sees round the anchor of each row.
         row: (n, M) row that codes each stage of each anchor, -1 for stages it does not get.
         latents: (n, d) float32.
@@ -76,7 +85,8 @@ class Chooser:
     """
 
     model: IndexModel
-    books: tuple[torch.Tensor, torch.Tensor]
+    searches: tuple[CodewordSearch, ...]
+    started: tuple[torch.Tensor, ...]
     embedded: torch.Tensor
     row: torch.Tensor
     latents: torch.Tensor
@@ -99,11 +109,14 @@ class Chooser:
         assert books is not None
         inputs = torch.from_numpy(rows.inputs)
         with torch.no_grad():
+            searches = _searches(books, model)
+            started = _started(model, len(books.coarse))
             parts = [model.embed(part.float(), True) for part in torch.split(inputs, _CHUNK)]
         embedded = torch.cat(parts) if parts else torch.zeros(0, model.shape.hidden)
         return cls(
             model,
-            _words(books),
+            searches,
+            started,
             embedded,
             torch.from_numpy(_row_of_stage(rows, len(targets.weight))),
             torch.from_numpy(targets.latents),
@@ -153,39 +166,48 @@ class Chooser:
         """Some good indices for each anchor, side by side: (m * w, stages) indices, what they leave, their bits."""
         count, owner = len(anchors), torch.arange(len(anchors))
         paths = torch.zeros(count, 0, dtype=torch.long)
-        left, spent = self.latents[anchors], torch.zeros(count)
+        left, spent, worth = self.latents[anchors], torch.zeros(count), self.worth[anchors]
         for stage in range(1, stages + 1):
-            book = self.books[min(stage - 1, 1)]
-            prices = self._prices(anchors[owner], paths, stage).add_(spent[:, None])
-            steep = left * rests.slope
-            scores = torch.addmm((book * book) @ rests.slope, steep, book.T, alpha=-2)
-            scores.add_((left * steep).sum(1, keepdim=True)).mul_(self.worth[anchors[owner], None]).add_(prices)
-            keep = min(beam if stage < stages else _FINALISTS, len(book))
-            place = torch.topk(scores.reshape(count, -1), keep, dim=1, largest=False).indices
-            before = (torch.arange(count)[:, None] * (len(owner) // count) + place // len(book)).flatten()
-            code = (place % len(book)).flatten()
-            paths, spent = torch.cat([paths[before], code[:, None]], 1), prices[before, code]
-            left, owner = left[before] - book[code], owner[before]
+            search = self._stage(stage)
+            y = self._context(anchors[owner], paths, stage)
+            keep = min(beam if stage < stages else _FINALISTS, len(search.words))
+            place, code, bits = search.cheapest(left, y, spent, worth, rests.slope, keep)
+            before, code = (torch.arange(count)[:, None] * (len(owner) // count) + place).flatten(), code.flatten()
+            paths, spent = torch.cat([paths[before], code[:, None]], 1), bits.flatten()
+            left, owner = left[before] - search.words[code], owner[before]
         return paths, left, spent
 
-    def _prices(self, anchors: torch.Tensor, paths: torch.Tensor, stage: int) -> torch.Tensor:
-        """(m, codewords) bits of every index of a stage after the earlier ones in `paths`."""
-        states = self.model.histories(paths, True, stage - 1)
-        y = self.model.context(self.embedded[self.row[anchors, stage - 1]], states, True)
-        return self.model.head(min(stage - 1, 1)).all_bits(y, True)
+    def _stage(self, stage: int) -> CodewordSearch:
+        return self.searches[min(stage - 1, 1)]
+
+    def _context(self, anchors: torch.Tensor, paths: torch.Tensor, stage: int) -> torch.Tensor:
+        """(m, Y) what a stage's head sees after the earlier indices in `paths`."""
+        if stage == 2:
+            states = [state[paths[:, 0]] for state in self.started]
+        else:
+            states = self.model.histories(paths, True, stage - 1)
+        return self.model.context(self.embedded[self.row[anchors, stage - 1]], states, True)
 
     def _cost(self, anchors: torch.Tensor, codes: torch.Tensor, rests: Leftovers) -> torch.Tensor:
         """(m,) bits of given indices, and of the error they leave."""
         left, spent = self.latents[anchors].clone(), torch.zeros(len(anchors))
         for stage in range(1, codes.shape[1] + 1):
-            code = codes[:, stage - 1]
-            spent += self._prices(anchors, codes[:, : stage - 1], stage).gather(1, code[:, None])[:, 0]
-            left -= self.books[min(stage - 1, 1)][code]
+            code, search = codes[:, stage - 1], self._stage(stage)
+            spent += search.head.bits(self._context(anchors, codes, stage), code, True)
+            left -= search.words[code]
         return spent + rests.costs(left, self.worth[anchors])
 
 
-def _words(books: Codebooks) -> tuple[torch.Tensor, torch.Tensor]:
-    return torch.from_numpy(books.coarse.astype(np.float32)), torch.from_numpy(books.residual.astype(np.float32))
+def _searches(books: Codebooks, model: IndexModel) -> tuple[CodewordSearch, ...]:
+    words = [torch.from_numpy(book.astype(np.float32)) for book in (books.coarse, books.residual)]
+    return tuple(CodewordSearch.of(words[number], model.head(number)) for number in range(len(model.heads)))
+
+
+def _started(model: IndexModel, codewords: int) -> tuple[torch.Tensor, ...]:
+    """G_0 and G_1 after every coarse codeword; nothing where there is no second stage."""
+    if model.stages < 2:
+        return ()
+    return tuple(model.histories(torch.arange(codewords)[:, None], True, 1))
 
 
 def _row_of_stage(rows: IndexRows, anchors: int) -> I64:

@@ -20,8 +20,8 @@ _NARROWEST, _WIDEST = 6, 64
 _INDICES_OF_EIGHT = 75_000
 _CODEWORD_DIMS = 24
 _FINE_WEIGHTS_FROM = 20
-_SMALLEST_BATCH, _LARGEST_BATCH = 64, 2048
-_RATE = 0.025
+_SMALLEST_BATCH, _LARGEST_BATCH = 64, 1024
+_RATE = 0.018
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class TrainingBudget:
 
 BUDGETS = {
     1: TrainingBudget(200_000, 400_000, 16),
-    2: TrainingBudget(800_000, 1_600_000, 32),
+    2: TrainingBudget(500_000, 1_000_000, 22),
     3: TrainingBudget(4_000_000, 10_000_000, 60),
 }
 

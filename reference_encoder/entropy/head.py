@@ -14,8 +14,9 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from reference_encoder.entropy.integers import TOTAL, UNIT, exact_bits, round_shift, rounded
-from reference_encoder.entropy.layers import Dense, Scale, geometric_bits
+from reference_encoder.entropy.integers import UNIT, exact_bits, round_shift, rounded
+from reference_encoder.entropy.layers import Dense, Scale
+from reference_encoder.entropy.softmax import range_bits
 
 if TYPE_CHECKING:
     from reference_encoder.entropy.model import NetworkShape
@@ -28,13 +29,13 @@ BIAS_STEP = 8
 _REACH = 3.0
 """Bits by which an output vector of one unit moves the logit of a typical codeword."""
 _NEVER = -1e6
-_DEAREST = 24.0
 
 
 class _Level(nn.Module):
     """One softmax: logits (<v_j, o> + beta_j) >> shift over vectors v_j, with o = W y."""
 
     vectors: torch.Tensor
+    scaled: torch.Tensor
 
     def __init__(self, shape: NetworkShape, vectors: I64, generator: torch.Generator) -> None:
         super().__init__()
@@ -44,6 +45,8 @@ class _Level(nn.Module):
         length = max(float(np.sqrt((vectors.astype(np.float64) ** 2).sum(axis=1).mean())), 1.0)
         self.shift = int(np.clip(round(float(np.log2(length * value.unit / (UNIT * _REACH)))), 0, 20))
         self.register_buffer("vectors", torch.from_numpy(vectors.astype(np.float32)))
+        self.scale = 2.0**-self.shift / UNIT
+        self.register_buffer("scaled", (self.vectors.T * self.scale).contiguous())
         self.beta = nn.Parameter(torch.zeros(len(vectors)))
         bound = int(np.abs(vectors).sum(axis=1).max(initial=0)) * shape.top + (64 * 32 << self.shift)
         assert bound < 1 << 24, "codewords leave no room for exact logits"
@@ -57,6 +60,10 @@ class _Level(nn.Module):
         """(k,) beta before the shift."""
         return rounded(self.beta * (UNIT / BIAS_STEP), exact).clamp(-160, 160) * float(BIAS_STEP << self.shift)
 
+    def bits(self, y: torch.Tensor, exact: bool, ranges: torch.Tensor, symbols: torch.Tensor) -> torch.Tensor:
+        """(n,) bits of `symbols` among those in `ranges` (n, 2), but for the rounding of logits and frequencies."""
+        return range_bits(self.outputs(y, exact), self.biases(exact) * self.scale, self.scaled, ranges, symbols)
+
 
 class HeadModel(nn.Module):
     """A flat or two-level head over one codebook."""
@@ -65,6 +72,7 @@ class HeadModel(nn.Module):
     cluster_of: torch.Tensor
     place: torch.Tensor
     members: torch.Tensor
+    ranges: torch.Tensor
     alone: torch.Tensor
 
     def __init__(self, shape: NetworkShape, words: I64, sizes: Sequence[int], generator: torch.Generator) -> None:
@@ -84,6 +92,7 @@ class HeadModel(nn.Module):
         self.register_buffer("cluster_of", torch.from_numpy(cluster_of))
         self.register_buffer("place", torch.from_numpy(np.arange(self.count) - starts[cluster_of]))
         self.register_buffer("members", torch.from_numpy(members))
+        self.register_buffer("ranges", torch.from_numpy(np.stack([starts, starts + np.array(sizes)], axis=1)))
         self.register_buffer("alone", torch.from_numpy(np.array(sizes) == 1))
 
     def level(self, number: int) -> _Level:
@@ -120,23 +129,12 @@ class HeadModel(nn.Module):
     def bits(self, y: torch.Tensor, codes: torch.Tensor, exact: bool) -> torch.Tensor:
         """(n,) bits of `codes`, but for the rounding of logits and frequencies."""
         if not self.sizes:
-            return _soft_bits(self.logits(y, exact), codes, self.count)
+            return self.level(0).bits(y, exact, torch.tensor([[0, self.count]]).expand(len(y), 2), codes)
         cluster = self.cluster_of[codes]
-        first = _soft_bits(self.logits(y, exact), cluster, len(self.sizes))
+        first = self.level(0).bits(y, exact, torch.tensor([[0, len(self.sizes)]]).expand(len(y), 2), cluster)
         more = torch.nonzero(~self.alone[cluster])[:, 0]
-        logits = self.member_logits(y[more], cluster[more], exact)
-        return first.index_add(0, more, _soft_bits(logits, self.place[codes[more]], logits.shape[1]))
-
-    def all_bits(self, y: torch.Tensor, exact: bool) -> torch.Tensor:
-        """(n, codewords) bits of every codeword: prices to choose by, at most 24 a level."""
-        first = _prices(self.logits(y, exact))
-        if not self.sizes:
-            return first
-        level = self.level(1)
-        sums = torch.addmm(level.biases(exact), level.outputs(y, exact), level.vectors.T)
-        members = torch.split(round_shift(sums, level.shift, exact), list(self.sizes), 1)
-        # A cluster of one costs nothing more: the only symbol has probability 1.
-        return torch.cat([_prices(part) for part in members], 1).add_(first[:, self.cluster_of])
+        second = self.level(1).bits(y[more], exact, self.ranges[cluster[more]], codes[more])
+        return first.index_add(0, more, second)
 
     def exact_bits(self, y: torch.Tensor, codes: torch.Tensor) -> torch.Tensor:
         """(n,) float64 bits of `codes` under the integer frequencies."""
@@ -151,21 +149,6 @@ class HeadModel(nn.Module):
                 out[here] += exact_bits(logits, self.place[codes[here]])
         return out
 
-    def bias_cost(self) -> torch.Tensor:
-        """Bits of the biases, coded as differences."""
-        parts = []
-        for level in (cast(_Level, module) for module in self.levels):
-            parts.append(geometric_bits(torch.diff(level.beta) * (UNIT / BIAS_STEP)))
-        return torch.stack(parts).sum()
-
-
-def _soft_bits(logits: torch.Tensor, symbols: torch.Tensor, count: int) -> torch.Tensor:
-    """(n,) bits of `symbols`; no frequency is below 1 of 2^24."""
-    natural = nn.functional.cross_entropy(logits * (np.log(2) / UNIT), symbols, reduction="none")
-    share = torch.exp(-natural) * (1 - count / TOTAL) + 1 / TOTAL
-    return -torch.log2(share)
-
-
-def _prices(logits: torch.Tensor) -> torch.Tensor:
-    """(n, k) bits of every symbol from (n, k) logits in 32nds of a bit."""
-    return torch.log_softmax(logits * (np.log(2) / UNIT), 1).mul_(-1 / np.log(2)).clamp_max_(_DEAREST)
+    def bias_steps(self) -> list[torch.Tensor]:
+        """Biases as they are coded: as differences, of each level."""
+        return [torch.diff(cast(_Level, level).beta) * (UNIT / BIAS_STEP) for level in self.levels]

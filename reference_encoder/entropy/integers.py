@@ -8,9 +8,17 @@ from __future__ import annotations
 
 from typing import Any, cast
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 
+from reference_encoder.jit import compiled
 from scarfmt.neural.tables import EXP2, SIGMOID, TANH
+
+F32 = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+
+_HALF, _NOTHING = np.float32(0.5), np.float32(0)
 
 _TANH = torch.tensor([*(-v for v in reversed(TANH[1:])), *TANH], dtype=torch.float32)
 _SIGMOID = torch.tensor([*(4096 - v for v in reversed(SIGMOID[1:])), *SIGMOID], dtype=torch.float32)
@@ -30,6 +38,39 @@ class _Round(torch.autograd.Function):
     @staticmethod
     def backward(_ctx: Any, grad: torch.Tensor) -> torch.Tensor:
         return grad
+
+
+@compiled
+def _settle(x: F32, scale: np.float32, low: np.float32, high: np.float32, out: F32, free: Bools) -> None:
+    """Fill `out` with round(x * scale), clamped, and `free` with where the clamp did nothing."""
+    for k in range(len(x)):
+        value = np.floor(x[k] * scale + _HALF)
+        free[k] = (value >= low) & (value <= high)
+        out[k] = min(max(value, low), high)
+
+
+@compiled
+def _unsettle(grad: F32, free: Bools, scale: np.float32, out: F32) -> None:
+    for k in range(len(grad)):
+        out[k] = grad[k] * scale if free[k] else _NOTHING
+
+
+class _Settle(torch.autograd.Function):
+    """Rounding shift and clamp in one pass."""
+
+    @staticmethod
+    def forward(ctx: Any, x: torch.Tensor, scale: float, low: float, high: float) -> torch.Tensor:
+        values = np.ascontiguousarray(x.detach().numpy())
+        out, ctx.free, ctx.scale = np.empty_like(values), np.empty(values.shape, np.bool_), np.float32(scale)
+        _settle(values.ravel(), ctx.scale, np.float32(low), np.float32(high), out.ravel(), ctx.free.ravel())
+        return torch.from_numpy(out)
+
+    @staticmethod
+    def backward(ctx: Any, grad: torch.Tensor) -> Any:
+        given = np.ascontiguousarray(grad.numpy())
+        out = np.empty_like(given)
+        _unsettle(given.ravel(), ctx.free.ravel(), ctx.scale, out.ravel())
+        return torch.from_numpy(out), None, None, None
 
 
 class _Table(torch.autograd.Function):
@@ -67,6 +108,13 @@ def limited(x: torch.Tensor, low: float, high: float, exact: bool) -> torch.Tens
     if exact:
         return x.clamp(low, high)
     return x.clamp_min(0) if low == 0 else x
+
+
+def settled(x: torch.Tensor, shift: int, low: float, high: float, exact: bool) -> torch.Tensor:
+    """`x` / 2^`shift` to nearest, ties up, and clamped."""
+    if exact:
+        return cast(torch.Tensor, _Settle.apply(x, 2.0**-shift, low, high))  # type: ignore[no-untyped-call]
+    return limited(x * 2.0**-shift, low, high, False)
 
 
 def sigmoid12(x: torch.Tensor, exact: bool) -> torch.Tensor:

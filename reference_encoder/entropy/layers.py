@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -10,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from reference_encoder.entropy.integers import limited, round_shift, rounded
+from reference_encoder.entropy.integers import rounded, settled
 
 F64 = NDArray[np.float64]
 
@@ -143,11 +144,12 @@ class Dense(nn.Module):
 
     def forward(self, x: torch.Tensor, exact: bool, low: float, high: float) -> torch.Tensor:
         """(n, rows) shifted and clamped."""
-        return limited(round_shift(self.sums(x, exact), self.shift, exact), low, high, exact)
+        return settled(self.sums(x, exact), self.shift, low, high, exact)
 
 
-def geometric_bits(values: torch.Tensor) -> torch.Tensor:
-    """Bits of integers near `values` under the two-sided geometric law of their mean magnitude."""
-    mean = values.abs().mean().clamp_min(1e-4)
+def geometric_bits(parts: Sequence[torch.Tensor]) -> torch.Tensor:
+    """Bits of integers near the values of each part under the two-sided geometric law of the part's mean magnitude."""
+    mean = torch.stack([part.abs().mean() for part in parts]).clamp_min(1e-4)
     ratio = mean / (torch.sqrt(1 + mean * mean) + 1)
-    return values.numel() * (torch.log2((1 + ratio) / (1 - ratio)) - mean * torch.log2(ratio))
+    counts = torch.tensor([part.numel() for part in parts])
+    return (counts * (torch.log2((1 + ratio) / (1 - ratio)) - mean * torch.log2(ratio))).sum()

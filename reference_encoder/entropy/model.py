@@ -24,6 +24,7 @@ from reference_encoder.entropy.integers import (
     limited,
     round_shift,
     rounded,
+    settled,
     sigmoid12,
     tanh12,
 )
@@ -151,7 +152,7 @@ class GruModel(nn.Module):
         (pz, pr, pn), (hz, hr, hn) = px.chunk(3, 1), ph.chunk(3, 1)
         z = sigmoid12(round_shift(pz + hz, self.shift, exact), exact)
         r = sigmoid12(round_shift(pr + hr, self.shift, exact), exact)
-        seen = limited(round_shift(hn, self.shift, exact), -_GATE_LIMIT, _GATE_LIMIT, exact)
+        seen = settled(hn, self.shift, -_GATE_LIMIT, _GATE_LIMIT, exact)
         new = tanh12(round_shift(pn, self.shift, exact) + round_shift(r * seen, 12, exact), exact)
         new = round_shift(new, 12 - self.shape.activation_bits, exact).clamp(-self.shape.top, self.shape.top)
         return round_shift(z * state + (SIGMOID_ONE - z) * new, 12, exact)
@@ -177,7 +178,7 @@ class AttentionModel(nn.Module):
         scores = torch.stack([round_shift((query * key).sum(1), self.shift, exact) for key in keys], 1)
         shares = _shares(scores, exact)
         values = torch.stack([self.value(state, exact, -self.top, self.top) for state in states], 1)
-        return limited(round_shift((shares[:, :, None] * values).sum(1), 8, exact), -self.top, self.top, exact)
+        return settled((shares[:, :, None] * values).sum(1), 8, -self.top, self.top, exact)
 
 
 def _shares(scores: torch.Tensor, exact: bool) -> torch.Tensor:
@@ -287,11 +288,11 @@ class IndexModel(nn.Module):
 
     def weight_bits(self) -> torch.Tensor:
         """About how many bits the network takes in the file."""
-        costs = [geometric_bits(m.scaled()) for m in self.modules() if isinstance(m, Dense) and not m.frozen]
-        costs += [head.bias_cost() for head in self.heads if isinstance(head, HeadModel)]
+        parts = [m.scaled() for m in self.modules() if isinstance(m, Dense) and not m.frozen]
+        parts += [steps for head in self.heads if isinstance(head, HeadModel) for steps in head.bias_steps()]
         counted = sum(m.bias.numel() for m in self.modules() if isinstance(m, Dense) and m.biased and not m.frozen)
         counted += sum(layer.biases.numel() + layer.start.numel() for layer in self.layers)
-        return torch.stack(costs).sum() + BIAS_BITS * counted
+        return geometric_bits(parts) + BIAS_BITS * counted
 
 
 def _codewords(books: Sequence[I64], shape: NetworkShape) -> tuple[int, list[I64]]:

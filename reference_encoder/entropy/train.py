@@ -6,7 +6,8 @@ of a scene there is no overfitting that this sum does not show. Same rows, optio
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -160,10 +161,37 @@ def train(
 ) -> Trained:
     """Train a network on `rows`, codes in the order of the `clusters` of `books`.
 
+    On one thread: sums of gradients, and with them the file, would depend on how many there are.
+
     Args:
         start: a network of the same shape to go on from (it is changed).
         grid, lookup: a hash grid to learn along (it is changed), and what it reads for each row.
     """
+    with _one_thread():
+        return _trained(rows, books, clusters, shape, options, report, start, grid, lookup)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+def _trained(
+    rows: IndexRows,
+    books: Codebooks,
+    clusters: Sequence[Sequence[int]],
+    shape: NetworkShape,
+    options: TrainOptions,
+    report: Callable[[float], None],
+    start: IndexModel | None,
+    grid: BinaryGrid | None,
+    lookup: Lookup | None,
+) -> Trained:
     features = 0 if grid is None else sum(level.features for level in grid.levels)
     model = build(rows, books, clusters, shape, options.seed, features) if start is None else start
     examples, draw = Examples(rows, grid, lookup), np.random.default_rng(options.seed)

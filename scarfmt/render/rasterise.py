@@ -43,6 +43,8 @@ _PIXELS = TILE * TILE
 # not overlap and turns the loop over a row into vector code.
 _TRANSMITTANCE, _OPEN, _COLOUR, _FINAL, _LANES = 0, _PIXELS, 2 * _PIXELS, 5 * _PIXELS, 8 * _PIXELS
 _STATE = 8 * _PIXELS + 4 * TILE
+# Columns worked on together: enough for most splats, and for vectors.
+_SPAN = TILE // 2
 # Splats between two looks at whether any pixel of the tile is still open.
 _CHECK_EVERY = 16
 
@@ -111,6 +113,17 @@ def _last_row(splat: F64, top: float) -> int:
 
 
 @device
+def _spans(splat: F64, left: float) -> tuple[int, int]:
+    """First column of the tile starting at `left` to work on, and the column after the last: one span or all."""
+    first = int(max(0.0, np.ceil(splat[MEAN_X] - splat[HALF_X] - left - 0.5)))
+    last = int(min(TILE - 1.0, np.floor(splat[MEAN_X] + splat[HALF_X] - left - 0.5)))
+    if last - first >= _SPAN:
+        return 0, TILE
+    begin = min(first, TILE - _SPAN)
+    return begin, begin + _SPAN
+
+
+@device
 def _open_tile(state: F64, wide: int, high: int) -> None:
     """Start a tile of which `wide` x `high` pixels lie in the picture; the others count as closed."""
     for pixel in range(_PIXELS):
@@ -162,23 +175,26 @@ def _blend(state: F64, splat: F64, left: float, top: float) -> None:
     dx0 = left + 0.5 - splat[MEAN_X]
     first_row, last_row = _first_row(splat, top), _last_row(splat, top)
     # Constant loop bounds let LLVM see that no index is negative, without which it does not vectorise.
-    for row in range(TILE):
-        if row < first_row or row > last_row:
-            continue
-        dy = top + row + 0.5 - splat[MEAN_Y]
-        for column in range(TILE):
-            pixel = row * TILE + column
-            dx = dx0 + column
-            alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
-            before = state[_TRANSMITTANCE + pixel]
-            after = before * (1.0 - alpha)
-            still = state[_OPEN + pixel] if after >= MIN_TRANSMITTANCE else 0.0
-            weight = alpha * before * still
-            state[_OPEN + pixel] = still
-            state[_TRANSMITTANCE + pixel] = after if still > 0.0 else before
-            state[_COLOUR + pixel] += weight * red
-            state[_COLOUR + _PIXELS + pixel] += weight * green
-            state[_COLOUR + 2 * _PIXELS + pixel] += weight * blue
+    begin, end = _spans(splat, left)
+    for first_column in range(begin, end, _SPAN):
+        planes = state[first_column:]
+        for row in range(TILE):
+            if row < first_row or row > last_row:
+                continue
+            dy = top + row + 0.5 - splat[MEAN_Y]
+            for place in range(_SPAN):
+                pixel = row * TILE + place
+                dx = dx0 + (first_column + place)
+                alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
+                before = planes[_TRANSMITTANCE + pixel]
+                after = before * (1.0 - alpha)
+                still = planes[_OPEN + pixel] if after >= MIN_TRANSMITTANCE else 0.0
+                weight = alpha * before * still
+                planes[_OPEN + pixel] = still
+                planes[_TRANSMITTANCE + pixel] = after if still > 0.0 else before
+                planes[_COLOUR + pixel] += weight * red
+                planes[_COLOUR + _PIXELS + pixel] += weight * green
+                planes[_COLOUR + 2 * _PIXELS + pixel] += weight * blue
 
 
 @device
@@ -240,37 +256,40 @@ def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
     first_row, last_row = _first_row(splat, top), _last_row(splat, top)
     for lane in range(4 * TILE):
         state[_LANES + lane] = 0.0
-    for row in range(TILE):
-        if row < first_row or row > last_row:
-            continue
-        dy = top + row + 0.5 - splat[MEAN_Y]
-        for column in range(TILE):
-            pixel = row * TILE + column
-            dx = dx0 + column
-            alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
-            before = state[_TRANSMITTANCE + pixel]
-            after = before * (1.0 - alpha)
-            still = state[_OPEN + pixel] if after >= MIN_TRANSMITTANCE else 0.0
-            weight = alpha * before * still
-            state[_OPEN + pixel] = still
-            state[_TRANSMITTANCE + pixel] = after if still > 0.0 else before
-            mixed_red = state[_COLOUR + pixel] + weight * red
-            mixed_green = state[_COLOUR + _PIXELS + pixel] + weight * green
-            mixed_blue = state[_COLOUR + 2 * _PIXELS + pixel] + weight * blue
-            state[_COLOUR + pixel] = mixed_red
-            state[_COLOUR + _PIXELS + pixel] = mixed_green
-            state[_COLOUR + 2 * _PIXELS + pixel] = mixed_blue
-            share = 1.0 / max(after, MIN_TRANSMITTANCE)
-            over_red = red - (state[_FINAL + pixel] - mixed_red) * share
-            over_green = green - (state[_FINAL + _PIXELS + pixel] - mixed_green) * share
-            over_blue = blue - (state[_FINAL + 2 * _PIXELS + pixel] - mixed_blue) * share
-            squared = weight * weight
-            contrast = over_red * over_red + over_green * over_green + over_blue * over_blue
-            largest = state[_LANES + 3 * TILE + column]
-            state[_LANES + column] += weight
-            state[_LANES + TILE + column] += squared
-            state[_LANES + 2 * TILE + column] += squared * contrast
-            state[_LANES + 3 * TILE + column] = weight if weight > largest else largest
+    begin, end = _spans(splat, left)
+    for first_column in range(begin, end, _SPAN):
+        planes = state[first_column:]
+        for row in range(TILE):
+            if row < first_row or row > last_row:
+                continue
+            dy = top + row + 0.5 - splat[MEAN_Y]
+            for place in range(_SPAN):
+                pixel = row * TILE + place
+                dx = dx0 + (first_column + place)
+                alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
+                before = planes[_TRANSMITTANCE + pixel]
+                after = before * (1.0 - alpha)
+                still = planes[_OPEN + pixel] if after >= MIN_TRANSMITTANCE else 0.0
+                weight = alpha * before * still
+                planes[_OPEN + pixel] = still
+                planes[_TRANSMITTANCE + pixel] = after if still > 0.0 else before
+                mixed_red = planes[_COLOUR + pixel] + weight * red
+                mixed_green = planes[_COLOUR + _PIXELS + pixel] + weight * green
+                mixed_blue = planes[_COLOUR + 2 * _PIXELS + pixel] + weight * blue
+                planes[_COLOUR + pixel] = mixed_red
+                planes[_COLOUR + _PIXELS + pixel] = mixed_green
+                planes[_COLOUR + 2 * _PIXELS + pixel] = mixed_blue
+                share = 1.0 / max(after, MIN_TRANSMITTANCE)
+                over_red = red - (planes[_FINAL + pixel] - mixed_red) * share
+                over_green = green - (planes[_FINAL + _PIXELS + pixel] - mixed_green) * share
+                over_blue = blue - (planes[_FINAL + 2 * _PIXELS + pixel] - mixed_blue) * share
+                squared = weight * weight
+                contrast = over_red * over_red + over_green * over_green + over_blue * over_blue
+                largest = planes[_LANES + 3 * TILE + place]
+                planes[_LANES + place] += weight
+                planes[_LANES + TILE + place] += squared
+                planes[_LANES + 2 * TILE + place] += squared * contrast
+                planes[_LANES + 3 * TILE + place] = weight if weight > largest else largest
     for quantity in range(4):
         out[quantity] = 0.0
     for column in range(TILE):

@@ -67,6 +67,18 @@ def _bits(trained: Trained, rows: IndexRows, exact: bool = True) -> NDArray[np.f
     return measure(trained.model, Examples(rows), exact) / len(rows)
 
 
+def test_the_network_does_not_depend_on_the_number_of_threads() -> None:
+    """Batches are large enough here for torch to share them out."""
+    draw = np.random.default_rng(7)
+    rows, found = _rows(draw.integers(-200, 200, (8192, 40)), draw.integers(0, 8, (8192, 2))), []
+    for threads in (1, 2):
+        torch.set_num_threads(threads)
+        trained = _train(rows, _books(), replace(QUICK, epochs=1, batch=4096))
+        found.append([parameter.detach() for parameter in trained.model.parameters()])
+        assert torch.get_num_threads() == threads
+    assert all(torch.equal(one, two) for one, two in zip(*found, strict=True))
+
+
 def test_an_index_that_the_class_decides_is_learnt() -> None:
     """3 bits without knowledge of the class."""
     draw = np.random.default_rng(1)
@@ -261,9 +273,9 @@ def test_weight_cost_is_near_the_entropy_of_the_weights() -> None:
         values = np.rint(draw.laplace(size=20000) * scale)
         shares = np.unique(values, return_counts=True)[1] / len(values)
         entropy = float(-(shares * np.log2(shares)).sum())
-        cost = float(geometric_bits(torch.tensor(values, dtype=torch.float32))) / len(values)
+        cost = float(geometric_bits([torch.tensor(values, dtype=torch.float32)])) / len(values)
         assert cost == pytest.approx(entropy, rel=0.05)
-    assert float(geometric_bits(torch.zeros(100))) < 1
+    assert float(geometric_bits([torch.zeros(100)])) < 1
 
 
 def test_larger_scenes_get_wider_networks_and_bounded_training() -> None:
