@@ -216,7 +216,7 @@ def _predicted(
 ) -> PredictedChannel | None:
     """The predictors of a channel's steps in a layer, None where none of those that travel has any."""
     stream = context.model.channels[index].stream
-    if not any(predictors.step(stream, step) for step in steps_coded(*steps)):
+    if stream not in predictors.streams or not any(predictors.step(stream, step) for step in steps_coded(*steps)):
         return None
     return PredictedChannel(context, index, predictors, values, steps[0])
 

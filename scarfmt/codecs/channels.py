@@ -202,11 +202,12 @@ def _put_compiled(
             continue
         given = np.zeros(values.shape, np.int32)
         given[chosen] = coarsen(values[chosen], (at[chosen] - step)[:, None])
-        parts, around = [chosen], None
-        if predicted is not None:
-            parts, around = predicted.passes(step, chosen), predicted.surroundings(library, step)
+        parts, around, predictors = [chosen], None, None
+        if predicted is not None and predicted.covers(step):
+            parts, around = predicted.passes(chosen), predicted.surroundings
+            predictors = predicted.packed(step)
         key = StepKey(channel.stream, tuple(range(channel.components)), step)
-        for kinds, symbols in target.write(step, parts, given, around):
+        for kinds, symbols in target.write(step, parts, given, around, predictors):
             emitter.emit_grouped(key, kinds, symbols)
 
 
@@ -220,26 +221,26 @@ def _get_compiled(
     first: Sequence[I32],
     predicted: PredictedChannel | None,
 ) -> None:
-    """As :func:`get_channel`, a call of the compiled library for each step."""
-    before, after = steps
-    target = KernelChannel(compiled.functions, channel, classes, values, first, before.astype(np.int64))
-    for step in steps_coded(before, after):
-        chosen = np.flatnonzero((before < step) & (after >= step))
-        if not len(chosen):
-            continue
-        key = StepKey(channel.stream, tuple(range(channel.components)), step)
-        parts, around = [chosen], None
-        if predicted is not None:
-            parts, around = predicted.passes(step, chosen), predicted.surroundings(compiled.functions, step)
-            predicted.count(step, len(chosen))
-        read = target.read(compiled, step, parts, reader.packed(key), around)
-        if read == BAD_TRIT:
-            raise _bad_trit()
-        if read == VALUE_RANGE:
-            raise _value_range(channel)
-        if read != ALL_READ:
-            raise missing_table(key.table(read))
-        reader.static += len(chosen) * channel.components
+    """As :func:`get_channel`, one call of the compiled library."""
+    coded = steps_coded(*steps)
+    if not coded:
+        return
+    at = np.empty(len(classes), np.int64)
+    target = KernelChannel(compiled.functions, channel, classes, values, first, at)
+    tables = reader.tables.packed_steps(channel.stream, channel.components, coded)
+    around = predictors = None
+    if predicted is not None:
+        around, predictors = predicted.surroundings, predicted.packed_steps(coded)
+    found, at_step, received = target.read(compiled, coded, steps, tables, around, predictors)
+    if found == BAD_TRIT:
+        raise _bad_trit()
+    if found == VALUE_RANGE:
+        raise _value_range(channel)
+    if found != ALL_READ:
+        raise missing_table(StepKey(channel.stream, tuple(range(channel.components)), at_step).table(found))
+    reader.static += sum(received) * channel.components
+    if predicted is not None:
+        predicted.count(coded, received)
 
 
 def steps_coded(before: I64, after: I64) -> range:

@@ -28,6 +28,7 @@ from scarfmt.neural.products import NetworkWork, grid_products
 from scarfmt.symbols import Emitter, GroupEmitter, SymbolReader
 
 I16 = NDArray[np.int16]
+I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -120,13 +121,13 @@ class Around:
 
     Attributes:
         context: of the tile-layer.
-        settled: (n, A) fine values of the attribute channels.
+        settled: (n, A) int32 fine values of the attribute channels.
         means: over the anchors whose indices are known.
         grid: (n, features) int16 of the anchors to be coded.
     """
 
     context: LayerContext
-    settled: I64
+    settled: I32
     means: CellSums | KernelCellSums
     grid: I16
 

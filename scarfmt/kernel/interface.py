@@ -70,7 +70,13 @@ class Members(Structure):
 class Cells(Structure):
     """Sums over the anchors of each cell."""
 
-    _fields_ = (("depths", c_int64), ("columns", c_int64), ("cell", c_void_p * DEPTHS), ("sums", c_void_p * DEPTHS))
+    _fields_ = (
+        ("depths", c_int64),
+        ("columns", c_int64),
+        ("cell", c_void_p * DEPTHS),
+        ("sums", c_void_p * DEPTHS),
+        ("sizes", c_int64 * DEPTHS),
+    )
 
 
 class Predictor(Structure):
@@ -90,27 +96,34 @@ class Predictor(Structure):
 class Rule(Structure):
     """One component's static context."""
 
+    _fields_ = tuple((name, c_int64) for name in ("by_class", "low", "shift", "source", "component", "columns"))
+
+
+class Channel(Structure):
+    """One channel in one tile-layer."""
+
     _fields_ = (
-        ("by_class", c_int64),
-        ("low", c_int64),
-        ("shift", c_int64),
-        ("source_columns", c_int64),
-        ("source", c_void_p),
+        ("count", c_int64),
+        ("components", c_int64),
+        *((name, c_void_p) for name in ("classes", "values", "first", "steps", "rules", "sources", "settled")),
+        ("settled_columns", c_int64),
+        ("settled_stride", c_int64),
+        ("cells", Cells),
+        *((name, c_void_p) for name in ("inputs", "kind", "symbols", "order", "counts")),
+        ("step", c_int64),
+        *((name, c_void_p) for name in ("predictors", "tables", "given", "kinds_out", "symbols_out")),
     )
 
 
-class Step(Structure):
-    """One step of one channel in one tile-layer."""
+class Layer(Structure):
+    """What a layer brings of a channel."""
 
     _fields_ = (
-        *((name, c_int64) for name in ("step", "components", "settled_columns", "shared", "passes", "predicted")),
-        *((name, c_void_p) for name in ("classes", "settled", "values", "first", "steps", "anchors", "ends")),
-        ("predictors", POINTER(Predictor)),
-        ("rules", POINTER(Rule)),
-        ("cells", Cells),
-        ("tables", POINTER(Tables)),
-        *((name, c_void_p) for name in ("inputs", "kind", "symbols", "order", "counts")),
-        *((name, c_void_p) for name in ("given", "kinds_out", "symbols_out")),
+        ("start", c_int64),
+        ("stop", c_int64),
+        *((name, c_void_p) for name in ("before", "after", "by_code")),
+        ("passes_log2", c_int64),
+        *((name, c_void_p) for name in ("tables", "predictors", "chosen", "anchors", "read")),
     )
 
 
@@ -168,7 +181,7 @@ class Embedding(Structure):
     )
 
 
-INTERFACE = 1
+INTERFACE = 2
 """That of kernel.h: a library built before its last change would be called with wrong arguments."""
 
 _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
@@ -184,13 +197,14 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_spans_logits": (None, [c_void_p, c_void_p, c_int64, c_int64, *[c_void_p] * 4]),
     "scar_rans_encode": (c_int64, [c_void_p, c_void_p, c_int64, c_void_p]),
     "scar_rans_members": (None, [POINTER(Rans), POINTER(Members), c_void_p, c_void_p, c_int64, *[c_void_p] * 6]),
-    "scar_fine": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
+    "scar_fine": (None, [c_void_p, c_void_p, c_int64, c_int64, c_int64, c_void_p]),
     "scar_cells_add": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p]),
     "scar_cells_around": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p, c_void_p]),
     "scar_positions": (c_int64, [POINTER(Rans), POINTER(Positions), POINTER(Tables)]),
     "scar_grid": (None, [POINTER(Grid), c_void_p, c_int64, c_void_p]),
     "scar_embedding_inputs": (None, [POINTER(Embedding), POINTER(Cells), c_void_p, c_void_p, c_int64, c_void_p]),
-    "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Step), c_int64]),
+    "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Channel), c_void_p, c_void_p, c_int64]),
+    "scar_channel_layer": (c_int64, [POINTER(Rans), POINTER(Channel), POINTER(Layer)]),
 }
 
 

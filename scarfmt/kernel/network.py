@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from scarfmt.neural.network import IndexNetwork
 
 I16 = NDArray[np.int16]
+I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 F32 = NDArray[np.float32]
 Ints = NDArray[np.integer[Any]]
@@ -39,18 +40,18 @@ def kernel_embedding_inputs(
     network: IndexNetwork,
     cells: KernelCellSums,
     classes: I64,
-    settled: I64,
+    settled: I32,
     features: I16,
     chosen: tuple[I64, I64],
 ) -> F32:
     """(m, width) float32 integers: the input columns of m anchors.
 
     Args:
-        classes, settled, features: of all anchors: (n,), (n, A) int64 and (n, grid) int16.
+        classes, settled, features: of all anchors: (n,) int64, (n, A) int32 and (n, grid) int16.
         chosen: (m,) numbers of the anchors, and their rows in `cells`.
     """
     inputs = network.inputs
-    types = (np.int64, np.int64, np.int16, np.int64, np.int64)
+    types = (np.int64, np.int32, np.int16, np.int64, np.int64)
     given = zip((classes, settled, features, *chosen), types, strict=True)
     arrays = [np.ascontiguousarray(array, dtype) for array, dtype in given]
     kinds, fine, grid, anchors, rows = (array.ctypes.data for array in arrays)

@@ -75,6 +75,14 @@ class PackedTables:
         return np.flatnonzero(self._used)
 
 
+class PackedSteps:
+    """The tables of consecutive steps of a channel."""
+
+    def __init__(self, steps: Sequence[PackedTables]) -> None:
+        self._kept = steps
+        self.array = (ctypes.c_void_p * len(steps))(*(ctypes.addressof(tables.pointer.contents) for tables in steps))
+
+
 def _prefix_sums(weights: I64, sizes: I64, starts: I64) -> NDArray[np.uint32]:
     """Cumulative frequencies of all tables (SPEC §8.1), each with its 2^24 at the end."""
     running = np.concatenate(([0], np.cumsum(weights)))
