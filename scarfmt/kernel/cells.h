@@ -84,6 +84,20 @@ INLINE void add_to_cells(const Cells *cells, int64_t anchor, const double *numbe
     }
 }
 
+#define MOST_PASSES 4
+
+/* Splits m anchors by code into passes (SPEC 10.2); returns how many there are. */
+INLINE int64_t split_passes(const int64_t *chosen, int64_t m, int64_t passes_log2, int64_t *out, int64_t *ends) {
+    int64_t step = (int64_t)1 << passes_log2, made = 0, passes = 0;
+    for (int64_t i = 0; i < m; i += step) out[made++] = chosen[i];
+    ends[passes++] = made;
+    for (; step > 1; step /= 2) {
+        for (int64_t i = step / 2; i < m; i += step) out[made++] = chosen[i];
+        ends[passes++] = made;
+    }
+    return passes;
+}
+
 INLINE void empty_cells(const Cells *cells) {
     for (int64_t d = 0; d < cells->depths; d++)
         for (int64_t i = 0; i < cells->sizes[d] * (cells->columns + 1); i++) cells->sums[d][i] = 0;

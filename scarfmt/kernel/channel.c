@@ -8,7 +8,6 @@ scarfmt/neural/predictors.py define. */
 #define CLASS_INPUT 64.0f
 #define KINDS 256     /* contexts of a component */
 #define MOST_COMPONENTS 64
-#define MOST_PASSES 4
 #define CLASS_KINDS 16
 #define TILE 64       /* anchors whose values stay in the cache while component after component is looked at */
 #define BAD_TRIT (-2)
@@ -111,11 +110,6 @@ INLINE void block_inputs(const Channel *s, const int64_t *anchors, float *x) {
             }
         }
     }
-}
-
-/* The i-th anchor of a pass and those after it; lanes beyond the last repeat it. */
-INLINE void block_anchors(const int64_t *anchors, int64_t wide, int64_t i, int64_t *out) {
-    for (int64_t j = 0; j < BLOCK; j++) out[j] = anchors[i + j < wide ? i + j : wide - 1];
 }
 
 /* Context numbers of a component's symbols in a block, of its `x` and the component's own inputs. */
@@ -370,18 +364,6 @@ static int64_t choose_anchors(const Channel *s, const Layer *l, int64_t *out) {
         chosen += l->before[anchor] < s->step && l->after[anchor] >= s->step;
     }
     return chosen;
-}
-
-/* Splits m anchors by code into passes (SPEC 10.2); returns how many there are. */
-static int64_t split_passes(const int64_t *chosen, int64_t m, int64_t passes_log2, int64_t *out, int64_t *ends) {
-    int64_t step = (int64_t)1 << passes_log2, made = 0, passes = 0;
-    for (int64_t i = 0; i < m; i += step) out[made++] = chosen[i];
-    ends[passes++] = made;
-    for (; step > 1; step /= 2) {
-        for (int64_t i = step / 2; i < m; i += step) out[made++] = chosen[i];
-        ends[passes++] = made;
-    }
-    return passes;
 }
 
 /* Reads all steps of a layer; the rest as for scar_channel_step. What is wrong is wrong in step `s->step`. */

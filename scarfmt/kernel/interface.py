@@ -13,7 +13,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from scarfmt.errors import LimitExceeded
 
-DEPTHS = 4
+DEPTHS, HEADS, GRU_LAYERS = 4, 2, 4
 MOST_SYMBOLS = (1 << 31) - 1
 """Of one call: their places are 32-bit numbers. Tiles ask for 2^26 at most, 64 components of 2^20 anchors."""
 
@@ -181,6 +181,68 @@ class Embedding(Structure):
     )
 
 
+class Linear(Structure):
+    """One rounded layer of the index network."""
+
+    _fields_ = (
+        ("inputs", c_int64),
+        ("outputs", c_int64),
+        ("weights", c_void_p),
+        ("biases", c_void_p),
+        ("low", c_float),
+        ("high", c_float),
+    )
+
+
+class Recurrence(Structure):
+    """One recurrent layer of the index network."""
+
+    _fields_ = (
+        ("tokens", c_void_p * HEADS),
+        *((name, c_void_p) for name in ("inputs", "biases", "recurrent", "offsets")),
+    )
+
+
+class Head(Structure):
+    """The head of one codebook."""
+
+    _fields_ = (("first", Linear), ("second", Linear), ("top", Linear), ("members", POINTER(Members)))
+
+
+class Network(Structure):
+    """The index network, without attention."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("classes", "own", "attributes", "latents", "latent_shift", "grid")),
+        *((name, c_int64) for name in ("amax", "hidden", "mixed", "layers")),
+        ("embed", Linear * 2),
+        ("mix_embedding", Linear),
+        ("mix_state", Linear),
+        *((name, c_void_p) for name in ("mix_start", "after_first", "sigmoid", "tanh", "exp2")),
+        ("gru", Recurrence * GRU_LAYERS),
+        ("heads", Head * HEADS),
+    )
+
+
+class Indices(Structure):
+    """The indices of one tile-layer."""
+
+    _fields_ = (
+        ("count", c_int64),
+        ("stages", c_int64),
+        *((name, c_void_p) for name in ("classes", "settled", "features", "indices", "before", "after", "by_code")),
+        ("passes_log2", c_int64),
+        ("books", c_void_p * HEADS),
+        ("sizes", c_int64 * HEADS),
+        ("dimension", c_int64),
+        ("cells", Cells),
+        *((name, c_void_p) for name in ("chosen", "anchors", "means", "lanes", "shares", "states", "weights")),
+        *((name, c_void_p) for name in ("coded", "clusters", "outputs", "counts", "order", "logits")),
+        *((name, c_void_p) for name in ("member_weights", "found")),
+        ("modelled", c_int64),
+    )
+
+
 INTERFACE = 2
 """That of kernel.h: a library built before its last change would be called with wrong arguments."""
 
@@ -203,6 +265,7 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_positions": (c_int64, [POINTER(Rans), POINTER(Positions), POINTER(Tables)]),
     "scar_grid": (None, [POINTER(Grid), c_void_p, c_int64, c_void_p]),
     "scar_embedding_inputs": (None, [POINTER(Embedding), POINTER(Cells), c_void_p, c_void_p, c_int64, c_void_p]),
+    "scar_indices": (c_int64, [POINTER(Rans), POINTER(Network), POINTER(Indices)]),
     "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Channel), c_void_p, c_void_p, c_int64]),
     "scar_channel_layer": (c_int64, [POINTER(Rans), POINTER(Channel), POINTER(Layer)]),
 }

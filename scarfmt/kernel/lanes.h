@@ -8,8 +8,8 @@
 #define BLOCK 16
 #define ROWS 4 /* rows of weights that are multiplied at once */
 
-typedef float Lanes __attribute__((vector_size(4 * BLOCK), aligned(4)));
-typedef int32_t IntLanes __attribute__((vector_size(4 * BLOCK), aligned(4)));
+typedef float Lanes __attribute__((vector_size(4 * BLOCK), aligned(4), may_alias));
+typedef int32_t IntLanes __attribute__((vector_size(4 * BLOCK), aligned(4), may_alias));
 
 /* Adds the products of ROWS rows of weights, `stride` apart, with n inputs. */
 INLINE void add_products(const float *weights, int64_t stride, const float *x, int64_t n, Lanes out[ROWS]) {
@@ -41,6 +41,13 @@ INLINE void clamp_lanes(Lanes *x, float low, float high) {
     const IntLanes below = *x < lowest, above = *x > highest;
     choose(x, &below, &lowest);
     choose(x, &above, &highest);
+}
+
+INLINE int64_t filled(int64_t rows) { return (rows + ROWS - 1) / ROWS * ROWS; }
+
+/* The i-th anchor of a pass of `wide` and those after it; lanes beyond the last repeat it. */
+INLINE void block_anchors(const int64_t *anchors, int64_t wide, int64_t i, int64_t *out) {
+    for (int64_t j = 0; j < BLOCK; j++) out[j] = anchors[i + j < wide ? i + j : wide - 1];
 }
 
 #endif

@@ -1,23 +1,8 @@
 /* The inner loops of rANS decoding (SPEC 8.1-8.3): what scarfmt/rans.py and scarfmt/symbols.py define. */
 
-#include "kernel.h"
+#include "rans.h"
 
 EXPORT int64_t scar_interface(void) { return INTERFACE; }
-
-#define PRECISION 24
-#define TOTAL (1u << PRECISION)
-#define SLOT_MASK (TOTAL - 1)
-#define LANES 16
-#define EXP2_END 512
-
-static inline void refill(Rans *rans) {
-    if (rans->state < (1ull << 32) && rans->left) rans->state = rans->state << 32 | rans->words[--rans->left];
-}
-
-static inline void advance(Rans *rans, uint32_t slot, uint32_t first, uint32_t past) {
-    rans->state = (uint64_t)(past - first) * (rans->state >> PRECISION) + slot - first;
-    refill(rans);
-}
 
 /* Takes the first state from the end of the words. */
 EXPORT void scar_rans_open(Rans *rans) {
@@ -111,10 +96,6 @@ EXPORT int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_
     return ALL_READ;
 }
 
-static inline uint32_t edge(uint64_t sum, uint64_t spare, uint64_t total, uint32_t place) {
-    return (uint32_t)(sum * spare / total) + place;
-}
-
 /* n symbols of the uniform table of `size` symbols, 2 <= size <= 4096. */
 EXPORT void scar_rans_uniform(Rans *rans, uint32_t size, int64_t n, int32_t *out) {
     const uint64_t spare = TOTAL - size;
@@ -145,76 +126,31 @@ EXPORT void scar_rans_rows(Rans *rans, const double *weights, int64_t n, int64_t
     }
 }
 
-/* The largest of `size` logits of each of LANES columns, and the weights and total that follow (SPEC 10.5). */
-static void column_weights(const float *logits, int64_t size, int64_t stride, const uint32_t *exp2, uint32_t *weights,
-                           uint32_t *totals) {
-    float most[LANES];
-    for (int j = 0; j < LANES; j++) most[j] = logits[j], totals[j] = 0;
-    for (int64_t k = 1; k < size; k++) {
-        const float *row = logits + k * stride;
-        for (int j = 0; j < LANES; j++) most[j] = row[j] > most[j] ? row[j] : most[j];
-    }
-    for (int64_t k = 0; k < size; k++) {
-        const float *row = logits + k * stride;
-        for (int j = 0; j < LANES; j++) {
-            const float apart = most[j] - row[j];
-            const uint32_t weight = exp2[apart < EXP2_END ? (int32_t)apart : EXP2_END];
-            weights[k * LANES + j] = weight;
-            totals[j] += weight;
-        }
-    }
-}
-
-/* One symbol of the table that weights[0], weights[stride], ... make (SPEC 8.1). */
-INLINE uint32_t weighted(Rans *rans, const uint32_t *weights, size_t stride, uint64_t total, uint32_t size) {
-    const uint64_t spare = TOTAL - size;
-    const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
-    uint64_t sum = 0;
-    uint32_t s = 0;
-    for (; s + 1 < size; s++) {
-        const uint64_t next = sum + weights[s * stride];
-        /* c_(s+1) = floor(C spare / total) + s + 1 > slot, without the division. */
-        if (slot < s + 1 || next * spare >= (uint64_t)(slot - s) * total) break;
-        sum = next;
-    }
-    const uint64_t next = sum + weights[s * stride];
-    advance(rans, slot, edge(sum, spare, total, s), edge(next, spare, total, s + 1));
-    return s;
-}
-
-/* The same of LANES columns from the i-th of n on; columns beyond the last are zeros. `last` has room for them. */
-static void some_weights(const float *logits, int64_t size, int64_t n, int64_t i, const uint32_t *exp2,
+/* The same of BLOCK columns from the i-th of n on; columns beyond the last are zeros. `last` has room for them. */
+WIDE static void some_weights(const float *logits, int64_t size, int64_t n, int64_t i, const uint32_t *exp2,
                          uint32_t *weights, uint32_t *totals, float *last) {
-    const int64_t wide = n - i < LANES ? n - i : LANES;
-    if (wide == LANES) {
+    const int64_t wide = n - i < BLOCK ? n - i : BLOCK;
+    if (wide == BLOCK) {
         column_weights(logits + i, size, n, exp2, weights, totals);
         return;
     }
     for (int64_t k = 0; k < size; k++)
-        for (int64_t j = 0; j < LANES; j++) last[k * LANES + j] = j < wide ? logits[k * n + i + j] : 0;
-    column_weights(last, size, LANES, exp2, weights, totals);
+        for (int64_t j = 0; j < BLOCK; j++) last[k * BLOCK + j] = j < wide ? logits[k * n + i + j] : 0;
+    column_weights(last, size, BLOCK, exp2, weights, totals);
 }
 
 /* n symbols of the tables that the columns of (size, n) integer `logits` make, size >= 2.
 
-exp2: 513 weights. scratch: (size + 1) * 2 * LANES numbers. */
+exp2: 513 weights. scratch: (size + 1) * 2 * BLOCK numbers. */
 EXPORT void scar_rans_logits(Rans *rans, const float *logits, int64_t size, int64_t n, const uint32_t *exp2,
                              uint32_t *scratch, int32_t *out) {
-    uint32_t *weights = scratch, *totals = scratch + size * LANES;
-    for (int64_t i = 0; i < n; i += LANES) {
-        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + LANES));
-        for (int64_t j = 0; j < LANES && i + j < n; j++)
-            out[i + j] = (int32_t)weighted(rans, weights + j, LANES, totals[j], (uint32_t)size);
+    uint32_t *weights = scratch, *totals = scratch + size * BLOCK;
+    for (int64_t i = 0; i < n; i += BLOCK) {
+        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + BLOCK));
+        for (int64_t j = 0; j < BLOCK && i + j < n; j++)
+            out[i + j] = (int32_t)weighted(rans, weights + j, BLOCK, totals[j], (uint32_t)size);
     }
 }
-
-/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m, the
-(width, m) weights from weights[starts[k] * width] on, and m offsets. */
-typedef struct {
-    int64_t clusters, width, largest;
-    const int64_t *starts;
-    const float *weights, *offsets;
-} Members;
 
 /* Logits of one anchor's `size` members, as weights of their table; returns their sum. */
 INLINE uint64_t member_weights(const Members *members, int64_t first, int64_t size, const float *o,
@@ -299,16 +235,16 @@ EXPORT void scar_spans_rows(const double *weights, const int32_t *symbol, int64_
 /* Spans of n symbols of the tables that the columns of (size, n) integer `logits` make; the rest as for reading. */
 EXPORT void scar_spans_logits(const float *logits, const int32_t *symbol, int64_t size, int64_t n,
                               const uint32_t *exp2, uint32_t *scratch, uint32_t *first, uint32_t *past) {
-    uint32_t *weights = scratch, *totals = scratch + size * LANES;
+    uint32_t *weights = scratch, *totals = scratch + size * BLOCK;
     const uint64_t spare = TOTAL - (uint64_t)size;
-    for (int64_t i = 0; i < n; i += LANES) {
-        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + LANES));
-        for (int64_t j = 0; j < LANES && i + j < n; j++) {
+    for (int64_t i = 0; i < n; i += BLOCK) {
+        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + BLOCK));
+        for (int64_t j = 0; j < BLOCK && i + j < n; j++) {
             const uint32_t chosen = (uint32_t)symbol[i + j];
             uint64_t sum = 0;
-            for (uint32_t k = 0; k < chosen; k++) sum += weights[(size_t)k * LANES + j];
+            for (uint32_t k = 0; k < chosen; k++) sum += weights[(size_t)k * BLOCK + j];
             first[i + j] = edge(sum, spare, totals[j], chosen);
-            past[i + j] = edge(sum + weights[(size_t)chosen * LANES + j], spare, totals[j], chosen + 1);
+            past[i + j] = edge(sum + weights[(size_t)chosen * BLOCK + j], spare, totals[j], chosen + 1);
         }
     }
 }

@@ -95,7 +95,8 @@ def _prefix_sums(weights: I64, sizes: I64, starts: I64) -> NDArray[np.uint32]:
 
 
 @cache
-def _exp2() -> NDArray[np.uint32]:
+def exp2_weights() -> NDArray[np.uint32]:
+    """The table of SPEC §10.1 as the library reads it."""
     return exp2_table().astype(np.uint32)
 
 
@@ -177,7 +178,7 @@ class KernelRansDecoder:
         if size > 1 and count:
             rows = np.ascontiguousarray(logits, np.float32)
             scratch = np.empty((size + 1) * 2 * _LANES, np.uint32)
-            addresses = (array.ctypes.data for array in (_exp2(), scratch, out))
+            addresses = (array.ctypes.data for array in (exp2_weights(), scratch, out))
             self.functions.scar_rans_logits(self.pointer, rows.ctypes.data, size, count, *addresses)
         return out
 
@@ -192,7 +193,7 @@ class KernelRansDecoder:
         struct, rows = members.struct, np.ascontiguousarray(o, np.float32)
         scratch: list[NDArray[Any]] = [np.empty(struct.clusters + 1, np.int64), np.empty(len(out), np.int64)]
         scratch += [np.empty(struct.largest, np.float32), np.empty(struct.largest, np.uint32)]
-        arrays = [array.ctypes.data for array in (_exp2(), *scratch, out)]
+        arrays = [array.ctypes.data for array in (exp2_weights(), *scratch, out)]
         chosen = np.ascontiguousarray(clusters, np.int64)
         pointers = self.pointer, byref(struct), chosen.ctypes.data, rows.ctypes.data
         self.functions.scar_rans_members(*pointers, len(out), *arrays)
@@ -262,7 +263,7 @@ class KernelRansEncoder:
         rows, chosen = np.ascontiguousarray(logits, np.float32), np.ascontiguousarray(symbols, np.int32)
         scratch = np.empty((size + 1) * 2 * _LANES, np.uint32)
         first, past = self._room(count)
-        arrays = rows.ctypes.data, chosen.ctypes.data, size, count, _exp2().ctypes.data, scratch.ctypes.data
+        arrays = rows.ctypes.data, chosen.ctypes.data, size, count, exp2_weights().ctypes.data, scratch.ctypes.data
         self._library.scar_spans_logits(*arrays, first, past)
         spans = self._spans[-1]
         return np.asarray(PRECISION - np.log2((spans[1] - spans[0]).astype(np.float64)))

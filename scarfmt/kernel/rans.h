@@ -1,0 +1,75 @@
+/* Steps of the rANS decoder (SPEC 8.1, 8.2) and tables made of logits (SPEC 10.5), compiled into the loops around. */
+
+#ifndef SCAR_RANS_H
+#define SCAR_RANS_H
+
+#include "lanes.h"
+
+#define PRECISION 24
+#define TOTAL (1u << PRECISION)
+#define SLOT_MASK (TOTAL - 1)
+#define EXP2_END 512
+
+INLINE void refill(Rans *rans) {
+    if (rans->state < (1ull << 32) && rans->left) rans->state = rans->state << 32 | rans->words[--rans->left];
+}
+
+INLINE void advance(Rans *rans, uint32_t slot, uint32_t first, uint32_t past) {
+    rans->state = (uint64_t)(past - first) * (rans->state >> PRECISION) + slot - first;
+    refill(rans);
+}
+
+INLINE uint32_t edge(uint64_t sum, uint64_t spare, uint64_t total, uint32_t place) {
+    return (uint32_t)(sum * spare / total) + place;
+}
+
+/* The largest of `size` logits of each of BLOCK columns, and the weights and total that follow (SPEC 10.5). */
+INLINE void column_weights(const float *logits, int64_t size, int64_t stride, const uint32_t *exp2, uint32_t *weights,
+                           uint32_t *totals) {
+    float most[BLOCK];
+    for (int j = 0; j < BLOCK; j++) most[j] = logits[j], totals[j] = 0;
+    for (int64_t k = 1; k < size; k++) {
+        const float *row = logits + k * stride;
+        for (int j = 0; j < BLOCK; j++) most[j] = row[j] > most[j] ? row[j] : most[j];
+    }
+    for (int64_t k = 0; k < size; k++) {
+        const float *row = logits + k * stride;
+        for (int j = 0; j < BLOCK; j++) {
+            const float apart = most[j] - row[j];
+            const uint32_t weight = exp2[apart < EXP2_END ? (int32_t)apart : EXP2_END];
+            weights[k * BLOCK + j] = weight;
+            totals[j] += weight;
+        }
+    }
+}
+
+/* One symbol of the table that weights[0], weights[stride], ... make (SPEC 8.1). */
+INLINE uint32_t weighted(Rans *rans, const uint32_t *weights, size_t stride, uint64_t total, uint32_t size) {
+    const uint64_t spare = TOTAL - size;
+    const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
+    uint64_t sum = 0;
+    uint32_t s = 0;
+    for (; s + 1 < size; s++) {
+        const uint64_t next = sum + weights[s * stride];
+        /* c_(s+1) = floor(C spare / total) + s + 1 > slot, without the division. */
+        if (slot < s + 1 || next * spare >= (uint64_t)(slot - s) * total) break;
+        sum = next;
+    }
+    const uint64_t next = sum + weights[s * stride];
+    advance(rans, slot, edge(sum, spare, total, s), edge(next, spare, total, s + 1));
+    return s;
+}
+
+/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m, the
+(width, m) weights from weights[starts[k] * width] on, and m offsets. */
+typedef struct {
+    int64_t clusters, width, largest;
+    const int64_t *starts;
+    const float *weights, *offsets;
+} Members;
+
+void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const float *o, int64_t n,
+                       const uint32_t *exp2, int64_t *counts, int64_t *order, float *logits, uint32_t *weights,
+                       int32_t *out);
+
+#endif
