@@ -222,9 +222,10 @@ def _get_compiled(
     predicted: PredictedChannel | None,
 ) -> None:
     """As :func:`get_channel`, one call of the compiled library."""
-    coded = steps_coded(*steps)
-    if not coded:
+    before, after = steps
+    if np.array_equal(before, after):
         return
+    coded = steps_between(before, after)
     at = np.empty(len(classes), np.int64)
     target = KernelChannel(compiled.functions, channel, classes, values, first, at)
     tables = reader.tables.packed_steps(channel.stream, channel.components, coded)
@@ -247,6 +248,11 @@ def steps_coded(before: I64, after: I64) -> range:
     """The steps that some anchor may receive, from (n,) steps before and after a layer."""
     moves = np.flatnonzero(before < after)
     return range(int(before[moves].min()) + 1, int(after[moves].max()) + 1) if len(moves) else range(0)
+
+
+def steps_between(before: I64, after: I64) -> range:
+    """The same and perhaps more: a step that no anchor receives costs less than to find out."""
+    return range(int(before.min()) + 1, int(after.max()) + 1) if len(before) else range(0)
 
 
 def _code_predicted(

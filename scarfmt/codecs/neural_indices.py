@@ -115,11 +115,11 @@ def _get_compiled(
 ) -> None:
     """As :func:`get_neural_indices`, one call of the compiled library."""
     before, after = stages
-    features = _grid_features(coder, context, np.flatnonzero(before < after))
+    features = _grid_features(coder, context, before < after)
     settled = np.ascontiguousarray(context.settled())
     cells, log2 = context.cell_names, context.model.context.passes_log2
     known = Known(context.classes, settled, features, context.by_code, cells, log2)
-    reader.modelled += read_indices(compiled, packed, coder.books, known, indices, before, after)
+    reader.modelled += read_indices(compiled, packed, known, indices, before, after)
     if context.counters is not None:
         for part in context.parts(np.flatnonzero(before < after)):
             _count_pass(coder, context, part, indices, (before[part], after[part]))
@@ -152,7 +152,7 @@ def _code(
     known = np.flatnonzero(before > 0)
     means.add(context.rows(known), np.concatenate([settled[known], latents[known]], axis=1))
     group = np.flatnonzero(before < after)
-    around = Around(context, settled, means, _grid_features(coder, context, group))
+    around = Around(context, settled, means, _grid_features(coder, context, before < after))
     for part in context.parts(group):
         _code_pass(coder, around, part, indices, (before[part], after[part]), exchange)
         decoded = coder.books.latents(indices[part], after[part], inputs.latents)
@@ -176,14 +176,14 @@ class Around:
     grid: I16
 
 
-def _grid_features(coder: IndexCoder, context: LayerContext, group: I64) -> I16:
+def _grid_features(coder: IndexCoder, context: LayerContext, wanted: NDArray[np.bool_]) -> I16:
     out = np.zeros((len(context), 0 if coder.grid is None else coder.grid.width), np.int16)
-    if coder.grid is not None and len(group):
+    if coder.grid is not None and wanted.any():
         # In Morton order, in which neighbours share cells.
-        ordered = group[np.argsort(context.rows(group))]
+        ordered = context.by_code[wanted[context.by_code]]
         out[ordered] = coder.grid.features(context.lattice_positions(ordered))
         if context.counters is not None:
-            context.counters.multiply(Part.HASH_GRID, len(group), grid_products(coder.grid))
+            context.counters.multiply(Part.HASH_GRID, len(ordered), grid_products(coder.grid))
     return out
 
 

@@ -12,8 +12,11 @@ from numpy.typing import NDArray
 
 from scarfmt.kernel.interface import DEPTHS, Cells, address
 from scarfmt.kernel.scratch import SCRATCH
+from scarfmt.limits import MAX_LOCAL_BITS
 
 I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
+U64 = NDArray[np.uint64]
 Ints = NDArray[np.integer[Any]]
 Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 F64 = NDArray[np.float64]
@@ -33,6 +36,25 @@ class CellNames:
         self._cell = cell
         self._pointers = pointers(*(address(array, np.int32) for array in cell))
         self._sizes = (ctypes.c_int64 * DEPTHS)(*sizes)
+
+    @classmethod
+    def of(cls, library: ctypes.CDLL, codes: U64, by_code: I64, bits: int, occupancies: Sequence[int]) -> CellNames:
+        """The cells of SPEC §10.2.
+
+        Args:
+            codes: (n,) uint64 Morton codes below 8^bits, bits 0..21.
+            by_code: (n,) int64 anchors by (code, index).
+            occupancies: targets, coarse first.
+        """
+        count, depths = len(codes), len(occupancies)
+        if len(by_code) != count or not 0 <= bits <= MAX_LOCAL_BITS or depths > DEPTHS:
+            raise TypeError(f"{len(by_code)} of {count} anchors, {bits} bits, {depths} depths")
+        cell, sizes = np.empty((depths, count), np.int32), np.zeros(depths, np.int64)
+        targets = (ctypes.c_int64 * DEPTHS)(*occupancies)
+        rows = (ctypes.c_void_p * DEPTHS)(*(row.ctypes.data for row in cell))
+        arrays = address(codes, np.uint64), address(by_code, np.int64)
+        library.scar_cells_names(*arrays, count, bits, targets, depths, rows, sizes.ctypes.data)
+        return cls(list(cell), sizes.tolist())
 
     def struct(self, columns: int, sums: Sequence[int]) -> Cells:
         """Cells of `columns` values each, with (size, columns + 1) float64 at the addresses `sums`."""

@@ -45,6 +45,8 @@ typedef struct {
     const uint32_t *exp2;
     Recurrence gru[MOST_LAYERS];
     Head heads[MOST_HEADS];
+    const float *books[MOST_HEADS];  /* (sizes[b], latents) leading dimensions of codewords */
+    int64_t sizes[MOST_HEADS];
 } Network;
 
 /* The indices of one tile-layer of `count` anchors. */
@@ -57,8 +59,6 @@ typedef struct {
     const int64_t *before, *after;   /* (count) stages */
     const int64_t *by_code;          /* (count) anchors by code, then index */
     int64_t passes_log2;
-    const int64_t *books[MOST_HEADS]; /* (sizes[b], dimension) codewords */
-    int64_t sizes[MOST_HEADS], dimension;
     Cells cells;                     /* of attributes, then latents; sums: scratch */
     int64_t *chosen, *anchors;       /* scratch: (count) each */
     double *means;                   /* scratch: (columns, BLOCK) */
@@ -298,16 +298,20 @@ static void read_stage(Rans *rans, const Network *net, Indices *s, int64_t stage
     }
 }
 
-/* Adds an anchor with the sum of its first `stages` codewords to the cells. */
-static void add_anchor(const Network *net, const Indices *s, int64_t anchor, int64_t stages) {
+/* Adds m anchors, each with the sum of its codewords of the first stages, to the cells. */
+WIDE static void add_anchors(const Network *net, const Indices *s, const int64_t *anchors, int64_t m,
+                             const int64_t *stages) {
     double numbers[MOST_CONTEXT_COLUMNS], *latents = numbers + net->attributes;
-    for (int64_t c = 0; c < net->attributes; c++) numbers[c] = s->settled[anchor * net->attributes + c];
-    for (int64_t c = 0; c < net->latents; c++) latents[c] = 0;
-    for (int64_t stage = 0; stage < stages; stage++) {
-        const int64_t *word = s->books[stage > 0] + s->indices[anchor * s->stages + stage] * s->dimension;
-        for (int64_t c = 0; c < net->latents; c++) latents[c] += (double)word[c];
+    for (int64_t i = 0; i < m; i++) {
+        const int64_t anchor = anchors[i];
+        for (int64_t c = 0; c < net->attributes; c++) numbers[c] = s->settled[anchor * net->attributes + c];
+        for (int64_t c = 0; c < net->latents; c++) latents[c] = 0;
+        for (int64_t stage = 0; stage < stages[anchor]; stage++) {
+            const float *word = net->books[stage > 0] + s->indices[anchor * s->stages + stage] * net->latents;
+            for (int64_t c = 0; c < net->latents; c++) latents[c] += word[c];
+        }
+        add_to_cells(&s->cells, anchor, numbers, 1);
     }
-    add_to_cells(&s->cells, anchor, numbers, 1);
 }
 
 static void read_pass(Rans *rans, const Network *net, Indices *s, const int64_t *anchors, int64_t wide) {
@@ -318,26 +322,29 @@ static void read_pass(Rans *rans, const Network *net, Indices *s, const int64_t 
         read_stage(rans, net, s, stage, anchors, wide);
         if (stage > 1 && stage < last) advance_pass(net, s, anchors, wide, stage);
     }
-    for (int64_t i = 0; i < wide; i++) add_anchor(net, s, anchors[i], s->after[anchors[i]]);
+    add_anchors(net, s, anchors, wide, s->after);
 }
 
 /* Whether indices known before are those of codewords. */
-static int known_indices(const Indices *s) {
+static int known_indices(const Network *net, const Indices *s) {
     for (int64_t i = 0; i < s->count; i++)
         for (int64_t stage = 0; stage < s->before[i]; stage++) {
             const int64_t index = s->indices[i * s->stages + stage];
-            if (index < 0 || index >= s->sizes[stage > 0]) return 0;
+            if (index < 0 || index >= net->sizes[stage > 0]) return 0;
         }
     return 1;
 }
 
 /* Reads the indices of a tile-layer: ALL_READ, or BAD_INDEX where one that is known is none. */
 EXPORT int64_t scar_indices(Rans *rans, const Network *net, Indices *s) {
-    int64_t chosen = 0, ends[MOST_PASSES];
-    if (!known_indices(s)) return BAD_INDEX;
+    int64_t chosen = 0, known = 0, ends[MOST_PASSES];
+    if (!known_indices(net, s)) return BAD_INDEX;
     empty_cells(&s->cells);
-    for (int64_t i = 0; i < s->count; i++)
-        if (s->before[i] > 0) add_anchor(net, s, i, s->before[i]);
+    for (int64_t i = 0; i < s->count; i++) {
+        s->chosen[known] = i;
+        known += s->before[i] > 0;
+    }
+    add_anchors(net, s, s->chosen, known, s->before);
     for (int64_t i = 0; i < s->count; i++) {
         s->chosen[chosen] = s->by_code[i];
         chosen += s->before[s->by_code[i]] < s->after[s->by_code[i]];

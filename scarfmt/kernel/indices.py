@@ -17,7 +17,6 @@ from scarfmt.kernel.rans import KernelRansDecoder, PackedMembers, exp2_weights
 from scarfmt.kernel.scratch import SCRATCH
 
 if TYPE_CHECKING:
-    from scarfmt.codecs.codebooks import Codebooks
     from scarfmt.neural.network import IndexNetwork
 
 I16 = NDArray[np.int16]
@@ -99,9 +98,10 @@ class PackedNetwork:
     Args:
         network: valid, without attention.
         parts: of its evaluator.
+        books: (n, d) codewords of each codebook.
     """
 
-    def __init__(self, network: IndexNetwork, parts: Parts) -> None:
+    def __init__(self, network: IndexNetwork, parts: Parts, books: Sequence[I64]) -> None:
         self._kept: list[Any] = []
         self.network, inputs = network, network.inputs
         struct = self.struct = Network(
@@ -124,6 +124,10 @@ class PackedNetwork:
         for out, head in zip(struct.heads, parts.heads, strict=False):
             if head is not None:
                 self._fill_head(out, head)
+
+        for number, book in enumerate(books):
+            struct.books[number] = self._array(book[:, : inputs.latents].astype(np.float32))
+            struct.sizes[number] = len(book)
 
     def _fill_head(self, out: Any, head: HeadLayers) -> None:
         out.first, out.top = self._layer(head.projections[0]), self._layer(head.top)
@@ -204,7 +208,6 @@ class Known:
 def read_indices(
     rans: KernelRansDecoder,
     packed: PackedNetwork,
-    books: Codebooks,
     known: Known,
     indices: I16,
     before: I64,
@@ -231,10 +234,7 @@ def read_indices(
         _address(known.by_code, np.int64, (count,)),
         known.passes_log2,
     )
-    for number, book in enumerate((books.coarse, books.residual)):
-        struct.books[number] = _address(book, np.int64, (books.sizes[number], books.dimension))
-        struct.sizes[number] = len(book)
-    struct.dimension, struct.cells = books.dimension, known.cells.scratch(inputs.attributes + inputs.latents)
+    struct.cells = known.cells.scratch(inputs.attributes + inputs.latents)
     packed.lend(struct, count, stages)
     if rans.functions.scar_indices(rans.pointer, ctypes.byref(packed.struct), ctypes.byref(struct)) == BAD_INDEX:
         raise InvalidInput("input-stage", "an index known is not that of a codeword", field="stage")

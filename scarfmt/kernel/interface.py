@@ -221,6 +221,8 @@ class Network(Structure):
         *((name, c_void_p) for name in ("mix_start", "after_first", "sigmoid", "tanh", "exp2")),
         ("gru", Recurrence * GRU_LAYERS),
         ("heads", Head * HEADS),
+        ("books", c_void_p * HEADS),
+        ("sizes", c_int64 * HEADS),
     )
 
 
@@ -232,9 +234,6 @@ class Indices(Structure):
         ("stages", c_int64),
         *((name, c_void_p) for name in ("classes", "settled", "features", "indices", "before", "after", "by_code")),
         ("passes_log2", c_int64),
-        ("books", c_void_p * HEADS),
-        ("sizes", c_int64 * HEADS),
-        ("dimension", c_int64),
         ("cells", Cells),
         *((name, c_void_p) for name in ("chosen", "anchors", "means", "lanes", "shares", "states", "weights")),
         *((name, c_void_p) for name in ("coded", "clusters", "outputs", "counts", "order", "logits")),
@@ -260,6 +259,7 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_rans_encode": (c_int64, [c_void_p, c_void_p, c_int64, c_void_p]),
     "scar_rans_members": (None, [POINTER(Rans), POINTER(Members), c_void_p, c_void_p, c_int64, *[c_void_p] * 6]),
     "scar_fine": (None, [c_void_p, c_void_p, c_int64, c_int64, c_int64, c_void_p]),
+    "scar_cells_names": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_int64, c_void_p, c_void_p]),
     "scar_cells_add": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p]),
     "scar_cells_around": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p, c_void_p]),
     "scar_positions": (c_int64, [POINTER(Rans), POINTER(Positions), POINTER(Tables)]),

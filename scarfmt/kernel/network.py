@@ -22,17 +22,21 @@ F32 = NDArray[np.float32]
 Ints = NDArray[np.integer[Any]]
 
 
-def grid_features(library: ctypes.CDLL, grid: HashGrid, positions: Ints) -> I16:
-    """(n, width) int16 features of anchors at (n, 3) lattice `positions`."""
+def packed_grid(grid: HashGrid) -> Grid:
+    """A grid as the library reads it; it must be kept meanwhile."""
     levels = (GridLevel * len(grid.levels))()
     for out, level, bits in zip(levels, grid.levels, grid.bits, strict=True):
         out.dims, out.resolution, out.table_log2 = len(level.axes), level.resolution, level.table_log2
         out.axes[: len(level.axes)] = level.axes
         out.features, out.dense, out.bits = level.features, level.dense, address(bits, np.uint8)
-    struct = Grid(len(levels), grid.origin, grid.extent_bits, grid.width, levels)
+    return Grid(len(levels), grid.origin, grid.extent_bits, grid.width, levels)
+
+
+def grid_features(library: ctypes.CDLL, grid: HashGrid, positions: Ints) -> I16:
+    """(n, width) int16 features of anchors at (n, 3) lattice `positions`."""
     places = np.ascontiguousarray(positions, np.int64)
     found = np.empty((len(places), grid.width), np.int16)
-    library.scar_grid(ctypes.byref(struct), places.ctypes.data, len(places), found.ctypes.data)
+    library.scar_grid(ctypes.byref(grid.packed), places.ctypes.data, len(places), found.ctypes.data)
     return found
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt import kernel
-from scarfmt.kernel.cells import CellNames, KernelCellSums, kernel_fine
+from scarfmt.kernel.cells import KernelCellSums, kernel_fine
 from scarfmt.limits import MAX_LOCAL_BITS
 from scarfmt.model import MAX_STEPS
 
@@ -60,7 +60,7 @@ def put_fine(values: Ints, steps: Ints, out: I32) -> None:
     """Put what :func:`fine` gives into `out`, (n, components) int32, its rows anywhere."""
     library = kernel.functions()
     if library is not None:
-        kernel_fine(library, values, np.broadcast_to(steps, len(values)), out)
+        kernel_fine(library, values, steps if len(steps) == len(values) else np.broadcast_to(steps, len(values)), out)
         return
     power = cell_power(steps)[:, None]
     # Exact: the numerator is below 2^43, and the quotient of integers so small never rounds up to the next integer.
@@ -135,10 +135,6 @@ class CellMeans:
     def kernel_sums(self, library: ctypes.CDLL, columns: int, cell: Sequence[I32]) -> KernelCellSums:
         """The same, compiled; `cell` is that of :attr:`compact`, or of other names for the rows."""
         return KernelCellSums(library, cell, self._sizes, columns)
-
-    def names(self, rows: I64) -> CellNames:
-        """The cells of anchors whose rows are (n,) `rows`, for the compiled library."""
-        return CellNames([cell[rows] for cell in self.compact], self._sizes)
 
     @property
     def _sizes(self) -> list[int]:

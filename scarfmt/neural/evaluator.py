@@ -83,6 +83,7 @@ class Evaluator:
 
     def __init__(self, network: IndexNetwork, books: Codebooks, operations: Operations = NUMPY) -> None:
         self._do, self._amax, h, self._network = operations, network.amax, network.hidden, network
+        self._books = books.coarse, books.residual
         self._embed = (
             Rounded(network.embed[0], operations, 0, network.amax),
             Rounded(network.embed[1], operations, -network.amax, network.amax),
@@ -133,7 +134,7 @@ class Evaluator:
             self._gru[0].tables,
             [self._heads[book].plain() if book in self._heads else None for book in range(len(self._network.heads))],
         )
-        return PackedNetwork(self._network, parts)
+        return PackedNetwork(self._network, parts, self._books)
 
     def _chunks(self, count: int, columns: int) -> Iterator[slice]:
         """Rows 0..count-1 of arrays of so many columns, cut."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt import kernel
 from scarfmt.counters import Counters
 from scarfmt.directory import TileFrame
 from scarfmt.kernel.cells import CellNames
@@ -103,7 +104,10 @@ class LayerContext:
     @cached_property
     def cell_names(self) -> CellNames:
         """The cells of each anchor, for the compiled library."""
-        return self.cells.names(self._rows)
+        library = kernel.functions()
+        if library is None:
+            raise RuntimeError("the compiled library was turned off meanwhile")
+        return CellNames.of(library, self._codes, self.by_code, self._frame.bits, self.model.context.occupancies)
 
     def rows(self, anchors: I64) -> I64:
         """The rows of some anchors in :attr:`cells`."""

@@ -155,7 +155,7 @@ def bad(case: Case, indices: NDArray[Any], **changes: Any) -> Any:
     assert packed is not None
     stages: tuple[I64, I64] = changes.pop("stages", (case.before, case.after))
     known = replace(case.known(), **changes)
-    return outcome(lambda: read_indices(rans, packed, case.coder.books, known, indices, *stages))
+    return outcome(lambda: read_indices(rans, packed, known, indices, *stages))
 
 
 def test_indices_that_are_none_never_index_memory() -> None:
