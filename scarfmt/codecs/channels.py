@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -341,6 +342,15 @@ def _bad_trit() -> Malformed:
     return Malformed("bad-trit", "a refinement is not -1, 0 or 1 (SPEC §7.5)", field="trit")
 
 
+@lru_cache(maxsize=256)
+def width_table(step: tuple[float, ...]) -> F64:
+    """(21, components) float64: a row for each number of steps, as in :func:`cell_widths`. Not to be changed."""
+    table = np.zeros((MAX_STEPS + 1, len(step)))
+    table[1:] = np.asarray(step, np.float64) / np.power(3.0, np.arange(MAX_STEPS))[:, None]
+    table.flags.writeable = False
+    return table
+
+
 def cell_widths(step: Sequence[float], steps: I64) -> F64:
     """(n, components) float64: step / 3^(n - 1) for each anchor's number of steps n; 0 where n is 0 (SPEC §9.2).
 
@@ -348,9 +358,7 @@ def cell_widths(step: Sequence[float], steps: I64) -> F64:
         step: (components) first cell widths.
         steps: (n,) ternary steps received, 0..20.
     """
-    table = np.zeros((MAX_STEPS + 1, len(step)))
-    table[1:] = np.asarray(step, np.float64) / np.power(3.0, np.arange(MAX_STEPS))[:, None]
-    return table[steps]
+    return width_table(tuple(step)).take(steps, axis=0)
 
 
 def check_reach(values: Ints, step: Sequence[float], steps: I64) -> None:

@@ -96,18 +96,19 @@ INLINE void block_inputs(const Channel *s, const int64_t *anchors, float *x) {
     known_inputs(s, anchors, x);
     own_values(s, anchors, own);
     x += own_column(s) * BLOCK;
-    for (int64_t c = 0; c < components; c++, x += BLOCK)
-        for (int j = 0; j < BLOCK; j++) x[j] = coarse_input(own[c][j]), mean[c][j] = 0;
+    for (int64_t c = 0; c < components; c++, x += BLOCK) {
+        for (int j = 0; j < BLOCK; j++) x[j] = coarse_input(own[c][j]);
+        for (int j = 0; j < BLOCK; j++) mean[c][j] = 0;
+    }
     float *counts = x + depths * components * BLOCK, *relative = counts + depths * BLOCK;
     for (int64_t d = 0; d < depths; d++) {
         block_means(&s->cells, d, anchors, &mean[0][0], count);
         for (int j = 0; j < BLOCK; j++) counts[d * BLOCK + j] = (float)count_feature(count[j]);
         for (int64_t c = 0; c < components; c++) {
-            float *coarse = x + (d * components + c) * BLOCK, *apart = relative + (c * depths + d) * BLOCK;
-            for (int j = 0; j < BLOCK; j++) {
-                coarse[j] = coarse_input(mean[c][j]);
-                apart[j] = clamped(floor_of((mean[c][j] - own[c][j]) * scale + 0.5));
-            }
+            float *restrict coarse = x + (d * components + c) * BLOCK;
+            float *restrict apart = relative + (c * depths + d) * BLOCK;
+            for (int j = 0; j < BLOCK; j++) coarse[j] = coarse_input(mean[c][j]);
+            for (int j = 0; j < BLOCK; j++) apart[j] = clamped(floor_of((mean[c][j] - own[c][j]) * scale + 0.5));
         }
     }
 }
@@ -278,11 +279,16 @@ static int64_t code_components(Rans *rans, Channel *s, const int64_t *anchors, i
 }
 
 /* In step 1, what was just read is an input of the components after it. */
-static void tell_component(const Channel *s, int64_t component, const int64_t *anchors, int64_t wide) {
-    const int64_t size = width_of(s) * BLOCK, column = (own_column(s) + component) * BLOCK;
-    for (int64_t i = 0; i < wide; i++)
-        s->inputs[i / BLOCK * size + column + i % BLOCK] =
-            coarse_input(fine_of((double)s->values[anchors[i] * s->components + component], 1));
+WIDE static void tell_component(const Channel *s, int64_t component, const int64_t *anchors, int64_t wide) {
+    const int64_t size = width_of(s), column = own_column(s) + component;
+    int64_t block[BLOCK];
+    double value[BLOCK];
+    for (int64_t i = 0; i < wide; i += BLOCK) {
+        float *restrict x = s->inputs + i * size + column * BLOCK;
+        block_anchors(anchors, wide, i, block);
+        for (int j = 0; j < BLOCK; j++) value[j] = s->values[block[j] * s->components + component];
+        for (int j = 0; j < BLOCK; j++) x[j] = coarse_input(fine_of(value[j], 1));
+    }
 }
 
 /* Adds a block of anchors, the first `some` of its lanes, to the cells. */

@@ -266,6 +266,7 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_grid": (None, [POINTER(Grid), c_void_p, c_int64, c_void_p]),
     "scar_embedding_inputs": (None, [POINTER(Embedding), POINTER(Cells), c_void_p, c_void_p, c_int64, c_void_p]),
     "scar_indices": (c_int64, [POINTER(Rans), POINTER(Network), POINTER(Indices)]),
+    "scar_values": (None, [c_void_p, c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
     "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Channel), c_void_p, c_void_p, c_int64]),
     "scar_channel_layer": (c_int64, [POINTER(Rans), POINTER(Channel), POINTER(Layer)]),
 }
