@@ -119,7 +119,7 @@ INLINE void block_contexts(const Predictor *p, int64_t shared, int64_t depths, c
     const int64_t width = shared + depths;
     Lanes sums[2] = {{0}, {0}};
     for (int64_t row = 0; row < p->rows; row += ROWS) {
-        Lanes out[ROWS] = {{0}, {0}, {0}, {0}};
+        Lanes out[ROWS] = {{0}, {0}, {0}, {0}, {0}};
         add_products(p->weights + row * width, width, x, shared, out);
         add_products(p->weights + row * width + shared, width, own, depths, out);
         for (int64_t r = 0; r < ROWS; r++) {

@@ -27,7 +27,7 @@ U16 = NDArray[np.uint16]
 BAD_TRIT = -2
 VALUE_RANGE = -3
 # Anchors whose inputs lie side by side, and rows of weights that are multiplied at once.
-_BLOCK, _ROWS = 16, 4
+_BLOCK, _ROWS = 16, 5
 
 
 class PackedPredictors:

@@ -76,7 +76,7 @@ typedef struct {
 
 INLINE void products(const float *weights, int64_t inputs, int64_t outputs, const Lanes *x, Lanes *out) {
     for (int64_t row = 0; row < outputs; row += ROWS) {
-        Lanes sums[ROWS] = {{0}, {0}, {0}, {0}};
+        Lanes sums[ROWS] = {{0}, {0}, {0}, {0}, {0}};
         add_products(weights + row * inputs, inputs, (const float *)x, inputs, sums);
         for (int64_t r = 0; r < ROWS; r++) out[row + r] = sums[r];
     }

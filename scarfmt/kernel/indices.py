@@ -26,7 +26,7 @@ F32 = NDArray[np.float32]
 
 BAD_INDEX = -2
 # Anchors side by side, and rows of weights that are multiplied at once.
-_BLOCK, _ROWS = 16, 4
+_BLOCK, _ROWS = 16, 5
 _LANE_BYTES = 4 * _BLOCK
 _UNBOUNDED = float(1 << 25)
 

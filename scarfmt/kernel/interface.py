@@ -63,7 +63,7 @@ class Members(Structure):
 
     _fields_ = (
         *((name, c_int64) for name in ("clusters", "width", "largest")),
-        *((name, c_void_p) for name in ("starts", "weights", "offsets")),
+        *((name, c_void_p) for name in ("starts", "places", "weights", "offsets")),
     )
 
 

@@ -6,7 +6,7 @@
 #include "kernel.h"
 
 #define BLOCK 16
-#define ROWS 4 /* rows of weights that are multiplied at once */
+#define ROWS 5 /* rows of weights multiplied at once: sums that fit in 16 registers of AVX2 beside operands */
 
 typedef float Lanes __attribute__((vector_size(4 * BLOCK), aligned(4), may_alias));
 typedef int32_t IntLanes __attribute__((vector_size(4 * BLOCK), aligned(4), may_alias));
@@ -14,14 +14,15 @@ typedef int32_t IntLanes __attribute__((vector_size(4 * BLOCK), aligned(4), may_
 /* Adds the products of ROWS rows of weights, `stride` apart, with n inputs. */
 INLINE void add_products(const float *weights, int64_t stride, const float *x, int64_t n, Lanes out[ROWS]) {
     const Lanes *input = (const Lanes *)x;
-    Lanes a = out[0], b = out[1], c = out[2], d = out[3];
+    Lanes a = out[0], b = out[1], c = out[2], d = out[3], e = out[4];
     for (int64_t k = 0; k < n; k++, weights++) {
         a += weights[0] * input[k];
         b += weights[stride] * input[k];
         c += weights[2 * stride] * input[k];
         d += weights[3 * stride] * input[k];
+        e += weights[4 * stride] * input[k];
     }
-    out[0] = a, out[1] = b, out[2] = c, out[3] = d;
+    out[0] = a, out[1] = b, out[2] = c, out[3] = d, out[4] = e;
 }
 
 /* The largest integers not above numbers within +-2^24. */

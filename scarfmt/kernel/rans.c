@@ -152,24 +152,26 @@ EXPORT void scar_rans_logits(Rans *rans, const float *logits, int64_t size, int6
     }
 }
 
-/* Logits of one anchor's `size` members, as weights of their table; returns their sum. */
-INLINE uint64_t member_weights(const Members *members, int64_t first, int64_t size, const float *o,
-                               const uint32_t *exp2, float *restrict logits, uint32_t *restrict weights) {
-    const float *restrict w = members->weights + first * members->width;
-    for (int64_t m = 0; m < size; m++) logits[m] = members->offsets[first + m];
-    for (int64_t r = 0; r < members->width; r++, w += size)
-        for (int64_t m = 0; m < size; m++) logits[m] += o[r] * w[m];
-    float most = __builtin_floorf(logits[0]);
-    for (int64_t m = 0; m < size; m++) {
-        logits[m] = __builtin_floorf(logits[m]);
-        most = logits[m] > most ? logits[m] : most;
+/* Logits of one anchor's members, as weights of their table; returns their sum. `wide`: how many, filled up. */
+INLINE uint64_t member_weights(const Members *members, int64_t place, int64_t wide, const float *o,
+                               const uint32_t *exp2, float *logits, uint32_t *weights) {
+    const float *w = members->weights + place * members->width;
+    Lanes most = {0};
+    for (int64_t m = 0; m < wide; m += BLOCK) {
+        Lanes sum = *(const Lanes *)(members->offsets + place + m);
+        for (int64_t r = 0; r < members->width; r++) sum += o[r] * *(const Lanes *)(w + r * wide + m);
+        floor_lanes(&sum);
+        if (!m) most = sum;
+        raise_lanes(&most, &sum);
+        *(Lanes *)(logits + m) = sum;
     }
+    float top = most[0];
+    for (int j = 1; j < BLOCK; j++) top = most[j] > top ? most[j] : top;
+    const Lanes none = {0}, largest = none + top;
+    for (int64_t m = 0; m < wide; m += BLOCK)
+        exp2_lanes(exp2, (const Lanes *)(logits + m), &largest, weights + m);
     uint64_t total = 0;
-    for (int64_t m = 0; m < size; m++) {
-        const float apart = most - logits[m];
-        weights[m] = exp2[apart < EXP2_END ? (int32_t)apart : EXP2_END];
-        total += weights[m];
-    }
+    for (int64_t m = 0; m < wide; m++) total += weights[m];
     return total;
 }
 
@@ -181,19 +183,22 @@ weights: largest each. */
 WIDE EXPORT void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const float *o,
                                    int64_t n, const uint32_t *exp2, int64_t *counts, int64_t *order, float *logits,
                                    uint32_t *weights, int32_t *out) {
+    Rans local = *rans;
     for (int64_t k = 0; k <= members->clusters; k++) counts[k] = 0;
     for (int64_t i = 0; i < n; i++) counts[cluster[i] + 1]++;
     for (int64_t k = 0; k < members->clusters; k++) counts[k + 1] += counts[k];
     for (int64_t i = 0; i < n; i++) order[counts[cluster[i]]++] = i;
     for (int64_t i = 0; i < n; i++) {
-        const int64_t anchor = order[i], first = members->starts[cluster[anchor]];
-        const int64_t size = members->starts[cluster[anchor] + 1] - first;
+        const int64_t anchor = order[i], chosen = cluster[anchor], place = members->places[chosen];
+        const int64_t size = members->starts[chosen + 1] - members->starts[chosen];
         out[anchor] = 0;
         if (size < 2) continue;
         const float *own = o + anchor * members->width;
-        const uint64_t total = member_weights(members, first, size, own, exp2, logits, weights);
-        out[anchor] = (int32_t)weighted(rans, weights, 1, total, (uint32_t)size);
+        const int64_t wide = members->places[chosen + 1] - place;
+        const uint64_t total = member_weights(members, place, wide, own, exp2, logits, weights);
+        out[anchor] = (int32_t)weighted(&local, weights, 1, total, (uint32_t)size);
     }
+    *rans = local;
 }
 
 /* Encoding. A span is where a symbol lies in its table: first <= slot < past. */

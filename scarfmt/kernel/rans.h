@@ -23,23 +23,29 @@ INLINE uint32_t edge(uint64_t sum, uint64_t spare, uint64_t total, uint32_t plac
     return (uint32_t)(sum * spare / total) + place;
 }
 
-/* The largest of `size` logits of each of BLOCK columns, and the weights and total that follow (SPEC 10.5). */
+/* The weights of logits that are `apart` from the largest (SPEC 10.5). */
+INLINE void exp2_lanes(const uint32_t *exp2, const Lanes *logits, const Lanes *most, uint32_t *restrict weights) {
+    Lanes apart = *most - *logits;
+    clamp_lanes(&apart, 0, EXP2_END);
+    int32_t place[BLOCK];
+    *(IntLanes *)place = __builtin_convertvector(apart, IntLanes);
+    for (int j = 0; j < BLOCK; j++) weights[j] = exp2[place[j]];
+}
+
+INLINE void raise_lanes(Lanes *most, const Lanes *x) {
+    const IntLanes above = *x > *most;
+    choose(most, &above, x);
+}
+
+/* The weights of `size` logits of each of BLOCK columns, and their total. */
 INLINE void column_weights(const float *logits, int64_t size, int64_t stride, const uint32_t *exp2, uint32_t *weights,
                            uint32_t *totals) {
-    float most[BLOCK];
-    for (int j = 0; j < BLOCK; j++) most[j] = logits[j], totals[j] = 0;
-    for (int64_t k = 1; k < size; k++) {
-        const float *row = logits + k * stride;
-        for (int j = 0; j < BLOCK; j++) most[j] = row[j] > most[j] ? row[j] : most[j];
-    }
-    for (int64_t k = 0; k < size; k++) {
-        const float *row = logits + k * stride;
-        for (int j = 0; j < BLOCK; j++) {
-            const float apart = most[j] - row[j];
-            const uint32_t weight = exp2[apart < EXP2_END ? (int32_t)apart : EXP2_END];
-            weights[k * BLOCK + j] = weight;
-            totals[j] += weight;
-        }
+    Lanes most = *(const Lanes *)logits;
+    for (int64_t k = 1; k < size; k++) raise_lanes(&most, (const Lanes *)(logits + k * stride));
+    for (int j = 0; j < BLOCK; j++) totals[j] = 0;
+    for (int64_t k = 0; k < size; k++, weights += BLOCK) {
+        exp2_lanes(exp2, (const Lanes *)(logits + k * stride), &most, weights);
+        for (int j = 0; j < BLOCK; j++) totals[j] += weights[j];
     }
 }
 
@@ -60,11 +66,12 @@ INLINE uint32_t weighted(Rans *rans, const uint32_t *weights, size_t stride, uin
     return s;
 }
 
-/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m, the
-(width, m) weights from weights[starts[k] * width] on, and m offsets. */
+/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m. Filled up
+to a multiple of BLOCK, which is places[k + 1] - places[k] = w, with members that have no weight, it has the (width, w)
+weights from weights[places[k] * width] on, and w offsets from offsets[places[k]] on. */
 typedef struct {
-    int64_t clusters, width, largest;
-    const int64_t *starts;
+    int64_t clusters, width, largest; /* largest: w of any */
+    const int64_t *starts, *places;
     const float *weights, *offsets;
 } Members;
 

@@ -29,6 +29,8 @@ CONTEXTS = 256
 ALL_READ = -1
 # Columns of logits that are worked on together.
 _LANES = 16
+# A logit so far below all others has no weight.
+_NEVER = -float(1 << 25)
 
 
 class Table(Protocol):
@@ -113,11 +115,16 @@ class PackedMembers:
 
     def __init__(self, weights: Sequence[F32], offsets: Sequence[F32]) -> None:
         self.sizes = np.array([len(part) for part in offsets])
-        self._starts = np.concatenate(([0], np.cumsum(self.sizes)))
-        self._weights = np.concatenate([np.ascontiguousarray(part, np.float32).ravel() for part in weights])
-        self._offsets = np.concatenate(offsets).astype(np.float32)
-        addresses = (array.ctypes.data for array in (self._starts, self._weights, self._offsets))
-        self.struct = Members(len(self.sizes), len(weights[0]), int(self.sizes.max()), *addresses)
+        filled = -(-self.sizes // _LANES) * _LANES
+        self._starts, self._places = (np.concatenate(([0], np.cumsum(sizes))) for sizes in (self.sizes, filled))
+        more = filled - self.sizes
+        wide = [np.pad(part, ((0, 0), (0, fill))) for part, fill in zip(weights, more, strict=True)]
+        self._weights = np.concatenate([np.ascontiguousarray(part, np.float32).ravel() for part in wide])
+        rows = [np.pad(part, (0, fill), constant_values=_NEVER) for part, fill in zip(offsets, more, strict=True)]
+        self._offsets = np.concatenate(rows).astype(np.float32)
+        arrays = self._starts, self._places, self._weights, self._offsets
+        addresses = (array.ctypes.data for array in arrays)
+        self.struct = Members(len(self.sizes), len(weights[0]), int(filled.max()), *addresses)
 
 
 class KernelRansDecoder:
