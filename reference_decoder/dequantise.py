@@ -11,10 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.codecs.channels import REACH, cell_widths
+from scarfmt import kernel
+from scarfmt.codecs.channels import REACH, cell_widths, width_table
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.directory import Table, Tile
 from scarfmt.errors import Malformed
+from scarfmt.kernel.values import kernel_values
 from scarfmt.model import Lattice
 from scarfmt.morton import deinterleave
 
@@ -33,6 +35,9 @@ def channel_values(values: Ints, step: Sequence[float], steps: I64) -> F32:
         step: (components) first cell widths.
         steps: (n,) ternary steps received.
     """
+    library = kernel.functions()
+    if library is not None and values.dtype == np.int32:
+        return kernel_values(library, np.ascontiguousarray(values), steps, width_table(tuple(step)))
     return _single(values, cell_widths(step, steps))
 
 

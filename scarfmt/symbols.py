@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scarfmt import kernel
 from scarfmt.bytefields import ByteReader, signed_varint, unsigned_varint, varints
 from scarfmt.errors import InvalidInput, Malformed
-from scarfmt.kernel.rans import CONTEXTS, KernelRansDecoder, KernelRansEncoder, PackedMembers, PackedTables
+from scarfmt.kernel.rans import CONTEXTS, KernelRansDecoder, KernelRansEncoder, PackedMembers, PackedSteps, PackedTables
 from scarfmt.rans import MAX_ALPHABET, PRECISION, FrequencyTable, RansDecoder, RansEncoder, SymbolSource, uniform_table
 
 Values = NDArray[np.integer[Any]]
@@ -104,6 +104,7 @@ class StaticTables(dict[TableKey, SymbolTable]):
     def __init__(self, tables: Mapping[TableKey, SymbolTable]) -> None:
         super().__init__(tables)
         self._packed: dict[StepKey, PackedTables] = {}
+        self._packed_steps: dict[tuple[int, int, range], PackedSteps] = {}
 
     def packed(self, key: StepKey) -> PackedTables:
         """The tables of a step side by side, as the compiled decoder reads them. Threads may share them."""
@@ -114,6 +115,14 @@ class StaticTables(dict[TableKey, SymbolTable]):
                     found[place, context] = self[TableKey(key.stream, component, key.step, context)]
             self._packed[key] = PackedTables(found, len(key.components))
         return self._packed[key]
+
+    def packed_steps(self, stream: int, components: int, steps: range) -> PackedSteps:
+        """The same of some steps of all components of a channel."""
+        key = (stream, components, steps)
+        if key not in self._packed_steps:
+            every = tuple(range(components))
+            self._packed_steps[key] = PackedSteps([self.packed(StepKey(stream, every, step)) for step in steps])
+        return self._packed_steps[key]
 
     def used_packed(self) -> set[TableKey]:
         """The tables that the compiled decoder has read a symbol with."""
@@ -369,11 +378,12 @@ class SymbolReader:
             return np.repeat(entry.alphabet, count)
         return entry.alphabet.take(self._rans.decode(entry.table, count))
 
-    def packed(self, key: StepKey) -> PackedTables:
-        """The tables of a step, for :attr:`compiled`."""
+    @property
+    def tables(self) -> StaticTables:
+        """Those in force, for :attr:`compiled`."""
         if not isinstance(self._tables, StaticTables):
             self._tables = StaticTables(self._tables)
-        return self._tables.packed(key)
+        return self._tables
 
     def read_grouped(self, key: StepKey, kinds: Values) -> I32:
         """The next values, (n,) int32, grouped by ascending kind, order kept within each group (SPEC §8.4).
@@ -387,7 +397,7 @@ class SymbolReader:
         """
         compiled = self.compiled
         if compiled is not None:
-            found = compiled.grouped(self.packed(key), kinds.astype(np.uint16, copy=False))
+            found = compiled.grouped(self.tables.packed(key), kinds.astype(np.uint16, copy=False))
             if isinstance(found, int):
                 raise missing_table(key.table(found))
             self.static += len(kinds)

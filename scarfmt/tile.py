@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.codecs.channels import check_reach, coarsen, get_channel, put_channel, steps_coded
+from scarfmt.codecs.channels import check_reach, coarsen, get_channel, put_channel, steps_between
 from scarfmt.codecs.classes import get_classes, put_classes
 from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
@@ -216,7 +216,7 @@ def _predicted(
 ) -> PredictedChannel | None:
     """The predictors of a channel's steps in a layer, None where none of those that travel has any."""
     stream = context.model.channels[index].stream
-    if not any(predictors.step(stream, step) for step in steps_coded(*steps)):
+    if stream not in predictors.streams or not any(predictors.step(stream, step) for step in steps_between(*steps)):
         return None
     return PredictedChannel(context, index, predictors, values, steps[0])
 
@@ -303,7 +303,8 @@ def get_layer(
             get_channel(reader, channel, classes, *steps, values, first, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, content.values[index], steps[1])
-        if channel.stream == Stream.POSITION_RESIDUAL:
+        # What this layer leaves as it was has been checked.
+        if channel.stream == Stream.POSITION_RESIDUAL and not np.array_equal(*steps):
             check_reach(content.values[index], channel.step, steps[1])
     if Stream.INDICES in wanted:
         with _opened(open_stream, Stream.INDICES) as reader:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -202,11 +203,12 @@ def _put_compiled(
             continue
         given = np.zeros(values.shape, np.int32)
         given[chosen] = coarsen(values[chosen], (at[chosen] - step)[:, None])
-        parts, around = [chosen], None
-        if predicted is not None:
-            parts, around = predicted.passes(step, chosen), predicted.surroundings(library, step)
+        parts, around, predictors = [chosen], None, None
+        if predicted is not None and predicted.covers(step):
+            parts, around = predicted.passes(chosen), predicted.surroundings
+            predictors = predicted.packed(step)
         key = StepKey(channel.stream, tuple(range(channel.components)), step)
-        for kinds, symbols in target.write(step, parts, given, around):
+        for kinds, symbols in target.write(step, parts, given, around, predictors):
             emitter.emit_grouped(key, kinds, symbols)
 
 
@@ -220,32 +222,38 @@ def _get_compiled(
     first: Sequence[I32],
     predicted: PredictedChannel | None,
 ) -> None:
-    """As :func:`get_channel`, a call of the compiled library for each step."""
+    """As :func:`get_channel`, one call of the compiled library."""
     before, after = steps
-    target = KernelChannel(compiled.functions, channel, classes, values, first, before.astype(np.int64))
-    for step in steps_coded(before, after):
-        chosen = np.flatnonzero((before < step) & (after >= step))
-        if not len(chosen):
-            continue
-        key = StepKey(channel.stream, tuple(range(channel.components)), step)
-        parts, around = [chosen], None
-        if predicted is not None:
-            parts, around = predicted.passes(step, chosen), predicted.surroundings(compiled.functions, step)
-            predicted.count(step, len(chosen))
-        read = target.read(compiled, step, parts, reader.packed(key), around)
-        if read == BAD_TRIT:
-            raise _bad_trit()
-        if read == VALUE_RANGE:
-            raise _value_range(channel)
-        if read != ALL_READ:
-            raise missing_table(key.table(read))
-        reader.static += len(chosen) * channel.components
+    if np.array_equal(before, after):
+        return
+    coded = steps_between(before, after)
+    at = np.empty(len(classes), np.int64)
+    target = KernelChannel(compiled.functions, channel, classes, values, first, at)
+    tables = reader.tables.packed_steps(channel.stream, channel.components, coded)
+    around = predictors = None
+    if predicted is not None:
+        around, predictors = predicted.surroundings, predicted.packed_steps(coded)
+    found, at_step, received = target.read(compiled, coded, steps, tables, around, predictors)
+    if found == BAD_TRIT:
+        raise _bad_trit()
+    if found == VALUE_RANGE:
+        raise _value_range(channel)
+    if found != ALL_READ:
+        raise missing_table(StepKey(channel.stream, tuple(range(channel.components)), at_step).table(found))
+    reader.static += sum(received) * channel.components
+    if predicted is not None:
+        predicted.count(coded, received)
 
 
 def steps_coded(before: I64, after: I64) -> range:
     """The steps that some anchor may receive, from (n,) steps before and after a layer."""
     moves = np.flatnonzero(before < after)
     return range(int(before[moves].min()) + 1, int(after[moves].max()) + 1) if len(moves) else range(0)
+
+
+def steps_between(before: I64, after: I64) -> range:
+    """The same and perhaps more: a step that no anchor receives costs less than to find out."""
+    return range(int(before.min()) + 1, int(after.max()) + 1) if len(before) else range(0)
 
 
 def _code_predicted(
@@ -334,6 +342,15 @@ def _bad_trit() -> Malformed:
     return Malformed("bad-trit", "a refinement is not -1, 0 or 1 (SPEC §7.5)", field="trit")
 
 
+@lru_cache(maxsize=256)
+def width_table(step: tuple[float, ...]) -> F64:
+    """(21, components) float64: a row for each number of steps, as in :func:`cell_widths`. Not to be changed."""
+    table = np.zeros((MAX_STEPS + 1, len(step)))
+    table[1:] = np.asarray(step, np.float64) / np.power(3.0, np.arange(MAX_STEPS))[:, None]
+    table.flags.writeable = False
+    return table
+
+
 def cell_widths(step: Sequence[float], steps: I64) -> F64:
     """(n, components) float64: step / 3^(n - 1) for each anchor's number of steps n; 0 where n is 0 (SPEC §9.2).
 
@@ -341,9 +358,7 @@ def cell_widths(step: Sequence[float], steps: I64) -> F64:
         step: (components) first cell widths.
         steps: (n,) ternary steps received, 0..20.
     """
-    table = np.zeros((MAX_STEPS + 1, len(step)))
-    table[1:] = np.asarray(step, np.float64) / np.power(3.0, np.arange(MAX_STEPS))[:, None]
-    return table[steps]
+    return width_table(tuple(step)).take(steps, axis=0)
 
 
 def check_reach(values: Ints, step: Sequence[float], steps: I64) -> None:

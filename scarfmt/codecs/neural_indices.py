@@ -17,7 +17,9 @@ from scarfmt import kernel
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.counters import Part
 from scarfmt.kernel.cells import KernelCellSums
+from scarfmt.kernel.indices import Known, PackedNetwork, read_indices
 from scarfmt.kernel.network import kernel_embedding_inputs
+from scarfmt.kernel.rans import KernelRansDecoder
 from scarfmt.neural.context import CellSums, count_features
 from scarfmt.neural.evaluator import Block, Evaluator
 from scarfmt.neural.grid import HashGrid
@@ -28,6 +30,7 @@ from scarfmt.neural.products import NetworkWork, grid_products
 from scarfmt.symbols import Emitter, GroupEmitter, SymbolReader
 
 I16 = NDArray[np.int16]
+I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -85,9 +88,13 @@ def put_neural_indices(
 
 
 def get_neural_indices(
-    reader: SymbolReader, coder: IndexCoder, context: LayerContext, indices: Ints, before: I64, after: I64
+    reader: SymbolReader, coder: IndexCoder, context: LayerContext, indices: I16, before: I64, after: I64
 ) -> None:
     """Read stages before+1..after into `indices`, (n, stages) int16, in place; the rest as for the emitter."""
+    packed = None if reader.compiled is None else coder.evaluator.packed
+    if reader.compiled is not None and packed is not None and packed.codes(int(after.max(initial=0))):
+        _get_compiled(reader, reader.compiled, packed, coder, context, indices, (before, after))
+        return
 
     def get(stage: int, anchors: I64, mixed: Any) -> I64:
         chosen = _get_symbols(reader, coder, stage, mixed, len(anchors))
@@ -95,6 +102,44 @@ def get_neural_indices(
         return chosen
 
     _code(coder, context, indices, before, after, get)
+
+
+def _get_compiled(
+    reader: SymbolReader,
+    compiled: KernelRansDecoder,
+    packed: PackedNetwork,
+    coder: IndexCoder,
+    context: LayerContext,
+    indices: I16,
+    stages: tuple[I64, I64],
+) -> None:
+    """As :func:`get_neural_indices`, one call of the compiled library."""
+    before, after = stages
+    features = _grid_features(coder, context, before < after)
+    settled = np.ascontiguousarray(context.settled())
+    cells, log2 = context.cell_names, context.model.context.passes_log2
+    known = Known(context.classes, settled, features, context.by_code, cells, log2)
+    reader.modelled += read_indices(compiled, packed, known, indices, before, after)
+    if context.counters is not None:
+        for part in context.parts(np.flatnonzero(before < after)):
+            _count_pass(coder, context, part, indices, (before[part], after[part]))
+
+
+def _count_pass(
+    coder: IndexCoder, context: LayerContext, part: I64, indices: Ints, stages: tuple[I64, I64]
+) -> None:
+    """Count the work of a pass, as :func:`_code_pass` does on its way."""
+    before, after = stages
+    work = NetworkWork(coder.network, context.counters)
+    work.embedded(len(part))
+    last = int(after.max(initial=0))
+    for stage in range(1, last + 1):
+        coded = part[(before < stage) & (after >= stage)]
+        if len(coded):
+            work.mixed(stage, len(coded))
+            work.coded(stage, indices[coded, stage - 1].astype(np.int64))
+        if stage < last:
+            work.advanced(stage, len(part))
 
 
 def _code(
@@ -107,7 +152,7 @@ def _code(
     known = np.flatnonzero(before > 0)
     means.add(context.rows(known), np.concatenate([settled[known], latents[known]], axis=1))
     group = np.flatnonzero(before < after)
-    around = Around(context, settled, means, _grid_features(coder, context, group))
+    around = Around(context, settled, means, _grid_features(coder, context, before < after))
     for part in context.parts(group):
         _code_pass(coder, around, part, indices, (before[part], after[part]), exchange)
         decoded = coder.books.latents(indices[part], after[part], inputs.latents)
@@ -120,25 +165,25 @@ class Around:
 
     Attributes:
         context: of the tile-layer.
-        settled: (n, A) fine values of the attribute channels.
+        settled: (n, A) int32 fine values of the attribute channels.
         means: over the anchors whose indices are known.
         grid: (n, features) int16 of the anchors to be coded.
     """
 
     context: LayerContext
-    settled: I64
+    settled: I32
     means: CellSums | KernelCellSums
     grid: I16
 
 
-def _grid_features(coder: IndexCoder, context: LayerContext, group: I64) -> I16:
+def _grid_features(coder: IndexCoder, context: LayerContext, wanted: NDArray[np.bool_]) -> I16:
     out = np.zeros((len(context), 0 if coder.grid is None else coder.grid.width), np.int16)
-    if coder.grid is not None and len(group):
+    if coder.grid is not None and wanted.any():
         # In Morton order, in which neighbours share cells.
-        ordered = group[np.argsort(context.rows(group))]
+        ordered = context.by_code[wanted[context.by_code]]
         out[ordered] = coder.grid.features(context.lattice_positions(ordered))
         if context.counters is not None:
-            context.counters.multiply(Part.HASH_GRID, len(group), grid_products(coder.grid))
+            context.counters.multiply(Part.HASH_GRID, len(ordered), grid_products(coder.grid))
     return out
 
 

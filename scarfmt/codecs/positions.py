@@ -151,7 +151,7 @@ def get_positions(reader: SymbolReader, total: int, bits: int) -> U64:
 
 def _get_compiled(reader: SymbolReader, compiled: KernelRansDecoder, total: int, bits: int) -> U64:
     """As :func:`get_positions`, of one anchor or more, by the compiled library."""
-    found = KernelPositions(compiled, reader.packed(_KEY), total, bits)
+    found = KernelPositions(compiled, reader.tables.packed(_KEY), total, bits)
     if found.read in _FAULTS:
         raise _FAULTS[found.read]()
     if found.read != ALL_READ:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,12 +11,60 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.kernel.interface import DEPTHS, Cells, address
+from scarfmt.kernel.scratch import SCRATCH
+from scarfmt.limits import MAX_LOCAL_BITS
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
+U64 = NDArray[np.uint64]
 Ints = NDArray[np.integer[Any]]
 Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 F64 = NDArray[np.float64]
+
+
+class CellNames:
+    """In which cells the anchors of a tile-layer lie, as the library reads it.
+
+    Args:
+        cell: per depth, coarse first, the (n,) int32 cell of each anchor or row, in one piece.
+        sizes: per depth, how many cells there are.
+    """
+
+    def __init__(self, cell: Sequence[I32], sizes: Sequence[int]) -> None:
+        pointers = ctypes.c_void_p * DEPTHS
+        self.depths, self.sizes = len(cell), tuple(sizes)
+        self._cell = cell
+        self._pointers = pointers(*(address(array, np.int32) for array in cell))
+        self._sizes = (ctypes.c_int64 * DEPTHS)(*sizes)
+
+    @classmethod
+    def of(cls, library: ctypes.CDLL, codes: U64, by_code: I64, bits: int, occupancies: Sequence[int]) -> CellNames:
+        """The cells of SPEC §10.2.
+
+        Args:
+            codes: (n,) uint64 Morton codes below 8^bits, bits 0..21.
+            by_code: (n,) int64 anchors by (code, index).
+            occupancies: targets, coarse first.
+        """
+        count, depths = len(codes), len(occupancies)
+        if len(by_code) != count or not 0 <= bits <= MAX_LOCAL_BITS or depths > DEPTHS:
+            raise TypeError(f"{len(by_code)} of {count} anchors, {bits} bits, {depths} depths")
+        cell, sizes = np.empty((depths, count), np.int32), np.zeros(depths, np.int64)
+        targets = (ctypes.c_int64 * DEPTHS)(*occupancies)
+        rows = (ctypes.c_void_p * DEPTHS)(*(row.ctypes.data for row in cell))
+        arrays = address(codes, np.uint64), address(by_code, np.int64)
+        library.scar_cells_names(*arrays, count, bits, targets, depths, rows, sizes.ctypes.data)
+        return cls(list(cell), sizes.tolist())
+
+    def struct(self, columns: int, sums: Sequence[int]) -> Cells:
+        """Cells of `columns` values each, with (size, columns + 1) float64 at the addresses `sums`."""
+        return Cells(self.depths, columns, self._pointers, (ctypes.c_void_p * DEPTHS)(*sums), self._sizes)
+
+    def scratch(self, columns: int) -> Cells:
+        """The same, with anything in them, for one call that empties them first."""
+        ends = list(itertools.accumulate((8 * size * (columns + 1) for size in self.sizes), initial=0))
+        start = SCRATCH.at("sums", ends[-1])
+        return self.struct(columns, [start + end for end in ends[:-1]])
 
 
 class KernelCellSums:
@@ -29,36 +78,32 @@ class KernelCellSums:
     """
 
     def __init__(self, library: ctypes.CDLL, cell: Sequence[I32], sizes: Sequence[int], columns: int) -> None:
-        self.functions, self._cell, self._columns = library, cell, columns
+        self.functions, self._depths, self._columns = library, len(cell), columns
         self._sums = [np.zeros((size, columns + 1)) for size in sizes]
-        pointers = ctypes.c_void_p * DEPTHS
-        self.struct = Cells(
-            len(cell),
-            columns,
-            pointers(*(address(array, np.int32) for array in cell)),
-            pointers(*(array.ctypes.data for array in self._sums)),
-        )
+        self._names = CellNames(cell, sizes)
+        self.struct = self._names.struct(columns, [array.ctypes.data for array in self._sums])
 
     def add(self, anchors: Ints, values: Numbers) -> None:
         """Add (m,) anchors with their (m, columns) integer values."""
-        places, numbers = np.ascontiguousarray(anchors, np.int64), np.ascontiguousarray(values, np.int64)
+        places, numbers = np.ascontiguousarray(anchors, np.int64), np.ascontiguousarray(values, np.float64)
         address = ctypes.byref(self.struct)
         self.functions.scar_cells_add(address, places.ctypes.data, len(places), numbers.ctypes.data)
 
     def around(self, anchors: Ints) -> tuple[F64, F64]:
         """(w, depths, columns) means and (w, depths) counts in the cells of (w,) anchors."""
         places = np.ascontiguousarray(anchors, np.int64)
-        depths = len(self._cell)
-        means, counts = np.empty((len(places), depths, self._columns)), np.empty((len(places), depths))
+        means = np.empty((len(places), self._depths, self._columns))
+        counts = np.empty((len(places), self._depths))
         address = ctypes.byref(self.struct)
         arrays = (array.ctypes.data for array in (means, counts))
         self.functions.scar_cells_around(address, places.ctypes.data, len(places), *arrays)
         return means, counts
 
 
-def kernel_fine(library: ctypes.CDLL, values: Ints, steps: Ints) -> I64:
-    """(n, components) int64 fine values of (n, components) `values`, |v| < 2^31, at (n,) `steps`."""
+def kernel_fine(library: ctypes.CDLL, values: Ints, steps: Ints, out: I32) -> None:
+    """Put the fine values of (n, components) `values`, |v| < 2^31, at (n,) `steps`, into `out`, (n, components)."""
     short, counts = np.ascontiguousarray(values, np.int32), np.ascontiguousarray(steps, np.int64)
-    out = np.empty(short.shape, np.int64)
-    library.scar_fine(short.ctypes.data, counts.ctypes.data, *short.shape, out.ctypes.data)
-    return out
+    if out.shape != short.shape or out.dtype != np.int32 or (out.size and out.strides[1] != 4):
+        raise TypeError(f"{out.dtype} of shape {out.shape}, strides {out.strides} for {short.shape} fine values")
+    stride = out.strides[0] // 4
+    library.scar_fine(short.ctypes.data, counts.ctypes.data, *short.shape, stride, out.ctypes.data)

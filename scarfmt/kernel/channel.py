@@ -1,20 +1,23 @@
-"""Compiled reading and writing of channel steps: all passes of a step in one call (SPEC §7.5, §10.3)."""
+"""Compiled reading and writing of channels (SPEC §7.5, §10.3): a call reads all steps of a layer, or writes one."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.errors import InvalidInput
-from scarfmt.kernel.cells import KernelCellSums
-from scarfmt.kernel.interface import Cells, Predictor, Rule, Step, address, check_symbols
-from scarfmt.kernel.rans import ALL_READ, KernelRansDecoder, PackedTables
-from scarfmt.model import NO_SOURCE, Channel
+from scarfmt.kernel.cells import CellNames
+from scarfmt.kernel.interface import Channel as Struct
+from scarfmt.kernel.interface import Layer, Predictor, Rule, address, check_symbols
+from scarfmt.kernel.rans import ALL_READ, CONTEXTS, KernelRansDecoder, PackedSteps
+from scarfmt.kernel.scratch import SCRATCH
+from scarfmt.model import MAX_CLASSES, NO_SOURCE, Channel, ContextRule
 from scarfmt.neural import predictors as definition
 
 I32 = NDArray[np.int32]
@@ -24,7 +27,7 @@ U16 = NDArray[np.uint16]
 BAD_TRIT = -2
 VALUE_RANGE = -3
 # Anchors whose inputs lie side by side, and rows of weights that are multiplied at once.
-_BLOCK, _ROWS = 16, 4
+_BLOCK, _ROWS = 16, 5
 
 
 class PackedPredictors:
@@ -40,7 +43,6 @@ class PackedPredictors:
         self.array = (Predictor * components)()
         for component, predictor in predictors.items():
             self._fill(self.array[component], predictor)
-        self.inputs = next(iter(predictors.values())).inputs
 
     def _fill(self, out: Predictor, predictor: definition.Predictor) -> None:
         units, inputs = predictor.units, predictor.inputs
@@ -61,19 +63,50 @@ class PackedPredictors:
         return self._arrays[-1].ctypes.data
 
 
-@dataclass
+class PackedPredictorSteps:
+    """The predictors of consecutive steps of a channel.
+
+    Args:
+        steps: of each step, None where static contexts apply.
+
+    Attributes:
+        first: whether the first of these steps has any.
+    """
+
+    def __init__(self, steps: Sequence[PackedPredictors | None]) -> None:
+        self._kept, self.first = steps, steps[0] is not None
+        addresses = (None if step is None else ctypes.addressof(step.array) for step in steps)
+        self.array = (ctypes.c_void_p * len(steps))(*addresses)
+
+
+@dataclass(frozen=True)
 class Surroundings:
     """What predictors look at.
 
     Attributes:
-        settled: (n, a) int64 fine values of the attribute channels before.
-        cells: with no anchors yet.
-        predictors: of the step.
+        settled: (n, a) int32 fine values of the attribute channels before; leading columns of a wider array.
+        cells: of the anchors.
+        by_code: (n,) int64 anchors by (code, index).
+        passes_log2: of the scene.
     """
 
-    settled: I64
-    cells: KernelCellSums
-    predictors: PackedPredictors
+    settled: I32
+    cells: CellNames
+    by_code: I64
+    passes_log2: int
+
+
+@lru_cache(maxsize=256)
+def _packed_rules(rules: tuple[ContextRule, ...], columns: tuple[int, ...]) -> tuple[Any, frozenset[int]]:
+    """The rules of a channel, and the channels they look at; `columns`: components of each channel."""
+    packed = (Rule * len(rules))()
+    sources = frozenset(rule.source_channel for rule in rules) - {NO_SOURCE}
+    for out, rule in zip(packed, rules, strict=True):
+        out.by_class, out.low, out.shift, out.source = rule.by_class, rule.low, rule.shift, -1
+        if rule.source_channel != NO_SOURCE:
+            out.source, out.component = rule.source_channel, rule.source_component
+            out.columns = columns[rule.source_channel]
+    return packed, sources
 
 
 class KernelChannel:
@@ -98,42 +131,69 @@ class KernelChannel:
         steps: I64,
     ) -> None:
         self._library, self._channel, self._count = library, channel, len(classes)
-        self._rules = (Rule * channel.components)()
-        for out, rule in zip(self._rules, channel.rules, strict=True):
-            out.by_class, out.low, out.shift = rule.by_class, rule.low, rule.shift
-            if rule.source_channel != NO_SOURCE:
-                source = first[rule.source_channel]
-                out.source_columns = source.shape[1]
-                out.source = address(source, np.int32) + source.itemsize * rule.source_component
+        rules, looked_at = _packed_rules(channel.rules, tuple(array.shape[1] for array in first))
+        sources = (ctypes.c_void_p * len(first))()
+        for number in looked_at:
+            sources[number] = address(first[number], np.int32)
         kinds = np.ascontiguousarray(classes, np.int64)
-        self._kept: list[NDArray[Any]] = [kinds, values, *first, steps]
-        self._struct = Step(components=channel.components, rules=self._rules)
-        self._struct.classes, self._struct.values = kinds.ctypes.data, address(values, np.int32)
-        self._struct.first, self._struct.steps = address(first[-1], np.int32), address(steps, np.int64)
+        self._kept: list[Any] = [kinds, values, *first, steps, rules, sources]
+        check_symbols(len(classes) * channel.components)
+        self._struct = Struct(
+            len(classes),
+            channel.components,
+            kinds.ctypes.data,
+            address(values, np.int32),
+            address(first[-1], np.int32),
+            address(steps, np.int64),
+            ctypes.addressof(rules),
+            ctypes.addressof(sources),
+        )
 
     def read(
         self,
         rans: KernelRansDecoder,
-        step: int,
-        parts: Sequence[I64],
-        tables: PackedTables,
+        coded: range,
+        moves: tuple[I64, I64],
+        tables: PackedSteps,
         around: Surroundings | None,
-    ) -> int:
-        """Read a step of the anchors of each part, one after the other, from a sub-stream.
+        predictors: PackedPredictorSteps | None,
+    ) -> tuple[int, int, list[int]]:
+        """Read the steps `coded` from a sub-stream, each of the anchors that receive it.
+
+        Args:
+            coded: the steps that some anchor may receive.
+            moves: (n,) int64 steps before and after the layer.
+            tables, predictors: of these steps.
+            around: what the predictors look at, if there are any.
 
         Returns:
-            ALL_READ, BAD_TRIT, VALUE_RANGE, or a kind that has no table.
+            ALL_READ, BAD_TRIT, VALUE_RANGE, or a kind that has no table; the step in which that is so, or the one
+            after all; and how many anchors received each step.
         """
-        symbols = self._together(step, parts)
-        check_symbols(symbols)
-        scratch: list[NDArray[Any]] = [*np.empty((2, symbols), np.int32), np.empty(tables.kinds + 1, np.int64)]
-        struct = self._struct
-        struct.tables, struct.given = tables.pointer, None
-        struct.symbols, struct.order, struct.counts = (array.ctypes.data for array in scratch)
-        return self._coded(rans.pointer, step, parts, around)
+        count, symbols = self._count, self._count * self._channel.components
+        before, after = (np.ascontiguousarray(steps, np.int64) for steps in moves)
+        self._struct.symbols, self._struct.order = SCRATCH.at("symbols", 4 * symbols), SCRATCH.at("order", 4 * symbols)
+        self._struct.counts = SCRATCH.at("counts", 8 * (self._channel.components * CONTEXTS + 1))
+        self._look_around(around, predictors is not None and coded.start == 1 and predictors.first)
+        received = (ctypes.c_int64 * len(coded))()
+        none = (ctypes.c_void_p * len(coded))()
+        layer = Layer(coded.start, coded.stop, before.ctypes.data, after.ctypes.data)
+        layer.tables = ctypes.addressof(tables.array)
+        layer.predictors = ctypes.addressof(none if predictors is None else predictors.array)
+        layer.chosen, layer.anchors = SCRATCH.at("chosen", 8 * count), SCRATCH.at("anchors", 8 * count)
+        layer.read = ctypes.addressof(received)
+        if around is not None:
+            layer.by_code, layer.passes_log2 = address(around.by_code, np.int64), around.passes_log2
+        found = self._library.scar_channel_layer(rans.pointer, ctypes.byref(self._struct), ctypes.byref(layer))
+        return int(found), int(self._struct.step), list(received)
 
     def write(
-        self, step: int, parts: Sequence[I64], given: I32, around: Surroundings | None
+        self,
+        step: int,
+        parts: Sequence[I64],
+        given: I32,
+        around: Surroundings | None = None,
+        predictors: PackedPredictors | None = None,
     ) -> list[tuple[U16, I32]]:
         """Kinds and symbols of a step of the anchors of each part, in the groups in which they travel.
 
@@ -143,40 +203,33 @@ class KernelChannel:
         components = self._channel.components
         total = sum(map(len, parts)) * components
         kinds, symbols = np.empty(total, np.uint16), np.empty(total, np.int32)
+        anchors, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
         struct = self._struct
-        struct.given, struct.kinds_out = address(given, np.int32), kinds.ctypes.data
+        struct.step, struct.given, struct.kinds_out = step, address(given, np.int32), kinds.ctypes.data
         struct.symbols_out = symbols.ctypes.data
-        if self._coded(None, step, parts, around) != ALL_READ:
+        self._look_around(around, predictors is not None and step == 1)
+        struct.predictors = None if predictors is None else ctypes.addressof(predictors.array)
+        arrays = anchors.ctypes.data, ends.ctypes.data, len(parts)
+        if self._library.scar_channel_step(None, ctypes.byref(struct), *arrays) != ALL_READ:
             raise InvalidInput("input-symbol", "a step of more than one trit", field=self._channel.stream.name)
         # The components of a first step travel one after the other, those of a later one together.
         groups = components if step == 1 else 1
         sizes = [len(part) * components // groups for part in parts for _ in range(groups)]
-        ends = np.cumsum(sizes)[:-1]
-        return list(zip(np.split(kinds, ends), np.split(symbols, ends), strict=True))
+        splits = np.cumsum(sizes)[:-1]
+        return list(zip(np.split(kinds, splits), np.split(symbols, splits), strict=True))
 
-    def _together(self, step: int, parts: Sequence[I64]) -> int:
-        """Most symbols of one group."""
-        return max(map(len, parts)) * (1 if step == 1 else self._channel.components)
-
-    def _coded(self, rans: Any, step: int, parts: Sequence[I64], around: Surroundings | None) -> int:
+    def _look_around(self, around: Surroundings | None, whole: bool) -> None:
+        """Lend the library what predictors look at, and memory: for the inputs of a `whole` pass, or one block."""
         struct, components = self._struct, self._channel.components
-        anchors, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
-        kind = np.empty(self._together(step, parts), np.uint16)
-        struct.step, struct.passes, struct.predicted = step, len(parts), around is not None
-        struct.anchors, struct.ends, struct.kind = anchors.ctypes.data, ends.ctypes.data, kind.ctypes.data
-        struct.predictors, struct.cells = self._no_predictors, Cells()
-        inputs = np.empty(0, np.float32)
-        if around is not None:
-            struct.predictors, struct.cells = around.predictors.array, around.cells.struct
-            struct.settled_columns, struct.settled = around.settled.shape[1], address(around.settled, np.int64)
-            depths = around.cells.struct.depths
-            struct.shared = around.predictors.inputs - depths
-            width = struct.shared + components * depths
-            inputs = np.empty(-(-max(map(len, parts)) // _BLOCK) * _BLOCK * width, np.float32)
-        struct.inputs = inputs.ctypes.data
-        return int(self._library.scar_channel_step(rans, ctypes.byref(struct), self._count))
-
-    @property
-    def _no_predictors(self) -> Any:
-        return (Predictor * self._channel.components)()
-
+        struct.kind = SCRATCH.at("kind", 2 * self._count * components)
+        if around is None:
+            return
+        settled, depths = around.settled, around.cells.depths
+        if settled.dtype != np.int32 or (settled.size and settled.strides[1] != 4) or len(settled) != self._count:
+            raise TypeError(f"{settled.dtype} of strides {settled.strides} for settled values")
+        struct.settled, struct.settled_columns = settled.ctypes.data, settled.shape[1]
+        struct.settled_stride = settled.strides[0] // 4
+        struct.cells = around.cells.scratch(components)
+        width = MAX_CLASSES + settled.shape[1] + components + depths * (2 * components + 1)
+        blocks = -(-self._count // _BLOCK) if whole else 1
+        struct.inputs = SCRATCH.at("inputs", 4 * _BLOCK * width * blocks)

@@ -13,7 +13,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from scarfmt.errors import LimitExceeded
 
-DEPTHS = 4
+DEPTHS, HEADS, GRU_LAYERS = 4, 2, 4
 MOST_SYMBOLS = (1 << 31) - 1
 """Of one call: their places are 32-bit numbers. Tiles ask for 2^26 at most, 64 components of 2^20 anchors."""
 
@@ -63,14 +63,20 @@ class Members(Structure):
 
     _fields_ = (
         *((name, c_int64) for name in ("clusters", "width", "largest")),
-        *((name, c_void_p) for name in ("starts", "weights", "offsets")),
+        *((name, c_void_p) for name in ("starts", "places", "weights", "offsets")),
     )
 
 
 class Cells(Structure):
     """Sums over the anchors of each cell."""
 
-    _fields_ = (("depths", c_int64), ("columns", c_int64), ("cell", c_void_p * DEPTHS), ("sums", c_void_p * DEPTHS))
+    _fields_ = (
+        ("depths", c_int64),
+        ("columns", c_int64),
+        ("cell", c_void_p * DEPTHS),
+        ("sums", c_void_p * DEPTHS),
+        ("sizes", c_int64 * DEPTHS),
+    )
 
 
 class Predictor(Structure):
@@ -90,27 +96,34 @@ class Predictor(Structure):
 class Rule(Structure):
     """One component's static context."""
 
+    _fields_ = tuple((name, c_int64) for name in ("by_class", "low", "shift", "source", "component", "columns"))
+
+
+class Channel(Structure):
+    """One channel in one tile-layer."""
+
     _fields_ = (
-        ("by_class", c_int64),
-        ("low", c_int64),
-        ("shift", c_int64),
-        ("source_columns", c_int64),
-        ("source", c_void_p),
+        ("count", c_int64),
+        ("components", c_int64),
+        *((name, c_void_p) for name in ("classes", "values", "first", "steps", "rules", "sources", "settled")),
+        ("settled_columns", c_int64),
+        ("settled_stride", c_int64),
+        ("cells", Cells),
+        *((name, c_void_p) for name in ("inputs", "kind", "symbols", "order", "counts")),
+        ("step", c_int64),
+        *((name, c_void_p) for name in ("predictors", "tables", "given", "kinds_out", "symbols_out")),
     )
 
 
-class Step(Structure):
-    """One step of one channel in one tile-layer."""
+class Layer(Structure):
+    """What a layer brings of a channel."""
 
     _fields_ = (
-        *((name, c_int64) for name in ("step", "components", "settled_columns", "shared", "passes", "predicted")),
-        *((name, c_void_p) for name in ("classes", "settled", "values", "first", "steps", "anchors", "ends")),
-        ("predictors", POINTER(Predictor)),
-        ("rules", POINTER(Rule)),
-        ("cells", Cells),
-        ("tables", POINTER(Tables)),
-        *((name, c_void_p) for name in ("inputs", "kind", "symbols", "order", "counts")),
-        *((name, c_void_p) for name in ("given", "kinds_out", "symbols_out")),
+        ("start", c_int64),
+        ("stop", c_int64),
+        *((name, c_void_p) for name in ("before", "after", "by_code")),
+        ("passes_log2", c_int64),
+        *((name, c_void_p) for name in ("tables", "predictors", "chosen", "anchors", "read")),
     )
 
 
@@ -168,7 +181,68 @@ class Embedding(Structure):
     )
 
 
-INTERFACE = 1
+class Linear(Structure):
+    """One rounded layer of the index network."""
+
+    _fields_ = (
+        ("inputs", c_int64),
+        ("outputs", c_int64),
+        ("weights", c_void_p),
+        ("biases", c_void_p),
+        ("low", c_float),
+        ("high", c_float),
+    )
+
+
+class Recurrence(Structure):
+    """One recurrent layer of the index network."""
+
+    _fields_ = (
+        ("tokens", c_void_p * HEADS),
+        *((name, c_void_p) for name in ("inputs", "biases", "recurrent", "offsets")),
+    )
+
+
+class Head(Structure):
+    """The head of one codebook."""
+
+    _fields_ = (("first", Linear), ("second", Linear), ("top", Linear), ("members", POINTER(Members)))
+
+
+class Network(Structure):
+    """The index network, without attention."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("classes", "own", "attributes", "latents", "latent_shift", "grid")),
+        *((name, c_int64) for name in ("amax", "hidden", "mixed", "layers")),
+        ("embed", Linear * 2),
+        ("mix_embedding", Linear),
+        ("mix_state", Linear),
+        *((name, c_void_p) for name in ("mix_start", "after_first", "sigmoid", "tanh", "exp2")),
+        ("gru", Recurrence * GRU_LAYERS),
+        ("heads", Head * HEADS),
+        ("books", c_void_p * HEADS),
+        ("sizes", c_int64 * HEADS),
+    )
+
+
+class Indices(Structure):
+    """The indices of one tile-layer."""
+
+    _fields_ = (
+        ("count", c_int64),
+        ("stages", c_int64),
+        *((name, c_void_p) for name in ("classes", "settled", "features", "indices", "before", "after", "by_code")),
+        ("passes_log2", c_int64),
+        ("cells", Cells),
+        *((name, c_void_p) for name in ("chosen", "anchors", "means", "lanes", "shares", "states", "weights")),
+        *((name, c_void_p) for name in ("coded", "clusters", "outputs", "counts", "order", "logits")),
+        *((name, c_void_p) for name in ("member_weights", "found")),
+        ("modelled", c_int64),
+    )
+
+
+INTERFACE = 2
 """That of kernel.h: a library built before its last change would be called with wrong arguments."""
 
 _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
@@ -184,13 +258,17 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_spans_logits": (None, [c_void_p, c_void_p, c_int64, c_int64, *[c_void_p] * 4]),
     "scar_rans_encode": (c_int64, [c_void_p, c_void_p, c_int64, c_void_p]),
     "scar_rans_members": (None, [POINTER(Rans), POINTER(Members), c_void_p, c_void_p, c_int64, *[c_void_p] * 6]),
-    "scar_fine": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
+    "scar_fine": (None, [c_void_p, c_void_p, c_int64, c_int64, c_int64, c_void_p]),
+    "scar_cells_names": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_int64, c_void_p, c_void_p]),
     "scar_cells_add": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p]),
     "scar_cells_around": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p, c_void_p]),
     "scar_positions": (c_int64, [POINTER(Rans), POINTER(Positions), POINTER(Tables)]),
     "scar_grid": (None, [POINTER(Grid), c_void_p, c_int64, c_void_p]),
     "scar_embedding_inputs": (None, [POINTER(Embedding), POINTER(Cells), c_void_p, c_void_p, c_int64, c_void_p]),
-    "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Step), c_int64]),
+    "scar_indices": (c_int64, [POINTER(Rans), POINTER(Network), POINTER(Indices)]),
+    "scar_values": (None, [c_void_p, c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
+    "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Channel), c_void_p, c_void_p, c_int64]),
+    "scar_channel_layer": (c_int64, [POINTER(Rans), POINTER(Channel), POINTER(Layer)]),
 }
 
 

@@ -1,6 +1,6 @@
 /* What the index network reads (SPEC 10.5, 10.6): scarfmt/codecs/neural_indices.py and scarfmt/neural/grid.py. */
 
-#include "kernel.h"
+#include "cells.h"
 
 #define CLASS_VALUE 64.0f
 #define FEATURE_MAX 127
@@ -69,7 +69,7 @@ EXPORT void scar_grid(const Grid *grid, const int64_t *positions, int64_t n, int
 typedef struct {
     int64_t classes, own, attributes, latents, latent_shift, grid, amax;
     const int64_t *anchor_class; /* (n) */
-    const int64_t *settled;      /* (n, attributes) */
+    const int32_t *settled;      /* (n, attributes) */
     const int16_t *features;     /* (n, grid) */
 } Embedding;
 

@@ -16,22 +16,27 @@ if TYPE_CHECKING:
     from scarfmt.neural.network import IndexNetwork
 
 I16 = NDArray[np.int16]
+I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 F32 = NDArray[np.float32]
 Ints = NDArray[np.integer[Any]]
 
 
-def grid_features(library: ctypes.CDLL, grid: HashGrid, positions: Ints) -> I16:
-    """(n, width) int16 features of anchors at (n, 3) lattice `positions`."""
+def packed_grid(grid: HashGrid) -> Grid:
+    """A grid as the library reads it; it must be kept meanwhile."""
     levels = (GridLevel * len(grid.levels))()
     for out, level, bits in zip(levels, grid.levels, grid.bits, strict=True):
         out.dims, out.resolution, out.table_log2 = len(level.axes), level.resolution, level.table_log2
         out.axes[: len(level.axes)] = level.axes
         out.features, out.dense, out.bits = level.features, level.dense, address(bits, np.uint8)
-    struct = Grid(len(levels), grid.origin, grid.extent_bits, grid.width, levels)
+    return Grid(len(levels), grid.origin, grid.extent_bits, grid.width, levels)
+
+
+def grid_features(library: ctypes.CDLL, grid: HashGrid, positions: Ints) -> I16:
+    """(n, width) int16 features of anchors at (n, 3) lattice `positions`."""
     places = np.ascontiguousarray(positions, np.int64)
     found = np.empty((len(places), grid.width), np.int16)
-    library.scar_grid(ctypes.byref(struct), places.ctypes.data, len(places), found.ctypes.data)
+    library.scar_grid(ctypes.byref(grid.packed), places.ctypes.data, len(places), found.ctypes.data)
     return found
 
 
@@ -39,18 +44,18 @@ def kernel_embedding_inputs(
     network: IndexNetwork,
     cells: KernelCellSums,
     classes: I64,
-    settled: I64,
+    settled: I32,
     features: I16,
     chosen: tuple[I64, I64],
 ) -> F32:
     """(m, width) float32 integers: the input columns of m anchors.
 
     Args:
-        classes, settled, features: of all anchors: (n,), (n, A) int64 and (n, grid) int16.
+        classes, settled, features: of all anchors: (n,) int64, (n, A) int32 and (n, grid) int16.
         chosen: (m,) numbers of the anchors, and their rows in `cells`.
     """
     inputs = network.inputs
-    types = (np.int64, np.int64, np.int16, np.int64, np.int64)
+    types = (np.int64, np.int32, np.int16, np.int64, np.int64)
     given = zip((classes, settled, features, *chosen), types, strict=True)
     arrays = [np.ascontiguousarray(array, dtype) for array, dtype in given]
     kinds, fine, grid, anchors, rows = (array.ctypes.data for array in arrays)

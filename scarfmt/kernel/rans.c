@@ -1,23 +1,8 @@
 /* The inner loops of rANS decoding (SPEC 8.1-8.3): what scarfmt/rans.py and scarfmt/symbols.py define. */
 
-#include "kernel.h"
+#include "rans.h"
 
 EXPORT int64_t scar_interface(void) { return INTERFACE; }
-
-#define PRECISION 24
-#define TOTAL (1u << PRECISION)
-#define SLOT_MASK (TOTAL - 1)
-#define LANES 16
-#define EXP2_END 512
-
-static inline void refill(Rans *rans) {
-    if (rans->state < (1ull << 32) && rans->left) rans->state = rans->state << 32 | rans->words[--rans->left];
-}
-
-static inline void advance(Rans *rans, uint32_t slot, uint32_t first, uint32_t past) {
-    rans->state = (uint64_t)(past - first) * (rans->state >> PRECISION) + slot - first;
-    refill(rans);
-}
 
 /* Takes the first state from the end of the words. */
 EXPORT void scar_rans_open(Rans *rans) {
@@ -41,7 +26,29 @@ static inline uint32_t symbol(Rans *rans, const uint32_t *c, uint32_t n) {
 /* n symbols of one table of `size` >= 2 symbols. */
 EXPORT void scar_rans_table(Rans *rans, const uint32_t *c, uint32_t size, int64_t n,
                             int32_t *out) {
-    for (int64_t i = 0; i < n; i++) out[i] = (int32_t)symbol(rans, c, size);
+    Rans local = *rans;
+    for (int64_t i = 0; i < n; i++) out[i] = (int32_t)symbol(&local, c, size);
+    *rans = local;
+}
+
+/* The same of a table of 2 or 3 symbols, without a branch or a look into the table: symbols from `at` to `past` of those
+in `order`. Returns `past`. */
+INLINE int64_t few_symbols(Rans *rans, const uint32_t *c, uint32_t size, const int32_t *alphabet, const int32_t *order,
+                           int64_t at, int64_t past, int32_t *out) {
+    const uint32_t second = c[1], third = size > 2 ? c[2] : TOTAL;
+    /* What firsts and frequencies change by, from one symbol to the next. */
+    const uint32_t next_first = third - second, wider = next_first - second, last_wider = TOTAL - third - next_first;
+    const int32_t values[3] = {alphabet[0], alphabet[1], alphabet[size - 1]};
+    for (; at < past; at++) {
+        const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
+        const uint32_t one = -(uint32_t)(slot >= second), two = -(uint32_t)(slot >= third);
+        const uint32_t first = (one & second) + (two & next_first);
+        const uint32_t frequency = second + (one & wider) + (two & last_wider);
+        rans->state = (uint64_t)frequency * (rans->state >> PRECISION) + slot - first;
+        refill(rans);
+        out[order[at]] = values[-(int32_t)(one + two)];
+    }
+    return past;
 }
 
 /* The order of n symbols by ascending kind; counts[k] is then where kind k ends. ALL_READ, or a kind without table. */
@@ -67,6 +74,8 @@ EXPORT int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_
                                  int32_t *order, int32_t *out) {
     const int64_t missing = sorted_by_kind(tables, kind, n, counts, order);
     if (missing != ALL_READ) return missing;
+    /* In registers: through memory, each symbol would wait for the one before. */
+    Rans local = *rans;
     int64_t at = 0;
     for (int64_t k = 0; k < tables->kinds; k++) {
         const int64_t past = counts[k];
@@ -78,14 +87,13 @@ EXPORT int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_
         const int32_t *alphabet = tables->values + first;
         if (size == 1)
             for (; at < past; at++) out[order[at]] = alphabet[0];
+        else if (size <= 3)
+            at = few_symbols(&local, c, size, alphabet, order, at, past, out);
         else
-            for (; at < past; at++) out[order[at]] = alphabet[symbol(rans, c, size)];
+            for (; at < past; at++) out[order[at]] = alphabet[symbol(&local, c, size)];
     }
+    *rans = local;
     return ALL_READ;
-}
-
-static inline uint32_t edge(uint64_t sum, uint64_t spare, uint64_t total, uint32_t place) {
-    return (uint32_t)(sum * spare / total) + place;
 }
 
 /* n symbols of the uniform table of `size` symbols, 2 <= size <= 4096. */
@@ -118,95 +126,52 @@ EXPORT void scar_rans_rows(Rans *rans, const double *weights, int64_t n, int64_t
     }
 }
 
-/* The largest of `size` logits of each of LANES columns, and the weights and total that follow (SPEC 10.5). */
-static void column_weights(const float *logits, int64_t size, int64_t stride, const uint32_t *exp2, uint32_t *weights,
-                           uint32_t *totals) {
-    float most[LANES];
-    for (int j = 0; j < LANES; j++) most[j] = logits[j], totals[j] = 0;
-    for (int64_t k = 1; k < size; k++) {
-        const float *row = logits + k * stride;
-        for (int j = 0; j < LANES; j++) most[j] = row[j] > most[j] ? row[j] : most[j];
-    }
-    for (int64_t k = 0; k < size; k++) {
-        const float *row = logits + k * stride;
-        for (int j = 0; j < LANES; j++) {
-            const float apart = most[j] - row[j];
-            const uint32_t weight = exp2[apart < EXP2_END ? (int32_t)apart : EXP2_END];
-            weights[k * LANES + j] = weight;
-            totals[j] += weight;
-        }
-    }
-}
-
-/* One symbol of the table that weights[0], weights[stride], ... make (SPEC 8.1). */
-INLINE uint32_t weighted(Rans *rans, const uint32_t *weights, size_t stride, uint64_t total, uint32_t size) {
-    const uint64_t spare = TOTAL - size;
-    const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
-    uint64_t sum = 0;
-    uint32_t s = 0;
-    for (; s + 1 < size; s++) {
-        const uint64_t next = sum + weights[s * stride];
-        /* c_(s+1) = floor(C spare / total) + s + 1 > slot, without the division. */
-        if (slot < s + 1 || next * spare >= (uint64_t)(slot - s) * total) break;
-        sum = next;
-    }
-    const uint64_t next = sum + weights[s * stride];
-    advance(rans, slot, edge(sum, spare, total, s), edge(next, spare, total, s + 1));
-    return s;
-}
-
-/* The same of LANES columns from the i-th of n on; columns beyond the last are zeros. `last` has room for them. */
-static void some_weights(const float *logits, int64_t size, int64_t n, int64_t i, const uint32_t *exp2,
+/* The same of BLOCK columns from the i-th of n on; columns beyond the last are zeros. `last` has room for them. */
+WIDE static void some_weights(const float *logits, int64_t size, int64_t n, int64_t i, const uint32_t *exp2,
                          uint32_t *weights, uint32_t *totals, float *last) {
-    const int64_t wide = n - i < LANES ? n - i : LANES;
-    if (wide == LANES) {
+    const int64_t wide = n - i < BLOCK ? n - i : BLOCK;
+    if (wide == BLOCK) {
         column_weights(logits + i, size, n, exp2, weights, totals);
         return;
     }
     for (int64_t k = 0; k < size; k++)
-        for (int64_t j = 0; j < LANES; j++) last[k * LANES + j] = j < wide ? logits[k * n + i + j] : 0;
-    column_weights(last, size, LANES, exp2, weights, totals);
+        for (int64_t j = 0; j < BLOCK; j++) last[k * BLOCK + j] = j < wide ? logits[k * n + i + j] : 0;
+    column_weights(last, size, BLOCK, exp2, weights, totals);
 }
 
 /* n symbols of the tables that the columns of (size, n) integer `logits` make, size >= 2.
 
-exp2: 513 weights. scratch: (size + 1) * 2 * LANES numbers. */
+exp2: 513 weights. scratch: (size + 1) * 2 * BLOCK numbers. */
 EXPORT void scar_rans_logits(Rans *rans, const float *logits, int64_t size, int64_t n, const uint32_t *exp2,
                              uint32_t *scratch, int32_t *out) {
-    uint32_t *weights = scratch, *totals = scratch + size * LANES;
-    for (int64_t i = 0; i < n; i += LANES) {
-        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + LANES));
-        for (int64_t j = 0; j < LANES && i + j < n; j++)
-            out[i + j] = (int32_t)weighted(rans, weights + j, LANES, totals[j], (uint32_t)size);
+    uint32_t *weights = scratch, *totals = scratch + size * BLOCK;
+    for (int64_t i = 0; i < n; i += BLOCK) {
+        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + BLOCK));
+        for (int64_t j = 0; j < BLOCK && i + j < n; j++)
+            out[i + j] = (int32_t)weighted(rans, weights + j, BLOCK, totals[j], (uint32_t)size);
     }
 }
 
-/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m, the
-(width, m) weights from weights[starts[k] * width] on, and m offsets. */
-typedef struct {
-    int64_t clusters, width, largest;
-    const int64_t *starts;
-    const float *weights, *offsets;
-} Members;
-
-/* Logits of one anchor's `size` members, as weights of their table; returns their sum. */
-INLINE uint64_t member_weights(const Members *members, int64_t first, int64_t size, const float *o,
-                               const uint32_t *exp2, float *restrict logits, uint32_t *restrict weights) {
-    const float *restrict w = members->weights + first * members->width;
-    for (int64_t m = 0; m < size; m++) logits[m] = members->offsets[first + m];
-    for (int64_t r = 0; r < members->width; r++, w += size)
-        for (int64_t m = 0; m < size; m++) logits[m] += o[r] * w[m];
-    float most = __builtin_floorf(logits[0]);
-    for (int64_t m = 0; m < size; m++) {
-        logits[m] = __builtin_floorf(logits[m]);
-        most = logits[m] > most ? logits[m] : most;
+/* Logits of one anchor's members, as weights of their table; returns their sum. `wide`: how many, filled up. */
+INLINE uint64_t member_weights(const Members *members, int64_t place, int64_t wide, const float *o,
+                               const uint32_t *exp2, float *logits, uint32_t *weights) {
+    const float *w = members->weights + place * members->width;
+    Lanes most = {0};
+    for (int64_t m = 0; m < wide; m += BLOCK) {
+        Lanes sum = *(const Lanes *)(members->offsets + place + m);
+        for (int64_t r = 0; r < members->width; r++) sum += o[r] * *(const Lanes *)(w + r * wide + m);
+        floor_lanes(&sum);
+        if (!m) most = sum;
+        raise_lanes(&most, &sum);
+        *(Lanes *)(logits + m) = sum;
     }
+    float top = most[0];
+    for (int j = 1; j < BLOCK; j++) top = most[j] > top ? most[j] : top;
+    const Lanes none = {0}, largest = none + top;
+    for (int64_t m = 0; m < wide; m += BLOCK)
+        exp2_lanes(exp2, (const Lanes *)(logits + m), &largest, weights + m);
     uint64_t total = 0;
-    for (int64_t m = 0; m < size; m++) {
-        const float apart = most - logits[m];
-        weights[m] = exp2[apart < EXP2_END ? (int32_t)apart : EXP2_END];
-        total += weights[m];
-    }
+    for (int64_t m = 0; m < wide; m++) total += weights[m];
     return total;
 }
 
@@ -218,19 +183,22 @@ weights: largest each. */
 WIDE EXPORT void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const float *o,
                                    int64_t n, const uint32_t *exp2, int64_t *counts, int64_t *order, float *logits,
                                    uint32_t *weights, int32_t *out) {
+    Rans local = *rans;
     for (int64_t k = 0; k <= members->clusters; k++) counts[k] = 0;
     for (int64_t i = 0; i < n; i++) counts[cluster[i] + 1]++;
     for (int64_t k = 0; k < members->clusters; k++) counts[k + 1] += counts[k];
     for (int64_t i = 0; i < n; i++) order[counts[cluster[i]]++] = i;
     for (int64_t i = 0; i < n; i++) {
-        const int64_t anchor = order[i], first = members->starts[cluster[anchor]];
-        const int64_t size = members->starts[cluster[anchor] + 1] - first;
+        const int64_t anchor = order[i], chosen = cluster[anchor], place = members->places[chosen];
+        const int64_t size = members->starts[chosen + 1] - members->starts[chosen];
         out[anchor] = 0;
         if (size < 2) continue;
         const float *own = o + anchor * members->width;
-        const uint64_t total = member_weights(members, first, size, own, exp2, logits, weights);
-        out[anchor] = (int32_t)weighted(rans, weights, 1, total, (uint32_t)size);
+        const int64_t wide = members->places[chosen + 1] - place;
+        const uint64_t total = member_weights(members, place, wide, own, exp2, logits, weights);
+        out[anchor] = (int32_t)weighted(&local, weights, 1, total, (uint32_t)size);
     }
+    *rans = local;
 }
 
 /* Encoding. A span is where a symbol lies in its table: first <= slot < past. */
@@ -272,16 +240,16 @@ EXPORT void scar_spans_rows(const double *weights, const int32_t *symbol, int64_
 /* Spans of n symbols of the tables that the columns of (size, n) integer `logits` make; the rest as for reading. */
 EXPORT void scar_spans_logits(const float *logits, const int32_t *symbol, int64_t size, int64_t n,
                               const uint32_t *exp2, uint32_t *scratch, uint32_t *first, uint32_t *past) {
-    uint32_t *weights = scratch, *totals = scratch + size * LANES;
+    uint32_t *weights = scratch, *totals = scratch + size * BLOCK;
     const uint64_t spare = TOTAL - (uint64_t)size;
-    for (int64_t i = 0; i < n; i += LANES) {
-        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + LANES));
-        for (int64_t j = 0; j < LANES && i + j < n; j++) {
+    for (int64_t i = 0; i < n; i += BLOCK) {
+        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + BLOCK));
+        for (int64_t j = 0; j < BLOCK && i + j < n; j++) {
             const uint32_t chosen = (uint32_t)symbol[i + j];
             uint64_t sum = 0;
-            for (uint32_t k = 0; k < chosen; k++) sum += weights[(size_t)k * LANES + j];
+            for (uint32_t k = 0; k < chosen; k++) sum += weights[(size_t)k * BLOCK + j];
             first[i + j] = edge(sum, spare, totals[j], chosen);
-            past[i + j] = edge(sum + weights[(size_t)chosen * LANES + j], spare, totals[j], chosen + 1);
+            past[i + j] = edge(sum + weights[(size_t)chosen * BLOCK + j], spare, totals[j], chosen + 1);
         }
     }
 }

@@ -29,6 +29,8 @@ CONTEXTS = 256
 ALL_READ = -1
 # Columns of logits that are worked on together.
 _LANES = 16
+# A logit so far below all others has no weight.
+_NEVER = -float(1 << 25)
 
 
 class Table(Protocol):
@@ -75,6 +77,14 @@ class PackedTables:
         return np.flatnonzero(self._used)
 
 
+class PackedSteps:
+    """The tables of consecutive steps of a channel."""
+
+    def __init__(self, steps: Sequence[PackedTables]) -> None:
+        self._kept = steps
+        self.array = (ctypes.c_void_p * len(steps))(*(ctypes.addressof(tables.pointer.contents) for tables in steps))
+
+
 def _prefix_sums(weights: I64, sizes: I64, starts: I64) -> NDArray[np.uint32]:
     """Cumulative frequencies of all tables (SPEC §8.1), each with its 2^24 at the end."""
     running = np.concatenate(([0], np.cumsum(weights)))
@@ -87,7 +97,8 @@ def _prefix_sums(weights: I64, sizes: I64, starts: I64) -> NDArray[np.uint32]:
 
 
 @cache
-def _exp2() -> NDArray[np.uint32]:
+def exp2_weights() -> NDArray[np.uint32]:
+    """The table of SPEC §10.1 as the library reads it."""
     return exp2_table().astype(np.uint32)
 
 
@@ -104,11 +115,16 @@ class PackedMembers:
 
     def __init__(self, weights: Sequence[F32], offsets: Sequence[F32]) -> None:
         self.sizes = np.array([len(part) for part in offsets])
-        self._starts = np.concatenate(([0], np.cumsum(self.sizes)))
-        self._weights = np.concatenate([np.ascontiguousarray(part, np.float32).ravel() for part in weights])
-        self._offsets = np.concatenate(offsets).astype(np.float32)
-        addresses = (array.ctypes.data for array in (self._starts, self._weights, self._offsets))
-        self.struct = Members(len(self.sizes), len(weights[0]), int(self.sizes.max()), *addresses)
+        filled = -(-self.sizes // _LANES) * _LANES
+        self._starts, self._places = (np.concatenate(([0], np.cumsum(sizes))) for sizes in (self.sizes, filled))
+        more = filled - self.sizes
+        wide = [np.pad(part, ((0, 0), (0, fill))) for part, fill in zip(weights, more, strict=True)]
+        self._weights = np.concatenate([np.ascontiguousarray(part, np.float32).ravel() for part in wide])
+        rows = [np.pad(part, (0, fill), constant_values=_NEVER) for part, fill in zip(offsets, more, strict=True)]
+        self._offsets = np.concatenate(rows).astype(np.float32)
+        arrays = self._starts, self._places, self._weights, self._offsets
+        addresses = (array.ctypes.data for array in arrays)
+        self.struct = Members(len(self.sizes), len(weights[0]), int(filled.max()), *addresses)
 
 
 class KernelRansDecoder:
@@ -169,7 +185,7 @@ class KernelRansDecoder:
         if size > 1 and count:
             rows = np.ascontiguousarray(logits, np.float32)
             scratch = np.empty((size + 1) * 2 * _LANES, np.uint32)
-            addresses = (array.ctypes.data for array in (_exp2(), scratch, out))
+            addresses = (array.ctypes.data for array in (exp2_weights(), scratch, out))
             self.functions.scar_rans_logits(self.pointer, rows.ctypes.data, size, count, *addresses)
         return out
 
@@ -184,7 +200,7 @@ class KernelRansDecoder:
         struct, rows = members.struct, np.ascontiguousarray(o, np.float32)
         scratch: list[NDArray[Any]] = [np.empty(struct.clusters + 1, np.int64), np.empty(len(out), np.int64)]
         scratch += [np.empty(struct.largest, np.float32), np.empty(struct.largest, np.uint32)]
-        arrays = [array.ctypes.data for array in (_exp2(), *scratch, out)]
+        arrays = [array.ctypes.data for array in (exp2_weights(), *scratch, out)]
         chosen = np.ascontiguousarray(clusters, np.int64)
         pointers = self.pointer, byref(struct), chosen.ctypes.data, rows.ctypes.data
         self.functions.scar_rans_members(*pointers, len(out), *arrays)
@@ -254,7 +270,7 @@ class KernelRansEncoder:
         rows, chosen = np.ascontiguousarray(logits, np.float32), np.ascontiguousarray(symbols, np.int32)
         scratch = np.empty((size + 1) * 2 * _LANES, np.uint32)
         first, past = self._room(count)
-        arrays = rows.ctypes.data, chosen.ctypes.data, size, count, _exp2().ctypes.data, scratch.ctypes.data
+        arrays = rows.ctypes.data, chosen.ctypes.data, size, count, exp2_weights().ctypes.data, scratch.ctypes.data
         self._library.scar_spans_logits(*arrays, first, past)
         spans = self._spans[-1]
         return np.asarray(PRECISION - np.log2((spans[1] - spans[0]).astype(np.float64)))

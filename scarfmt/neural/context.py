@@ -51,15 +51,23 @@ def fine(values: Ints, steps: Ints) -> I64:
         values: (n, components) v after `steps` steps, |v| < 2^31.
         steps: (n,), or (1,) for all, ternary steps received, 0..20; with none the value is 0.
     """
+    out = np.empty(values.shape, np.int32)
+    put_fine(values, steps, out)
+    return out.astype(np.int64)
+
+
+def put_fine(values: Ints, steps: Ints, out: I32) -> None:
+    """Put what :func:`fine` gives into `out`, (n, components) int32, its rows anywhere."""
     library = kernel.functions()
     if library is not None:
-        return kernel_fine(library, values, np.broadcast_to(steps, len(values)))
+        kernel_fine(library, values, steps if len(steps) == len(values) else np.broadcast_to(steps, len(values)), out)
+        return
     power = cell_power(steps)[:, None]
     # Exact: the numerator is below 2^43, and the quotient of integers so small never rounds up to the next integer.
     scaled = np.floor((values * (2.0 * _FINE_ONE) + power) / (2 * power))
     np.clip(scaled, -FINE_LIMIT, FINE_LIMIT, out=scaled)
     scaled *= (steps > 0)[:, None]
-    return scaled.astype(np.int64)
+    out[:] = scaled
 
 
 def joining_depths(codes: U64) -> I64:
@@ -126,7 +134,11 @@ class CellMeans:
 
     def kernel_sums(self, library: ctypes.CDLL, columns: int, cell: Sequence[I32]) -> KernelCellSums:
         """The same, compiled; `cell` is that of :attr:`compact`, or of other names for the rows."""
-        return KernelCellSums(library, cell, [len(starts) for starts in self._firsts], columns)
+        return KernelCellSums(library, cell, self._sizes, columns)
+
+    @property
+    def _sizes(self) -> list[int]:
+        return [len(firsts) for firsts in self._firsts]
 
     @cached_property
     def compact(self) -> list[I32]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,10 @@ from numpy.typing import NDArray
 
 from scarfmt.codecs.codebooks import Codebooks
 from scarfmt.errors import InvalidInput
+from scarfmt.kernel.indices import Layer, PackedNetwork, Parts
 from scarfmt.kernel.rans import PackedMembers
 from scarfmt.neural.network import IndexNetwork
-from scarfmt.neural.operations import NUMPY, Array, Operations
+from scarfmt.neural.operations import NUMPY, Array, NumpyOperations, Operations
 from scarfmt.neural.parts import GATES, Attending, Logits, Predicting, Recurrence, Rounded
 from scarfmt.neural.tables import exp2_table
 
@@ -80,7 +82,8 @@ class Evaluator:
     """
 
     def __init__(self, network: IndexNetwork, books: Codebooks, operations: Operations = NUMPY) -> None:
-        self._do, self._amax, h = operations, network.amax, network.hidden
+        self._do, self._amax, h, self._network = operations, network.amax, network.hidden, network
+        self._books = books.coarse, books.residual
         self._embed = (
             Rounded(network.embed[0], operations, 0, network.amax),
             Rounded(network.embed[1], operations, -network.amax, network.amax),
@@ -114,6 +117,24 @@ class Evaluator:
         """The state after each of the coarse codewords: the first token decides it alone."""
         starts = tuple(self._do.constant(np.tile(layer.start, (codewords, 1))) for layer in network.gru)
         return State(codewords, 1, *self._step(starts, 1, self._do.index(np.arange(codewords))))
+
+    @cached_property
+    def packed(self) -> PackedNetwork | None:
+        """What the compiled library reads indices with; None with attention, or where NumPy does not compute."""
+        if self._attend is not None or not isinstance(self._do, NumpyOperations) or not self._heads:
+            return None
+        first = np.concatenate(self._first.layers, axis=1) if self._tokens else np.zeros((0, 0), np.float32)
+        parts = Parts(
+            [layer.plain for layer in self._embed],
+            Layer(self._mix_embedding, self._mix_biases),
+            Layer(self._mix_state, self._mix_biases),
+            self._mix_start[0],
+            first,
+            [layer.gates() for layer in self._gru],
+            self._gru[0].tables,
+            [self._heads[book].plain() if book in self._heads else None for book in range(len(self._network.heads))],
+        )
+        return PackedNetwork(self._network, parts, self._books)
 
     def _chunks(self, count: int, columns: int) -> Iterator[slice]:
         """Rows 0..count-1 of arrays of so many columns, cut."""

@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from scarfmt import kernel
 from scarfmt.errors import Malformed
-from scarfmt.kernel.network import grid_features
+from scarfmt.kernel.interface import Grid
+from scarfmt.kernel.network import grid_features, packed_grid
 
 I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
@@ -228,6 +229,11 @@ class HashGrid:
                     part[:, feature] = values
                 column += level.features
         return out
+
+    @cached_property
+    def packed(self) -> Grid:
+        """The same for the compiled library."""
+        return packed_grid(self)
 
     @cached_property
     def _words(self) -> list[F64]:

@@ -5,19 +5,19 @@ Encoder and decoder fill it in alike, channel by channel.
 
 from __future__ import annotations
 
-import ctypes
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt import kernel
 from scarfmt.counters import Counters
 from scarfmt.directory import TileFrame
-from scarfmt.kernel.cells import KernelCellSums
+from scarfmt.kernel.cells import CellNames
 from scarfmt.model import SceneModel
 from scarfmt.morton import deinterleave
-from scarfmt.neural.context import CellMeans, depth_shifts, fine, passes
+from scarfmt.neural.context import CellMeans, depth_shifts, passes, put_fine
 from scarfmt.observe import LayerObserver
 
 I32 = NDArray[np.int32]
@@ -54,24 +54,25 @@ class LayerContext:
         self._frame = frame
         self._codes = codes
         self._settled: dict[int, tuple[Ints, I64]] = {}
-        self._fine: dict[int, I64] = {}
+        self._fine_channels: set[int] = set()
 
     # Made when first asked for: in many layers nothing looks around.
     @cached_property
-    def _order(self) -> I64:
+    def by_code(self) -> I64:
+        """(n,) anchors by (code, index)."""
         return np.argsort(self._codes, kind="stable")
 
     @cached_property
     def _rows(self) -> I64:
         """Rows of `cells` are anchors by (code, index): that of each anchor."""
-        rows = np.empty_like(self._order)
-        rows[self._order] = np.arange(len(rows))
+        rows = np.empty_like(self.by_code)
+        rows[self.by_code] = np.arange(len(rows))
         return rows
 
     @cached_property
     def cells(self) -> CellMeans:
         """The cells of the anchors known."""
-        ordered = self._codes[self._order]
+        ordered = self._codes[self.by_code]
         return CellMeans(ordered, depth_shifts(ordered, self._frame.bits, self.model.context.occupancies))
 
     def __len__(self) -> int:
@@ -81,23 +82,32 @@ class LayerContext:
         """Take the (n, components) `values` of a channel, at (n,) `steps`, as this layer leaves them: they stay so."""
         self._settled[channel] = values, steps
 
-    def settled(self, before: int | None = None) -> I64:
-        """(n, A) int64 fine values of the attribute channels settled, or of those before channel `before`."""
-        chosen = [k for k in self.model.attributes if before is None or k < before]
-        for channel in chosen:
-            if channel not in self._fine:
-                self._fine[channel] = fine(*self._settled[channel])
-        if not chosen:
-            return np.zeros((len(self), 0), np.int64)
-        return np.concatenate([self._fine[channel] for channel in chosen], axis=1)
+    def settled(self, before: int | None = None) -> I32:
+        """(n, A) int32 fine values of the attribute channels settled, or of those before channel `before`.
 
-    def kernel_sums(self, library: ctypes.CDLL, columns: int) -> KernelCellSums:
-        """Sums over the cells, compiled, of no anchors yet; anchors go by their own number, not their row."""
-        return self.cells.kernel_sums(library, columns, self._anchor_cells)
+        They are the first columns of an array of all attribute channels.
+        """
+        end = 0
+        for channel in self.model.attributes:
+            if before is not None and channel >= before:
+                break
+            start, end = end, end + self.model.channels[channel].components
+            if channel not in self._fine_channels:
+                put_fine(*self._settled[channel], self._fine[:, start:end])
+                self._fine_channels.add(channel)
+        return self._fine[:, :end]
 
     @cached_property
-    def _anchor_cells(self) -> list[I32]:
-        return [cell[self._rows] for cell in self.cells.compact]
+    def _fine(self) -> I32:
+        return np.empty((len(self), sum(self.model.channels[k].components for k in self.model.attributes)), np.int32)
+
+    @cached_property
+    def cell_names(self) -> CellNames:
+        """The cells of each anchor, for the compiled library."""
+        library = kernel.functions()
+        if library is None:
+            raise RuntimeError("the compiled library was turned off meanwhile")
+        return CellNames.of(library, self._codes, self.by_code, self._frame.bits, self.model.context.occupancies)
 
     def rows(self, anchors: I64) -> I64:
         """The rows of some anchors in :attr:`cells`."""
@@ -105,7 +115,7 @@ class LayerContext:
 
     def parts(self, group: I64) -> list[I64]:
         """The anchors of a group, pass by pass, each by (code, index)."""
-        ranked = self._order[np.sort(self._rows[group])]
+        ranked = self.by_code[np.sort(self._rows[group])]
         return [ranked[part] for part in passes(len(ranked), self.model.context.passes_log2)]
 
     def lattice_positions(self, anchors: I64) -> I64:

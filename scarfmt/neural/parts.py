@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.kernel.indices import Gates, HeadLayers, Layer
 from scarfmt.kernel.rans import PackedMembers
 from scarfmt.neural.arithmetic import Linear, folded
 from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, Head
@@ -29,6 +30,7 @@ class Rounded:
     """clamp(round_shift(W x + b, s), low, high)."""
 
     def __init__(self, layer: Linear, do: Operations, low: int, high: int) -> None:
+        self.plain = Layer(*layer.folded, low, high)
         self._weights, self._biases = (do.constant(array) for array in layer.folded)
         self._do, self._low, self._high = do, low, high
 
@@ -44,6 +46,7 @@ class Logits:
 
     def __init__(self, codewords: I64, biases: I64, shift: int, do: Operations) -> None:
         scaled, offset = folded(codewords, biases, shift)
+        self.plain = Layer(scaled, offset)
         self._codewords, self._biases, self._do = do.constant(scaled.T), do.constant(offset[:, None]), do
         self.count = len(codewords)
 
@@ -83,6 +86,20 @@ class Recurrence:
         self._recurrent, self._recurrent_biases = self._split(recurrent), self._split(offset[None])
         self._sigmoid = do.constant(sigmoid_table() / _GATE_ONE)
         self._tanh = do.constant(state_table(activation_bits))
+
+    @property
+    def tables(self) -> tuple[Array, Array]:
+        """Sigmoid, in units of 1, and new states, both of -255..255."""
+        return self._sigmoid, self._tanh
+
+    def gates(self) -> Gates:
+        """The same for the compiled library; of arrays of NumPy only."""
+        tables = [np.concatenate(table, axis=1) for table in self._tables]
+        inputs = None if tables else np.concatenate(self._inputs[0], axis=1)
+        biases = [np.concatenate(row, axis=1) for row in self._biases]
+        recurrent, offsets = (np.concatenate(p, axis=1) for p in (self._recurrent, self._recurrent_biases))
+        none = np.zeros((0, GATES * self._width), np.float32)
+        return Gates(tables, inputs, np.concatenate([none, *biases]), recurrent, offsets[0])
 
     def _split(self, columns: NDArray[Any]) -> tuple[Array, Array]:
         gates = 2 * self._width
@@ -173,6 +190,11 @@ class Predicting:
         starts = itertools.accumulate(self.sizes, initial=0)
         for part in (slice(first, last) for first, last in itertools.pairwise(starts)):
             self.members.append(Logits(deviations[part], head.biases[part], head.member_shift, do))
+
+    def plain(self) -> HeadLayers:
+        """The same for the compiled library; of arrays of NumPy only."""
+        members = self.packed_members if self.members else None
+        return HeadLayers([projection.plain for projection in self.projections], self.top.plain, members)
 
     @cached_property
     def packed_members(self) -> PackedMembers:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -11,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.counters import Part
-from scarfmt.kernel.channel import PackedPredictors, Surroundings
+from scarfmt.kernel.channel import PackedPredictors, PackedPredictorSteps, Surroundings
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predictor_group import PredictorGroup
 from scarfmt.neural.predictors import PassInputs, Predictor, StepContext
 from scarfmt.schema import Stream
 
 F32 = NDArray[np.float32]
+I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 Ints = NDArray[np.integer[Any]]
 
@@ -51,6 +51,7 @@ class PredictorSet:
         self.compilable = all(isinstance(predictor, Predictor) for predictor in predictors.values())
         self._groups: dict[tuple[int, int], list[PredictorGroup]] = {}
         self._packed: dict[tuple[int, int], PackedPredictors] = {}
+        self._packed_steps: dict[tuple[int, range], PackedPredictorSteps] = {}
 
     def __bool__(self) -> bool:
         return bool(self._steps)
@@ -77,6 +78,13 @@ class PredictorSet:
             self._packed[stream, step] = PackedPredictors(found, components)
         return self._packed.get((stream, step))
 
+    def packed_steps(self, stream: Stream, steps: range, components: int) -> PackedPredictorSteps:
+        """The same of some steps."""
+        if (stream, steps) not in self._packed_steps:
+            packed = [self.packed(stream, step, components) for step in steps]
+            self._packed_steps[stream, steps] = PackedPredictorSteps(packed)
+        return self._packed_steps[stream, steps]
+
 
 class PredictedChannel:
     """Context numbers of a channel's symbols, from what is decoded around them.
@@ -98,7 +106,7 @@ class PredictedChannel:
         self._channel = channel
         self._components = values.shape[1]
         self._given = values
-        self._steps = steps.copy()
+        self._given_steps = steps
         self._step = 0
         self._inputs: PassInputs | None = None
         self._found: dict[int, I64] = {}
@@ -109,7 +117,11 @@ class PredictedChannel:
         return self._given.astype(np.int64)
 
     @cached_property
-    def _settled(self) -> I64:
+    def _steps(self) -> I64:
+        return self._given_steps.copy()
+
+    @cached_property
+    def _settled(self) -> I32:
         return self._context.settled(before=self._channel)
 
     def covers(self, step: int) -> bool:
@@ -153,23 +165,32 @@ class PredictedChannel:
         """Whether the compiled library can evaluate the predictors."""
         return self._predictors.compilable
 
-    def surroundings(self, library: ctypes.CDLL, step: int) -> Surroundings | None:
-        """What the compiled reader of a step looks at; None where only static contexts apply."""
-        packed = self._predictors.packed(self._stream, step, self._components)
-        if packed is None:
-            return None
-        return Surroundings(self._settled, self._context.kernel_sums(library, self._components), packed)
+    @cached_property
+    def surroundings(self) -> Surroundings:
+        """What the predictors look at, for the compiled library."""
+        context = self._context
+        return Surroundings(self._settled, context.cell_names, context.by_code, context.model.context.passes_log2)
 
-    def passes(self, step: int, chosen: I64) -> list[I64]:
-        """The anchors `chosen` of a step, pass by pass; all at once where only static contexts apply."""
-        return [part for part in self._context.parts(chosen) if len(part)] if self.covers(step) else [chosen]
+    def packed(self, step: int) -> PackedPredictors | None:
+        """The predictors of a step, for the compiled library; None where only static contexts apply."""
+        return self._predictors.packed(self._stream, step, self._components)
 
-    def count(self, step: int, anchors: int) -> None:
-        """Count the work of predictors evaluated elsewhere."""
-        if self._context.counters is not None:
+    def packed_steps(self, steps: range) -> PackedPredictorSteps:
+        """The same of some steps."""
+        return self._predictors.packed_steps(self._stream, steps, self._components)
+
+    def passes(self, chosen: I64) -> list[I64]:
+        """The anchors `chosen`, pass by pass."""
+        return [part for part in self._context.parts(chosen) if len(part)]
+
+    def count(self, steps: range, anchors: Sequence[int]) -> None:
+        """Count the work of predictors evaluated elsewhere, of so many anchors in each step."""
+        if self._context.counters is None:
+            return
+        for step, received in zip(steps, anchors, strict=True):
             for predictor in self._predictors.step(self._stream, step).values():
                 if isinstance(predictor, Predictor):
-                    self._context.counters.multiply(Part.PREDICTORS, anchors, predictor.multiply_adds)
+                    self._context.counters.multiply(Part.PREDICTORS, received, predictor.multiply_adds)
 
     def _evaluated(self, component: int, predictor: Contexts) -> I64:
         assert self._inputs is not None

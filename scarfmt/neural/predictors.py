@@ -168,7 +168,7 @@ class StepContext:
         """Add anchors that have this step or more: (m,) rows, (m, components) values at (m,) or (1,) steps."""
         self._sums.add(rows, fine(values, steps))
 
-    def inputs(self, rows: I64, classes: I64, before: I64, values: Ints) -> PassInputs:
+    def inputs(self, rows: I64, classes: I64, before: Ints, values: Ints) -> PassInputs:
         """Inputs of the anchors of one pass.
 
         Args:
@@ -184,7 +184,7 @@ class StepContext:
 class PassInputs:
     """Inputs of the anchors of one pass: shared by the components but for a few columns."""
 
-    def __init__(self, step: int, classes: I64, before: I64, own: I64, means: F64, counts: F64) -> None:
+    def __init__(self, step: int, classes: I64, before: Ints, own: I64, means: F64, counts: F64) -> None:
         (wide, components), depths = own.shape, counts.shape[1]
         self._depths = depths
         self._at = MAX_CLASSES + before.shape[1]

@@ -1,0 +1,106 @@
+/* Sums over the anchors of each cell, and what is read from them for a block of anchors (SPEC 10.2). */
+
+#ifndef SCAR_CELLS_H
+#define SCAR_CELLS_H
+
+#include "lanes.h"
+
+/* Up to four depths, coarse first. */
+typedef struct {
+    int64_t depths, columns;
+    const int32_t *cell[4]; /* per anchor (n), its cell at each depth */
+    double *sums[4];        /* (cells, columns + 1): sums, and in the last column the count */
+    int64_t sizes[4];       /* cells */
+} Cells;
+
+/* Columns that a scene may average: 64 components of a channel, or those of all attributes and latents. */
+#define MOST_CONTEXT_COLUMNS 512
+
+#define FINE_LIMIT 16777216.0
+#define FINE_ONE 1024.0
+#define MOST_STEPS 20
+
+static const double POWERS[MOST_STEPS] = {
+    1.0, 3.0, 9.0, 27.0, 81.0, 243.0, 729.0, 2187.0, 6561.0, 19683.0, 59049.0, 177147.0, 531441.0, 1594323.0,
+    4782969.0, 14348907.0, 43046721.0, 129140163.0, 387420489.0, 1162261467.0};
+
+INLINE double floor_of(double x) { return __builtin_floor(x); }
+
+INLINE double power_of(int64_t steps) { return POWERS[steps > 1 ? (steps > MOST_STEPS ? MOST_STEPS - 1 : steps - 1) : 0]; }
+
+/* A value in 1024ths of the first cell, `power` = 3^(steps - 1); of one that is known. */
+INLINE double fine_of(double value, double power) {
+    const double scaled = floor_of((value * (2 * FINE_ONE) + power) / (2 * power));
+    return scaled < -FINE_LIMIT ? -FINE_LIMIT : scaled > FINE_LIMIT ? FINE_LIMIT : scaled;
+}
+
+INLINE double fine(double value, int64_t steps) { return steps > 0 ? fine_of(value, power_of(steps)) : 0; }
+
+/* 2^24 * 2^20 / 2^20: exact, and no quotient of such integers reaches the next integer by rounding. */
+INLINE double mean_of(double sum, double count) { return floor_of((2 * sum + count) / (2 * count)); }
+
+/* Means of one anchor's cells: mean[c] of each column at `depth`; where a cell is empty, `before` is kept.
+Returns the count. */
+INLINE double cell_means(const Cells *cells, int64_t depth, int64_t anchor, double *restrict mean) {
+    const double *restrict sums = cells->sums[depth] + cells->cell[depth][anchor] * (cells->columns + 1);
+    const double count = sums[cells->columns];
+    if (count > 0)
+        for (int64_t c = 0; c < cells->columns; c++) mean[c] = mean_of(sums[c], count);
+    return count;
+}
+
+/* The same of a block of anchors: mean[c * BLOCK + j], count[j]. */
+INLINE void block_means(const Cells *cells, int64_t depth, const int64_t *anchors, double *restrict mean,
+                        double *restrict count) {
+    const double *rows[BLOCK];
+    double some[BLOCK], sum[BLOCK];
+    for (int j = 0; j < BLOCK; j++) {
+        rows[j] = cells->sums[depth] + cells->cell[depth][anchors[j]] * (cells->columns + 1);
+        count[j] = rows[j][cells->columns];
+        some[j] = count[j] > 0 ? count[j] : 1;
+    }
+    for (int64_t c = 0; c < cells->columns; c++, mean += BLOCK) {
+        for (int j = 0; j < BLOCK; j++) sum[j] = rows[j][c];
+        for (int j = 0; j < BLOCK; j++) {
+            const double here = mean_of(sum[j], some[j]);
+            mean[j] = count[j] > 0 ? here : mean[j];
+        }
+    }
+}
+
+/* 32 for every binary digit of an integer, 8 digits at most. */
+INLINE double count_feature(double count) {
+    double digits = 0;
+    for (int bit = 0; bit < 8; bit++) digits += count >= (double)(1 << bit) ? 32 : 0;
+    return digits;
+}
+
+/* Adds one anchor whose numbers are `stride` apart. */
+INLINE void add_to_cells(const Cells *cells, int64_t anchor, const double *numbers, int64_t stride) {
+    for (int64_t d = 0; d < cells->depths; d++) {
+        double *sums = cells->sums[d] + cells->cell[d][anchor] * (cells->columns + 1);
+        for (int64_t c = 0; c < cells->columns; c++) sums[c] += numbers[c * stride];
+        sums[cells->columns] += 1;
+    }
+}
+
+#define MOST_PASSES 4
+
+/* Splits m anchors by code into passes (SPEC 10.2); returns how many there are. */
+INLINE int64_t split_passes(const int64_t *chosen, int64_t m, int64_t passes_log2, int64_t *out, int64_t *ends) {
+    int64_t step = (int64_t)1 << passes_log2, made = 0, passes = 0;
+    for (int64_t i = 0; i < m; i += step) out[made++] = chosen[i];
+    ends[passes++] = made;
+    for (; step > 1; step /= 2) {
+        for (int64_t i = step / 2; i < m; i += step) out[made++] = chosen[i];
+        ends[passes++] = made;
+    }
+    return passes;
+}
+
+INLINE void empty_cells(const Cells *cells) {
+    for (int64_t d = 0; d < cells->depths; d++)
+        for (int64_t i = 0; i < cells->sizes[d] * (cells->columns + 1); i++) cells->sums[d][i] = 0;
+}
+
+#endif

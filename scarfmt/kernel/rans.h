@@ -1,0 +1,82 @@
+/* Steps of the rANS decoder (SPEC 8.1, 8.2) and tables made of logits (SPEC 10.5), compiled into the loops around. */
+
+#ifndef SCAR_RANS_H
+#define SCAR_RANS_H
+
+#include "lanes.h"
+
+#define PRECISION 24
+#define TOTAL (1u << PRECISION)
+#define SLOT_MASK (TOTAL - 1)
+#define EXP2_END 512
+
+INLINE void refill(Rans *rans) {
+    if (rans->state < (1ull << 32) && rans->left) rans->state = rans->state << 32 | rans->words[--rans->left];
+}
+
+INLINE void advance(Rans *rans, uint32_t slot, uint32_t first, uint32_t past) {
+    rans->state = (uint64_t)(past - first) * (rans->state >> PRECISION) + slot - first;
+    refill(rans);
+}
+
+INLINE uint32_t edge(uint64_t sum, uint64_t spare, uint64_t total, uint32_t place) {
+    return (uint32_t)(sum * spare / total) + place;
+}
+
+/* The weights of logits that are `apart` from the largest (SPEC 10.5). */
+INLINE void exp2_lanes(const uint32_t *exp2, const Lanes *logits, const Lanes *most, uint32_t *restrict weights) {
+    Lanes apart = *most - *logits;
+    clamp_lanes(&apart, 0, EXP2_END);
+    int32_t place[BLOCK];
+    *(IntLanes *)place = __builtin_convertvector(apart, IntLanes);
+    for (int j = 0; j < BLOCK; j++) weights[j] = exp2[place[j]];
+}
+
+INLINE void raise_lanes(Lanes *most, const Lanes *x) {
+    const IntLanes above = *x > *most;
+    choose(most, &above, x);
+}
+
+/* The weights of `size` logits of each of BLOCK columns, and their total. */
+INLINE void column_weights(const float *logits, int64_t size, int64_t stride, const uint32_t *exp2, uint32_t *weights,
+                           uint32_t *totals) {
+    Lanes most = *(const Lanes *)logits;
+    for (int64_t k = 1; k < size; k++) raise_lanes(&most, (const Lanes *)(logits + k * stride));
+    for (int j = 0; j < BLOCK; j++) totals[j] = 0;
+    for (int64_t k = 0; k < size; k++, weights += BLOCK) {
+        exp2_lanes(exp2, (const Lanes *)(logits + k * stride), &most, weights);
+        for (int j = 0; j < BLOCK; j++) totals[j] += weights[j];
+    }
+}
+
+/* One symbol of the table that weights[0], weights[stride], ... make (SPEC 8.1). */
+INLINE uint32_t weighted(Rans *rans, const uint32_t *weights, size_t stride, uint64_t total, uint32_t size) {
+    const uint64_t spare = TOTAL - size;
+    const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
+    uint64_t sum = 0;
+    uint32_t s = 0;
+    for (; s + 1 < size; s++) {
+        const uint64_t next = sum + weights[s * stride];
+        /* c_(s+1) = floor(C spare / total) + s + 1 > slot, without the division. */
+        if (slot < s + 1 || next * spare >= (uint64_t)(slot - s) * total) break;
+        sum = next;
+    }
+    const uint64_t next = sum + weights[s * stride];
+    advance(rans, slot, edge(sum, spare, total, s), edge(next, spare, total, s + 1));
+    return s;
+}
+
+/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m. Filled up
+to a multiple of BLOCK, which is places[k + 1] - places[k] = w, with members that have no weight, it has the (width, w)
+weights from weights[places[k] * width] on, and w offsets from offsets[places[k]] on. */
+typedef struct {
+    int64_t clusters, width, largest; /* largest: w of any */
+    const int64_t *starts, *places;
+    const float *weights, *offsets;
+} Members;
+
+void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const float *o, int64_t n,
+                       const uint32_t *exp2, int64_t *counts, int64_t *order, float *logits, uint32_t *weights,
+                       int32_t *out);
+
+#endif

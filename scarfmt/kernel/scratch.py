@@ -1,0 +1,26 @@
+"""Memory that the compiled library works in, kept from call to call: fresh pages cost more than filling them."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Scratch(threading.local):
+    """That of one thread. It grows to what the largest call needs."""
+
+    def __init__(self) -> None:
+        self._held: dict[str, tuple[NDArray[np.uint8], int]] = {}
+
+    def at(self, name: str, size: int) -> int:
+        """Where `size` bytes lie, with anything in them, valid until the next of this name."""
+        held = self._held.get(name)
+        if held is None or len(held[0]) < size:
+            fresh = np.empty(size + size // 8 + 64, np.uint8)
+            held = self._held[name] = fresh, int(fresh.ctypes.data)
+        return held[1]
+
+
+SCRATCH = Scratch()

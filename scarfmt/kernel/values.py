@@ -1,0 +1,32 @@
+"""Compiled channel values (SPEC §9.2)."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.kernel.interface import address
+
+I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+
+
+def kernel_values(library: ctypes.CDLL, values: I32, steps: I64, widths: F64) -> F32:
+    """(n, components) float32 values of (n, components) `values` at (n,) `steps`, rows of (steps, components) `widths`.
+
+    Raises:
+        IndexError: a step has no row.
+        TypeError: arrays of another type or shape.
+    """
+    if values.ndim != 2 or steps.shape != values.shape[:1] or widths.shape[1:] != values.shape[1:]:
+        raise TypeError(f"values {values.shape}, steps {steps.shape} and widths {widths.shape} do not fit")
+    if len(steps) and not 0 <= int(steps.min()) <= int(steps.max()) < len(widths):
+        raise IndexError(f"steps beyond 0..{len(widths) - 1}")
+    out = np.empty(values.shape, np.float32)
+    arrays = address(values, np.int32), address(steps, np.int64), address(widths, np.float64)
+    library.scar_values(*arrays, *values.shape, out.ctypes.data)
+    return out
