@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from benchmarks.report import add_arguments
 from benchmarks.scenes import chosen
 from reference_encoder.allocate import classify, entropy_bits
-from reference_encoder.anchor_sensitivity import measure_anchors
+from reference_encoder.anchor_sensitivity import ABSENCE_FACTOR, measure_anchors
 from reference_encoder.assemble import codebook_size
 from reference_encoder.attributes import from_scene
 from reference_encoder.autoencoder import AutoencoderOptions, train
@@ -33,7 +33,7 @@ from reference_encoder.importers.source import Source
 from reference_encoder.latent import Latent, linear_latent
 from reference_encoder.learned_latent import choose, stored, whiten
 from reference_encoder.rvq import RvqOptions, RvqResult, quantise
-from reference_encoder.sensitivity import ABSENCE_FACTOR, measure, survey_cameras
+from reference_encoder.sensitivity import measure, survey_cameras
 from scarfmt.codecs.codebooks import pack_codebooks
 from scarfmt.codecs.mlp import pack_networks
 from scarfmt.render.camera import load_cameras

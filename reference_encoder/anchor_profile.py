@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.allocate import classify
-from reference_encoder.anchor_sensitivity import AnchorSensitivity, measure_anchors
+from reference_encoder.anchor_sensitivity import ABSENCE_FACTOR, AnchorSensitivity, measure_anchors
 from reference_encoder.assemble import final_rate, position_bits
 from reference_encoder.decide import (
     Problem,
@@ -27,7 +27,7 @@ from reference_encoder.lattice import place
 from reference_encoder.layering import predicted
 from reference_encoder.options import EncodeOptions
 from reference_encoder.rdo import choose_values
-from reference_encoder.sensitivity import ABSENCE_FACTOR, survey
+from reference_encoder.sensitivity import survey
 from reference_encoder.targets import Targets
 from scarfmt.codecs.mlp import Linear, Network
 from scarfmt.errors import InvalidInput

@@ -23,6 +23,8 @@ F64 = NDArray[np.float64]
 _METRIC_ANCHORS = 1500
 _ASPECT_CAP = 9.0
 _BLUR_PX2 = 0.4
+ABSENCE_FACTOR = 8.0
+"""Leaving a slot out is worse than the sum of single errors says: neighbours left out err together."""
 
 
 @dataclass(frozen=True)

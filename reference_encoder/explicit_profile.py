@@ -45,7 +45,7 @@ I64 = NDArray[np.int64]
 CHANNELS = (Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR)
 COARSEST_STEP: dict[Stream, tuple[float, ...]] = {
     Stream.POSITION_RESIDUAL: (1 / 3, 1 / 3, 1 / 3),
-    Stream.SCALE: (0.9, 1.0, 1.6),
+    Stream.SCALE: (0.55, 0.6, 1.0),
     Stream.ROTATION: (0.6, 0.6, 0.9),
     Stream.OPACITY: (1.0,),
     Stream.COLOUR: (1.5, 1.5, 1.8),
@@ -53,8 +53,10 @@ COARSEST_STEP: dict[Stream, tuple[float, ...]] = {
 # The cheapest anchor: a position, a class and first steps.
 _CHEAPEST_BITS = 40.0
 _MOST_CLASSES = 8
-# Errors of view-dependent colour agree between neighbours more than others do: they count for more.
+# Errors of shape and of view-dependent colour agree between neighbours more than others do: they count for more
+# (docs/decisions/0003-visibility.md).
 _REST_SHARE = 1.3
+_SHAPE_SHARE = {Stream.SCALE: 1.5, Stream.ROTATION: 1.5}
 _LAYER_VIEWS = 3
 
 
@@ -170,7 +172,7 @@ def _layered_by_looks(job: _Job, attempt: _Attempt) -> tuple[Problem, Decision]:
 
 def _problem(seen: _Seen, degree: int, options: EncodeOptions, report: Report) -> Problem:
     attributes, classes, rate = seen.attributes, seen.classes, seen.rate
-    weights = dict(seen.sensitivity.channels)
+    weights = {stream: _SHAPE_SHARE.get(stream, 1.0) * s for stream, s in seen.sensitivity.channels.items()}
     wanted = best_step(weights[Stream.POSITION_RESIDUAL][:, 0], rate)
     placement = place(attributes.positions, wanted, options.tile_anchors)
     weights[Stream.POSITION_RESIDUAL] = weights[Stream.POSITION_RESIDUAL] * (placement.cell**2)[:, None]

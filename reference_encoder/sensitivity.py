@@ -36,7 +36,7 @@ _OPACITY_SHARE = 1.1
 # Cameras looked from, of those given; twice as many at the highest effort.
 _MOST_VIEWS = 24
 # Leaving a Gaussian out is worse than the sum of single errors says: neighbours left out err together.
-ABSENCE_FACTOR = 8.0
+ABSENCE_FACTOR = 5.6
 
 
 @dataclass(frozen=True)
