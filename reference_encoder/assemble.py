@@ -80,6 +80,12 @@ def position_bits(classes: I64, count: int) -> F64:
     return 10.0 * np.bincount(classes, minlength=count).astype(np.float64)
 
 
+def cell_widths(step: Sequence[float], steps: I64) -> F64:
+    """(n, components) widths of the cells after (n,) `steps` steps, 0 after none (SPEC §9.2)."""
+    width = np.array(step) / 3.0 ** np.maximum(steps - 1, 0)[:, None]
+    return np.asarray(np.where(steps[:, None] > 0, width, 0.0))
+
+
 # SPEC §6.4 wants scales; with a colour channel, even an empty one, the decoder gives no degree 0 (SPEC §9.4).
 _ALWAYS = (Stream.SCALE, Stream.COLOUR)
 
@@ -106,15 +112,15 @@ def build_model(
     firsts: dict[Stream, I64] = {}
     used: list[int] = []
     for index, plan in enumerate(plans):
-        steps = np.array([row[index] for row in rows[-1].steps])[classes]
+        steps = np.array([row[index] for row in rows[-1].steps])
         if not steps.any() and plan.stream not in _ALWAYS:
             continue
         used.append(index)
-        unit = np.array(plan.step) / 3.0 ** np.maximum(steps - 1, 0)[:, None]
+        unit = cell_widths(plan.step, np.maximum(steps, 1))[classes]
         final = choose_values(values[plan.stream] / unit, weights[plan.stream] * unit**2, classes, rate)
-        final *= (steps > 0)[:, None]
+        final *= (steps > 0)[classes, None]
         finals[plan.stream] = final
-        firsts[plan.stream] = coarsen(final, np.maximum(steps - 1, 0)[:, None])
+        firsts[plan.stream] = coarsen(final, np.maximum(steps - 1, 0)[classes, None])
     streams = [plans[index].stream for index in used]
     rules = choose_rules(streams, [firsts[s] for s in streams], classes)
     channels = tuple(

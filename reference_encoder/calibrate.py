@@ -23,7 +23,7 @@ from scarfmt.scene import F32, GaussianScene
 
 T = TypeVar("T")
 
-TOLERANCE_DB = 0.3
+TOLERANCE_DB = 0.4
 """Close enough: other views differ by as much."""
 _TURN, _ELEVATION_DEG = 0.03125, 20.0
 """Where between the survey's views the ring is from which results are judged."""

@@ -31,8 +31,8 @@ _BELOW_DB = 8.0
 LARGEST_SHARE = 0.4
 """Of the bits: a first layer with more is no preview."""
 _LARGEST_RATIO, _RATES = 1e7, 80
-_HALVINGS = 4
-_CLOSE_DB = 0.3
+_LOOKS, _DB_A_RATE = 3, 0.3
+"""To find how coarse a layer may be: how often to look, and about what the next lambda costs."""
 _PARTS = (0.75, 0.5, 0.25)
 
 
@@ -173,25 +173,21 @@ def first_picture(costs: LayerCosts, look: Look, quality: float, share: float) -
 def _smaller(costs: LayerCosts, look: Look, shown: int, part: float, wanted: float, most: float) -> LayerChoice | None:
     """About the smallest layer of so much that looks good enough; None if that takes more than `most` bits."""
     choice = costs.affordable(shown, most, part)
-    if choice is None or look(costs.entries(choice), part) < wanted:
+    if choice is None:
         return None
-    return _coarsest(costs, look, choice, wanted)
-
-
-def _coarsest(costs: LayerCosts, look: Look, choice: LayerChoice, wanted: float) -> LayerChoice:
-    """About the largest lambda at which a layer that looks good enough still does."""
-    coarser = costs.coarser(choice)
-    for _ in range(_HALVINGS):
-        middle = len(coarser) // 2
-        if not coarser:
+    reached = look(costs.entries(choice), part)
+    if reached < wanted:
+        return None
+    coarser, stride = costs.coarser(choice), int((reached - wanted) / _DB_A_RATE)
+    for _ in range(_LOOKS):
+        stride = min(stride, len(coarser))
+        if stride < 1:
             break
-        found = look(costs.entries(coarser[middle]), choice.part)
+        found = look(costs.entries(coarser[stride - 1]), part)
         if found < wanted:
-            coarser = coarser[:middle]
-            continue
-        choice, coarser = coarser[middle], coarser[middle + 1 :]
-        if found < wanted + _CLOSE_DB:
-            break
+            coarser, stride = coarser[: stride - 1], stride // 2
+        else:
+            choice, coarser, stride = coarser[stride - 1], coarser[stride:], int((found - wanted) / _DB_A_RATE)
     return choice
 
 

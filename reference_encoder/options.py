@@ -27,7 +27,8 @@ class EncodeOptions:
         effort: 1 fast, static tables alone; 2 default; 3 slow: size of the training sample, epochs, codebooks, views,
             networks tried, corrections.
         corrections: how often at most lambda is corrected by what pictures of the result show, 0..10; 0 takes the
-            predicted one, None what `effort` says. Of explicit scenes only.
+            predicted one, None what `effort` says, and at effort 1 none of scenes of more than 262,144. Of explicit
+            scenes only.
         layers: most layers, 1..16. The first takes about a quarter of the bytes, from effort 2 as few as give a picture
             of 25 dB.
         cameras: views that matter, e.g. those of the photos; None for rings round the core.

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from reference_encoder.assemble import cell_widths
 from reference_encoder.decide import Decision, Plans, Problem, leading
 from scarfmt.activation import opacity_logits, spherical_harmonics_from_colour
 from scarfmt.codecs.codebooks import Codebooks
@@ -29,13 +30,13 @@ def reconstructed(positions: F64, sh_degree: int, problem: Problem, decision: De
         sh_degree: of the file.
         problem, decision: what there was to decide, and what was.
     """
-    model = decision.model
-    values = {}
-    for index, channel in enumerate(model.channels):
-        steps = model.steps(len(model.layers), index, decision.classes)
-        values[channel.stream] = decision.finals[channel.stream] * _units(channel.step, steps)
-    stages = model.stages(len(model.layers), decision.classes)
-    return _scene(positions, sh_degree, problem, values, stages, np.arange(len(positions)))
+    model, last = decision.model, decision.model.layers[-1]
+    steps, kinds = np.array(last.steps), decision.classes
+    values = {
+        channel.stream: decision.finals[channel.stream] * cell_widths(channel.step, steps[:, index])[kinds]
+        for index, channel in enumerate(model.channels)
+    }
+    return _scene(positions, sh_degree, problem, values, np.array(last.stages)[kinds], np.arange(len(positions)))
 
 
 def rough(
@@ -51,19 +52,14 @@ def rough(
     """
     last = len(entries) - 1
     here = np.flatnonzero((problem.classes < last) | leading(problem, last, part))
-    received = np.array(entries)[problem.classes[here]]
-    values = {}
+    received, kinds, values = np.array(entries), problem.classes[here], {}
     for index, plan in enumerate([*plans.channels, plans.latent], start=1):
-        true = plans.left if plan.stream == Stream.LATENT else problem.values[plan.stream]
-        unit = _units(plan.step, received[:, index])
-        values[plan.stream] = np.rint(true[here] / np.where(unit > 0, unit, 1.0)) * unit
-    return _scene(positions, sh_degree, problem, values, received[:, 0], here)
-
-
-def _units(step: Sequence[float], steps: I64) -> F64:
-    """(n, components) widths of the cells after `steps` steps, 0 after none (SPEC §9.2)."""
-    width = np.array(step) / 3.0 ** np.maximum(steps - 1, 0)[:, None]
-    return np.asarray(np.where(steps[:, None] > 0, width, 0.0))
+        if received[:, index].any():
+            true = plans.left if plan.stream == Stream.LATENT else problem.values[plan.stream]
+            width = cell_widths(plan.step, received[:, index])
+            values[plan.stream] = np.rint(true[here] * np.divide(1, width, where=width > 0, out=width * 0)[kinds])
+            values[plan.stream] *= width[kinds]
+    return _scene(positions, sh_degree, problem, values, received[kinds, 0], here)
 
 
 def _scene(
@@ -74,14 +70,17 @@ def _scene(
     rotation = values.get(Stream.ROTATION, np.zeros((count, 3)))
     moved = values.get(Stream.POSITION_RESIDUAL, 0.0) - place.residual[here]
     sh = np.zeros((count, (sh_degree + 1) ** 2, 3), np.float32)
-    sh[:, 0] = spherical_harmonics_from_colour(values[Stream.COLOUR])
+    sh[:, 0] = spherical_harmonics_from_colour(values.get(Stream.COLOUR, np.zeros((count, 3))))
     if problem.latent is not None and problem.rvq is not None and (stages.any() or Stream.LATENT in values):
         z = Codebooks(problem.rvq.coarse, problem.rvq.residual).latents(problem.rvq.indices[here], stages)
-        rest = problem.latent.decoder.apply(z + values.get(Stream.LATENT, 0.0))
+        refined = z + values.get(Stream.LATENT, 0.0)
+        told = refined.any(axis=1)
+        rest = np.repeat(problem.latent.decoder.apply(np.zeros((1, z.shape[1]))), count, axis=0)
+        rest[told] = problem.latent.decoder.apply(refined[told])
         sh[:, 1:] = rest.reshape(count, -1, 3)
     return GaussianScene(
         positions[here] + moved * place.cell[here, None],
-        values[Stream.SCALE].astype(np.float32),
+        values.get(Stream.SCALE, np.zeros((count, 3))).astype(np.float32),
         quaternion_from(rotation[:, :2], rotation[:, 2]).astype(np.float32),
         opacity_logits(values.get(Stream.OPACITY, np.zeros((count, 1)))[:, 0]).astype(np.float32),
         sh,
