@@ -126,10 +126,10 @@ def _decoding(path: Path) -> child.Job:
 
 
 def encode_moved(job: Record) -> Record:
-    """Child job: encode a scene at effort 1 with more or fewer bits of positions."""
+    """Child job: encode a scene at effort 1 with more or fewer bits of positions, and else at the same lambda."""
     scene = chosen([job["scene"]])[0]
     with position_bits(job["more"]):
-        options = EncodeOptions(job["quality"], 1, frame=scene.frame, cameras=scene.known_cameras())
+        options = EncodeOptions(job["quality"], 1, corrections=0, frame=scene.frame, cameras=scene.known_cameras())
         data = encode(_source(scene), options)
     Path(job["out"]).write_bytes(data)
     return {}
@@ -144,8 +144,6 @@ def _source(scene: Scene) -> Any:
 
 def moved_path(scene: Scene, quality: float, more: int) -> Path:
     """The file of a scene with `more` bits of positions than the encoder would choose."""
-    if not more:
-        return Path(encoded(scene, quality, 1)["path"])
     path = kept_path(scene, f"positions {more:+d} q{quality:g}")
     if not path.exists():
         job = "benchmarks.time_error_precision:encode_moved"
