@@ -107,7 +107,7 @@ class Effort:
 
 
 EFFORTS = {
-    1: Effort(32768, 5, 2, False, 4, 1, False),
+    1: Effort(32768, 5, 2, False, 4, 2, False),
     2: Effort(65536, 7, 2, False, 6, 2, True),
     3: Effort(262144, 12, 3, True, 12, 3, True),
 }
