@@ -21,6 +21,7 @@ $(STAMP): pyproject.toml $(wildcard scarfmt/kernel/*.c scarfmt/kernel/*.h)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet 'torch==2.13.0'
 	$(BIN)/python -m pip install --quiet --editable '.[encode,render,http,import,dev]'
+	$(BIN)/python -m pip install --quiet --no-deps --editable conformance/suite
 	touch $(STAMP)
 
 demo: $(STAMP) ## encode, inspect, truncate and decode a real scene; pictures in demo-out/
@@ -56,10 +57,10 @@ bench-full: $(STAMP) ## every benchmark on every scene found, two hours or more;
 pictures: $(STAMP) ## redraw docs/images/
 	$(BIN)/python -m benchmarks.pictures
 
-ksy: ## compile conformance/scar.ksy again (needs node and npm)
+ksy: ## compile conformance/kaitai/scar.ksy again (needs node and npm)
 	npm install --silent --no-save --prefix build/ksy kaitai-struct-compiler@0.11.0 js-yaml@4
-	cp conformance/compile_ksy.mjs build/ksy/
-	node build/ksy/compile_ksy.mjs conformance/scar.ksy tests/conformance/kaitai_scar.py
+	cp conformance/kaitai/compile_ksy.mjs build/ksy/
+	node build/ksy/compile_ksy.mjs conformance/kaitai/scar.ksy conformance/kaitai/kaitai_scar.py
 
 clean: ## remove what make made, .venv included
 	rm -rf $(VENV) demo-out build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -27,26 +27,26 @@ import torch
 
 from benchmarks.ablation_scenes import OWN, QUANTISERS, Sample, encoded, sample, static_bytes
 from benchmarks.ablation_tables import write_page
+from benchmarks.entropy_variants import BranchedMlp, GruOnly, StageMlp, build_variant
 from benchmarks.latent import at_bits, learned_curves, thinned
 from benchmarks.report import SCRATCH, load_results, machine, save_results
 from benchmarks.scenes import chosen
-from reference_encoder.assemble import codebook_size
-from reference_encoder.autoencoder import AutoencoderOptions
-from reference_encoder.entropy.defaults import shape_for
-from reference_encoder.entropy.export import export
-from reference_encoder.entropy.grid import BinaryGrid, Lookup, default_levels, fit_box, wave_grid
-from reference_encoder.entropy.model import IndexModel, NetworkShape
-from reference_encoder.entropy.train import Examples, TrainOptions, measure, train
-from reference_encoder.entropy.variants import BranchedMlp, GruOnly, StageMlp, build_variant
+from reference_encoder.decide.assemble import codebook_size
+from reference_encoder.latent.autoencoder import AutoencoderOptions
+from reference_encoder.latent.rvq import RvqOptions
+from reference_encoder.networks.defaults import shape_for
+from reference_encoder.networks.export import export
+from reference_encoder.networks.grid import BinaryGrid, Lookup, default_levels, fit_box, wave_grid
+from reference_encoder.networks.model import IndexModel, NetworkShape
+from reference_encoder.networks.train import Examples, TrainOptions, measure, train
 from reference_encoder.options import ESTIMATORS
-from reference_encoder.rvq import RvqOptions
+from scarfmt.blocks.codebooks import pack_codebooks
+from scarfmt.blocks.hash_grid import pack_grid
+from scarfmt.blocks.index_network import pack_network
 from scarfmt.cli.scenes import load_subject
-from scarfmt.codecs.codebooks import pack_codebooks
-from scarfmt.codecs.grid import pack_grid
-from scarfmt.codecs.network import pack_network
+from scarfmt.coding.writer import write_scene
 from scarfmt.neural.network import Inputs
 from scarfmt.render.compare import compare
-from scarfmt.writer import write_scene
 
 NAME = "ablation"
 SCENES = ("plush-on-bed", "flowers", "plush-on-bed, anchors")

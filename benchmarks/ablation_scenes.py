@@ -21,25 +21,25 @@ from benchmarks.latent import Problem, thinned
 from benchmarks.report import SCRATCH
 from benchmarks.scenes import Scene, chosen
 from reference_encoder import anchor_profile, explicit_profile
-from reference_encoder.assemble import codebook_size
-from reference_encoder.clean import clean
-from reference_encoder.entropy.clusters import Clusters, arrange
-from reference_encoder.entropy.dataset import ContextOptions, IndexRows, index_rows, lattice_positions
-from reference_encoder.entropy.defaults import LATENTS
-from reference_encoder.entropy.train import code_uses
-from reference_encoder.fit_latent import fit_latent
-from reference_encoder.importers import load
-from reference_encoder.latent import Latent, linear_latent
-from reference_encoder.neural import CONTEXT
+from reference_encoder.decide.assemble import codebook_size
+from reference_encoder.latent.fit import fit_latent
+from reference_encoder.latent.linear import Latent, linear_latent
+from reference_encoder.latent.rvq import RvqOptions, RvqResult, quantise
+from reference_encoder.networks.clusters import Clusters, arrange
+from reference_encoder.networks.dataset import ContextOptions, IndexRows, index_rows, lattice_positions
+from reference_encoder.networks.defaults import LATENTS
+from reference_encoder.networks.smallest_file import CONTEXT
+from reference_encoder.networks.train import code_uses
 from reference_encoder.options import EFFORTS, EncodeOptions
-from reference_encoder.rvq import RvqOptions, RvqResult, quantise
-from scarfmt.bytefields import compress
-from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.codecs.indices import put_indices
-from scarfmt.directory import local_bits, tile_frame
-from scarfmt.scene import AnchorModel
-from scarfmt.symbols import SymbolCounter, fit_table, pack_tables
-from scarfmt.writer import QuantisedScene, silent
+from scarfmt.coding.writer import QuantisedScene, silent
+from scarfmt.container.bytefields import compress
+from scarfmt.container.directory import local_bits, tile_frame
+from scarfmt.entropy.symbols import SymbolCounter, fit_table, pack_tables
+from scarfmt.formats import load
+from scarfmt.formats.clean import clean
+from scarfmt.scene.gaussians import AnchorModel
 
 I64 = NDArray[np.int64]
 

@@ -91,9 +91,9 @@ def _encode(job: Job) -> dict[str, Any]:
     from benchmarks.encoded import note_path
     from benchmarks.report import machine
     from benchmarks.scenes import chosen
-    from reference_encoder.clean import clean
     from reference_encoder.encode import EncodeOptions, encode
-    from reference_encoder.importers import load
+    from scarfmt.formats import load
+    from scarfmt.formats.clean import clean
 
     scene = chosen([job["scene"]])[0]
     source, _ = clean(load(scene.path), drop_invalid=True)
@@ -157,8 +157,8 @@ def _export(job: Job) -> dict[str, Any]:
 
 
 def _inspect(job: Job) -> dict[str, Any]:
-    from scarfmt.inspection import inspect
-    from scarfmt.source import open_source
+    from scarfmt.container.source import open_source
+    from scarfmt.tools.inspection import inspect
 
     start = time.perf_counter()
     with open_source(job["file"]) as source:

@@ -24,10 +24,10 @@ from benchmarks.entropy_stress import equal, make_question, rows_of
 from benchmarks.scenes import REPOSITORY
 from reference_decoder.backends import BACKENDS, operations
 from reference_decoder.decode import decode
+from scarfmt.entropy.rans import RansDecoder
 from scarfmt.errors import InvalidInput
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.operations import NUMPY, Operations
-from scarfmt.rans import RansDecoder
 
 SKIPPED = 77
 VECTORS = REPOSITORY / "conformance" / "vectors"

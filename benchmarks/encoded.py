@@ -21,7 +21,7 @@ from benchmarks.scenes import REPOSITORY, Scene
 
 ENCODER = ("reference_encoder", "scarfmt")
 """Packages whose source decides what a file holds."""
-_NOT_ENCODER = ("scarfmt/cli", "scarfmt/suite", "scarfmt/testing")
+_NOT_ENCODER = ("scarfmt/cli", "conformance/suite/scarfmt_conformance", "fuzz/testing")
 _SOURCE = {".py", ".c", ".h"}
 _COMPUTES = ("numpy", "torch")
 _DIGITS = 12

@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.entropy.rans import SymbolSource
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.evaluator import Block, Evaluator
 from scarfmt.neural.network import Head, Inputs
-from scarfmt.rans import SymbolSource
 from tests.neural.networks import Case, random_books, random_network
 
 I64 = NDArray[np.int64]

@@ -10,14 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.entropy_operations import DoubleOperations, ShuffledOperations
-from conformance import integer_oracle as oracle
+from conformance.decoders.python import integer_oracle as oracle
 from reference_decoder.torch_operations import TorchOperations
+from scarfmt.entropy.rans import MAX_ALPHABET, TOTAL
 from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, MAX_SHIFT, MAX_WEIGHT, Linear, amplitude, half_step
 from scarfmt.neural.network import Inputs
 from scarfmt.neural.operations import NumpyOperations, Operations
 from scarfmt.neural.parts import Recurrence, Rounded
 from scarfmt.neural.tables import LAST, exp2_table, sigmoid_table, state_table
-from scarfmt.rans import MAX_ALPHABET, TOTAL
 from tests.neural.networks import random_books, random_network
 
 I64 = NDArray[np.int64]

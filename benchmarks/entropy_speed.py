@@ -28,9 +28,9 @@ from benchmarks.entropy_cases import Batch, Clock, Shape, decode_batch, make_bat
 from benchmarks.report import machine, replace_section, save_results, table
 from benchmarks.scenes import REPOSITORY
 from reference_decoder.backends import operations
+from scarfmt.entropy.rans import FrequencyTable, RansDecoder
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.operations import Operations
-from scarfmt.rans import FrequencyTable, RansDecoder
 from tests.neural.networks import Case
 
 NAME = "entropy-speed"

@@ -25,9 +25,9 @@ from benchmarks.entropy_operations import CountingOperations, DoubleOperations, 
 from benchmarks.entropy_precision import measure_training, training_rows
 from benchmarks.report import machine, replace_section, save_results, table
 from benchmarks.scenes import REPOSITORY
-from conformance.integer_oracle import Oracle
+from conformance.decoders.python.integer_oracle import Oracle
 from reference_decoder.torch_operations import TorchOperations
-from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.network import Head, Inputs

@@ -29,19 +29,19 @@ from benchmarks import child
 from benchmarks.encoded import kept_path, note_path
 from benchmarks.report import add_arguments, load_results, machine, replace_section, save_results, table
 from benchmarks.scenes import Scene, chosen
-from reference_encoder import neural
 from reference_encoder.anchor_profile import encode_anchors
-from reference_encoder.clean import clean
-from reference_encoder.entropy import defaults
-from reference_encoder.entropy.clusters import Clusters
-from reference_encoder.entropy.train import TrainOptions
 from reference_encoder.explicit_profile import encode_explicit
-from reference_encoder.importers import load
-from reference_encoder.neural import index_bytes, with_index_network, with_predictors
+from reference_encoder.networks import defaults
+from reference_encoder.networks import smallest_file as neural
+from reference_encoder.networks.clusters import Clusters
+from reference_encoder.networks.smallest_file import index_bytes, with_index_network, with_predictors
+from reference_encoder.networks.train import TrainOptions
 from reference_encoder.options import EncodeOptions
-from scarfmt.codecs.codebooks import Codebooks
-from scarfmt.scene import AnchorModel
-from scarfmt.writer import QuantisedScene, silent, write_scene
+from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.coding.writer import QuantisedScene, silent, write_scene
+from scarfmt.formats import load
+from scarfmt.formats.clean import clean
+from scarfmt.scene.gaussians import AnchorModel
 
 NAME = "gain"
 SCENES = ["plush-toys", "plush-on-bed", "plush-dog", "plush-on-bed, anchors"]

@@ -23,19 +23,19 @@ from numpy.typing import NDArray
 
 from benchmarks.report import add_arguments
 from benchmarks.scenes import chosen
-from reference_encoder.allocate import classify, entropy_bits
-from reference_encoder.anchor_sensitivity import ABSENCE_FACTOR, measure_anchors
-from reference_encoder.assemble import codebook_size
-from reference_encoder.attributes import from_scene
-from reference_encoder.autoencoder import AutoencoderOptions, train
-from reference_encoder.importers import anchor_npz, inria_ply
-from reference_encoder.importers.source import Source
-from reference_encoder.latent import Latent, linear_latent
-from reference_encoder.learned_latent import choose, stored, whiten
-from reference_encoder.rvq import RvqOptions, RvqResult, quantise
-from reference_encoder.sensitivity import measure, survey_cameras
-from scarfmt.codecs.codebooks import pack_codebooks
-from scarfmt.codecs.mlp import pack_networks
+from reference_encoder.decide.allocate import classify, entropy_bits
+from reference_encoder.decide.assemble import codebook_size
+from reference_encoder.latent.autoencoder import AutoencoderOptions, train
+from reference_encoder.latent.learned import choose, stored, whiten
+from reference_encoder.latent.linear import Latent, linear_latent
+from reference_encoder.latent.rvq import RvqOptions, RvqResult, quantise
+from reference_encoder.measure.anchor_sensitivity import ABSENCE_FACTOR, measure_anchors
+from reference_encoder.measure.attributes import from_scene
+from reference_encoder.measure.sensitivity import measure, survey_cameras
+from scarfmt.blocks.codebooks import pack_codebooks
+from scarfmt.blocks.mlp import pack_networks
+from scarfmt.formats import anchor_npz, inria_ply
+from scarfmt.formats.source import Source
 from scarfmt.render.camera import load_cameras
 
 F64 = NDArray[np.float64]

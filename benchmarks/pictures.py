@@ -22,7 +22,7 @@ from scarfmt.cli.scenes import Subject, layer_table, load_subject
 from scarfmt.render.camera import Camera
 from scarfmt.render.compare import compare
 from scarfmt.render.images import contact_sheet, to_bytes
-from scarfmt.scene import F32
+from scarfmt.scene.gaussians import F32
 
 IMAGES = REPOSITORY / "docs" / "images"
 WIDTH, HEIGHT = 320, 240

@@ -22,9 +22,9 @@ from benchmarks.report import add_arguments, load_results, replace_section, save
 from benchmarks.scenes import SCENES, chosen
 from scarfmt.cli.scenes import load_subject
 from scarfmt.codecs.positions import get_positions, put_positions
+from scarfmt.entropy.symbols import SymbolCounter, SymbolReader, SymbolWriter, fit_table, pack_table
 from scarfmt.limits import MAX_LOCAL_BITS
-from scarfmt.morton import interleave
-from scarfmt.symbols import SymbolCounter, SymbolReader, SymbolWriter, fit_table, pack_table
+from scarfmt.scene.morton import interleave
 
 NAME = "positions"
 CORE_BITS = (12, 14)

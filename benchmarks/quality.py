@@ -24,9 +24,9 @@ from benchmarks.report import add_arguments, load_results, machine, replace_sect
 from benchmarks.rivals import RIVALS, Rival
 from benchmarks.scenes import REPOSITORY, SCENES, Scene, chosen
 from scarfmt.cli.scenes import Subject, layer_table, load_subject
-from scarfmt.inspection import inspect
+from scarfmt.container.source import open_source
 from scarfmt.render.compare import compare, compare_with_photos
-from scarfmt.source import open_source
+from scarfmt.tools.inspection import inspect
 
 QUALITIES = (41.0, 47.0)
 SHORT_SCENES, SHORT_QUALITY = ["plush-toys"], 45.0

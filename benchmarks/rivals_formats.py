@@ -13,10 +13,10 @@ import numpy as np
 import zstandard
 
 from benchmarks.rivals_tools import Command, splat_transform
-from reference_encoder.importers import load, spz
-from reference_encoder.importers.dequantise import SH_C0
-from reference_encoder.importers.source import Source
-from scarfmt.scene import AnchorModel, GaussianScene
+from scarfmt.formats import load, spz
+from scarfmt.formats.dequantise import SH_C0
+from scarfmt.formats.source import Source
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 FAMILIES = ("spz", "sog", "compressed-ply", "splat", "ply-zstd")
 """What --formats chooses from, beside ``scar``."""

@@ -32,13 +32,13 @@ from benchmarks.rivals_read import reading_cost
 from benchmarks.rivals_report import NAME, plots, tables, write_page
 from benchmarks.rivals_tools import CACHE, ToolFailed, install, install_readers, measured, tool_key
 from benchmarks.scenes import REPOSITORY, Scene, chosen
-from reference_decoder.export_ply import write_inria_ply
-from reference_encoder.clean import clean
-from reference_encoder.importers import inria_ply, load
-from reference_encoder.importers.source import Source
 from scarfmt.cli.scenes import Subject, load_subject
+from scarfmt.formats import inria_ply, load
+from scarfmt.formats.clean import clean
+from scarfmt.formats.export_ply import write_inria_ply
+from scarfmt.formats.source import Source
 from scarfmt.render.compare import compare, compare_with_photos
-from scarfmt.scene import GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 QUALITIES = (41.0, 47.0)
 SCENES = (
@@ -156,7 +156,7 @@ def kept_file(scene: Scene, source: Path, rival: Format) -> Path:
 
 def _pictures(scene: Scene, original: Subject, path: Path, rival: Format) -> dict[str, Any]:
     """PSNR and SSIM against the source over the judged views; kept beside the file until a picture could change."""
-    drawn = source_key(("scarfmt/render", "reference_encoder/importers")), file_key(path)
+    drawn = source_key(("scarfmt/render", "scarfmt/formats")), file_key(path)
     key = sha256(repr((drawn, file_key(REPOSITORY / "benchmarks" / "scenes.py"))).encode()).hexdigest()[:12]
     kept = path.with_name(f"{path.name}.{key}.pictures.json")
     if not kept.exists():

@@ -21,11 +21,11 @@ def encode(job: Job) -> dict[str, Any]:
 
     Also of a job: `scene`, `quality`, `effort`, and perhaps `tile_anchors`.
     """
-    from reference_encoder.clean import clean
     from reference_encoder.encode import EncodeOptions
     from reference_encoder.encode import encode as encoded
-    from reference_encoder.importers import load
-    from scarfmt.scene import GaussianScene
+    from scarfmt.formats import load
+    from scarfmt.formats.clean import clean
+    from scarfmt.scene.gaussians import GaussianScene
 
     scene = chosen([job["scene"]])[0]
     source, _ = clean(load(scene.path), drop_invalid=True)
@@ -45,8 +45,8 @@ def encode(job: Job) -> dict[str, Any]:
 
 def rewrite(job: Job) -> dict[str, Any]:
     """Write the scene of `file` to `out`: without networks if `static`, in `tile_anchors`, `copies` times."""
-    from reference_encoder.neural import within_limits
-    from scarfmt.writer import write_scene
+    from reference_encoder.networks.smallest_file import within_limits
+    from scarfmt.coding.writer import write_scene
 
     scene = read_scene(job["file"])
     if job.get("static"):

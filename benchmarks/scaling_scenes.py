@@ -1,6 +1,6 @@
 """Quantised scenes out of files, made into others to measure with: without networks, in smaller tiles, many times over.
 
-The integers stay those that an encoder chose; :func:`scarfmt.writer.write_scene` codes them anew.
+The integers stay those that an encoder chose; :func:`scarfmt.coding.writer.write_scene` codes them anew.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.lattice import split
-from scarfmt.container import Tile
-from scarfmt.directory import local_bits
+from reference_encoder.decide.lattice import split
+from scarfmt.coding.reader import SceneModels, SceneReader
+from scarfmt.coding.tile import TileContent
+from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.directory import local_bits
+from scarfmt.container.file import Tile
+from scarfmt.container.source import open_source
 from scarfmt.limits import MAX_TILE_DEPTH
-from scarfmt.model import DecodedContext, SceneModel
 from scarfmt.neural.predictors import Predictor
-from scarfmt.reader import SceneModels, SceneReader
-from scarfmt.source import open_source
-from scarfmt.tile import TileContent
-from scarfmt.writer import QuantisedScene
+from scarfmt.scene.model import DecodedContext, SceneModel
 
 I64 = NDArray[np.int64]
 U64 = NDArray[np.uint64]

@@ -13,11 +13,11 @@ import mpmath
 import numpy as np
 
 from benchmarks.stability_search import F64, Floats, Operation, extreme_inputs, used_tolerance
-from conformance import activated
+from conformance.expect import activated
 from reference_decoder.anchors import outlook, sigmoid, slot_centres
-from scarfmt.activation import opacity_logits, spherical_harmonics_from_colour
-from scarfmt.rotation import quaternion_from
-from scarfmt.scene import AnchorModel, Mlp
+from scarfmt.scene.activation import opacity_logits, spherical_harmonics_from_colour
+from scarfmt.scene.gaussians import AnchorModel, Mlp
+from scarfmt.scene.rotation import quaternion_from
 
 LEAST, MOST = -149, 127
 """Exponents of float32: a channel value is v * step, |v| < 2^31, step <= 2^96 (R-6.4-3, R-7.5-2)."""

@@ -12,20 +12,20 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scarfmt_conformance.reference.observed import Records
+from scarfmt_conformance.reference.stages import EXACT, Decoding, models
 
 from benchmarks.entropy_operations import DoubleOperations, IntegerOperations, PermutedOperations
 from benchmarks.scenes import REPOSITORY
 from reference_decoder.backends import operations
-from reference_decoder.observed import Records
-from reference_decoder.stages import EXACT, Decoding, models
 from scarfmt import kernel as compiled
+from scarfmt.coding.reader import SceneModels, SceneReader
+from scarfmt.coding.tile import NeuralModels, TileContent
+from scarfmt.container.source import open_source
 from scarfmt.errors import InvalidInput
 from scarfmt.neural.arithmetic import Linear, round_shift
 from scarfmt.neural.operations import NumpyOperations, Operations
 from scarfmt.neural.predictors import AMAX, Predictor
-from scarfmt.reader import SceneModels, SceneReader
-from scarfmt.source import open_source
-from scarfmt.tile import NeuralModels, TileContent
 
 VECTORS = REPOSITORY / "conformance" / "vectors"
 ORDERS = 20

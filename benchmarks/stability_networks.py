@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.stability_search import F64, NOT_COMPARED, Floats, Operation, Worst, search
-from conformance import activated
+from conformance.expect import activated
 from reference_decoder.anchors import log_sigmoid, outlook, run, sigmoid, unit_quaternions
-from scarfmt.codecs.mlp import Linear, Network
-from scarfmt.scene import AnchorModel, Mlp
+from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.scene.gaussians import AnchorModel, Mlp
 
 _LATENTS, _FEATURES, _HIDDEN = 6, 4, 8
 _COLUMNS = (*(f"f{k}" for k in range(_FEATURES)), "x", "y", "z", "log scale")

@@ -61,7 +61,8 @@ def decode_job(job: dict[str, Any]) -> dict[str, Any]:
     """
     from functools import partial
 
-    from reference_decoder.activated import activated_arrays
+    from scarfmt_conformance.reference.activated import activated_arrays
+
     from reference_decoder.backends import operations
 
     manner = Manner(make=partial(operations, job["backend"]))
@@ -91,8 +92,8 @@ def encode_in(environment: Mapping[str, str], scene: Path, count: int, effort: i
 def encode_job(job: dict[str, Any]) -> dict[str, Any]:
     """In a child: ``sha256`` of the bytes."""
     from reference_encoder.encode import EncodeOptions, encode
-    from reference_encoder.importers import load
-    from scarfmt.scene import GaussianScene
+    from scarfmt.formats import load
+    from scarfmt.scene.gaussians import GaussianScene
 
     scene = load(job["scene"])
     assert isinstance(scene, GaussianScene)

@@ -10,18 +10,12 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from conformance import integer_oracle as oracle
+from conformance.decoders.python import integer_oracle as oracle
 from reference_decoder.dequantise import channel_values, latents, positions
 from scarfmt import kernel
-from scarfmt.codecs.codebooks import Codebooks
-from scarfmt.directory import Tile
-from scarfmt.kernel.rans import KernelRansDecoder
-from scarfmt.model import MAX_STEPS, Lattice
-from scarfmt.morton import interleave
-from scarfmt.neural.context import FINE_LIMIT, CellMeans, fine
-from scarfmt.neural.operations import NUMPY
-from scarfmt.neural.tables import EXP2_LAST, SIGMOID, TANH, exp2_table
-from scarfmt.rans import (
+from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.container.directory import Tile
+from scarfmt.entropy.rans import (
     MAX_ALPHABET,
     TOTAL,
     FrequencyTable,
@@ -30,6 +24,12 @@ from scarfmt.rans import (
     RansEncoder,
     SymbolSource,
 )
+from scarfmt.kernel.rans import KernelRansDecoder
+from scarfmt.neural.context import FINE_LIMIT, CellMeans, fine
+from scarfmt.neural.operations import NUMPY
+from scarfmt.neural.tables import EXP2_LAST, SIGMOID, TANH, exp2_table
+from scarfmt.scene.model import MAX_STEPS, Lattice
+from scarfmt.scene.morton import interleave
 
 Edge = dict[str, Any]
 

@@ -9,8 +9,8 @@ from benchmarks import child, gain
 from benchmarks.encoded import encoded
 from benchmarks.scenes import Scene
 from scarfmt import kernel
-from scarfmt.models_report import describe_models
-from scarfmt.source import open_source
+from scarfmt.container.source import open_source
+from scarfmt.tools.models_report import describe_models
 
 Record = dict[str, Any]
 

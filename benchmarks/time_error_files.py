@@ -12,8 +12,8 @@ from benchmarks import child
 from benchmarks.encoded import encoded
 from benchmarks.quality import distortion
 from benchmarks.scenes import Scene
-from scarfmt.inspection import inspect
-from scarfmt.source import open_source
+from scarfmt.container.source import open_source
+from scarfmt.tools.inspection import inspect
 
 THREADS = (1, 2)
 Record = dict[str, Any]

@@ -24,21 +24,22 @@ from benchmarks.encoded import encoded
 from benchmarks.scenes import Scene
 from reference_decoder import explicit
 from reference_decoder.decode import Decoded, decode
-from scarfmt import kernel, symbols
+from scarfmt import kernel
+from scarfmt.entropy import symbols
+from scarfmt.entropy.rans import FrequencyTable, RansDecoder, SymbolSource, uniform_table
 from scarfmt.kernel.rans import KernelRansDecoder
 from scarfmt.neural.operations import NumpyOperations
 from scarfmt.neural.predictor_group import PredictorGroup
 from scarfmt.neural.predictors import Predictor
-from scarfmt.rans import FrequencyTable, RansDecoder, SymbolSource, uniform_table
-from scarfmt.scene import GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 STAGES = {
-    "models": ("scarfmt.reader", "SceneReader.models"),
-    "positions": ("scarfmt.tile", "get_positions"),
-    "classes": ("scarfmt.tile", "get_classes"),
-    "channel values": ("scarfmt.tile", "get_channel"),
-    "indices, static": ("scarfmt.tile", "get_indices"),
-    "indices, network": ("scarfmt.tile", "get_neural_indices"),
+    "models": ("scarfmt.coding.reader", "SceneReader.models"),
+    "positions": ("scarfmt.coding.tile", "get_positions"),
+    "classes": ("scarfmt.coding.tile", "get_classes"),
+    "channel values": ("scarfmt.coding.tile", "get_channel"),
+    "indices, static": ("scarfmt.coding.tile", "get_indices"),
+    "indices, network": ("scarfmt.coding.tile", "get_neural_indices"),
     "to world units": ("reference_decoder.decode", "tile_part"),
     "activation": ("reference_decoder.decode", "Decoded.activated"),
 }

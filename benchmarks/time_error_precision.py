@@ -23,16 +23,17 @@ from benchmarks.gain import hardly_trained, quantised
 from benchmarks.quality import distortion
 from benchmarks.scenes import Scene, chosen
 from reference_decoder.decode import decode
-from reference_encoder import lattice, neural
+from reference_encoder.decide import lattice
 from reference_encoder.encode import EncodeOptions, encode
-from reference_encoder.entropy import defaults
-from reference_encoder.entropy.model import NetworkShape
-from reference_encoder.neural import index_bytes, with_index_network
-from scarfmt.directory import local_bits
-from scarfmt.inspection import inspect
-from scarfmt.reader import SceneReader
-from scarfmt.source import open_source
-from scarfmt.writer import silent, write_scene
+from reference_encoder.networks import defaults
+from reference_encoder.networks import smallest_file as neural
+from reference_encoder.networks.model import NetworkShape
+from reference_encoder.networks.smallest_file import index_bytes, with_index_network
+from scarfmt.coding.reader import SceneReader
+from scarfmt.coding.writer import silent, write_scene
+from scarfmt.container.directory import local_bits
+from scarfmt.container.source import open_source
+from scarfmt.tools.inspection import inspect
 
 QUALITY = 41.0
 WEIGHT_BITS = (4, 5, 6, 8)
@@ -136,8 +137,8 @@ def encode_moved(job: Record) -> Record:
 
 
 def _source(scene: Scene) -> Any:
-    from reference_encoder.clean import clean
-    from reference_encoder.importers import load
+    from scarfmt.formats import load
+    from scarfmt.formats.clean import clean
 
     return clean(load(scene.path), drop_invalid=True)[0]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from scarfmt.writer import QuantisedScene
+from scarfmt.coding.writer import QuantisedScene
 
 
 @dataclass(frozen=True)

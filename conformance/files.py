@@ -7,20 +7,13 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 from conformance.writer import FrameStyle, WriteOptions, write_container, write_file
-from scarfmt.bytefields import decompress
-from scarfmt.container import Block, Container
+from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.bytefields import decompress
+from scarfmt.container.file import Block, Container
+from scarfmt.container.schema import CHECKSUM_SIZE, FILE_HEADER, FILE_HEADER_SIZE, BlockKind, Stream, field_table
+from scarfmt.container.source import BytesSource
+from scarfmt.container.substreams import unpack_table
 from scarfmt.limits import FORMAT_LIMITS
-from scarfmt.schema import (
-    CHECKSUM_SIZE,
-    FILE_HEADER,
-    FILE_HEADER_SIZE,
-    BlockKind,
-    Stream,
-    field_table,
-)
-from scarfmt.source import BytesSource
-from scarfmt.substreams import unpack_table
-from scarfmt.writer import QuantisedScene
 
 COMPRESSED = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
 _PLAIN = WriteOptions()

@@ -1,8 +1,8 @@
 """Writes the conformance vectors: ``python -m conformance.generate [--check] [--only ID ...]``.
 
 Every vector is a folder with ``input.scar``, ``expect.json`` and, of small scenes, references of activated values.
-Valid files come from scenes made here, their expectations from the same scenes (:mod:`conformance.expect`), not from a
-decoder of this package. An invalid file is a valid one with exactly one rule broken and every checksum right that is
+Valid files come from scenes made here, their expectations from the same scenes (:mod:`conformance.expect.document`),
+not from a decoder of this package. An invalid file is a valid one with exactly one rule broken and every checksum right that is
 not itself the fault. ``manifest.json`` and the two schemas are written too. Running twice gives equal bytes.
 """
 
@@ -19,19 +19,19 @@ from typing import Any
 import numpy as np
 
 from conformance.cases import Case
-from conformance.container_faults import container_faults
-from conformance.edge_scenes import edge_cases
-from conformance.either_cases import either_cases
-from conformance.expect import BITSTREAM, FORMAT, expectation
-from conformance.faults import invalid_files
+from conformance.expect.document import BITSTREAM, FORMAT, expectation
+from conformance.expect.schemas import LICENCE, expect_schema, manifest_schema
+from conformance.faults.catalogue import invalid_files
+from conformance.faults.container_faults import container_faults
+from conformance.faults.either_cases import either_cases
+from conformance.faults.limit_faults import limit_faults
+from conformance.faults.model_faults import model_faults
+from conformance.faults.stream_faults import stream_faults
+from conformance.faults.truncated_cases import truncated_cases
+from conformance.faults.work_cases import work_cases
 from conformance.json_text import json_text
-from conformance.limit_faults import limit_faults
-from conformance.model_faults import model_faults
-from conformance.schemas import LICENCE, expect_schema, manifest_schema
-from conformance.stream_faults import stream_faults
-from conformance.truncated_cases import truncated_cases
-from conformance.valid_cases import named, valid_cases, with_origin
-from conformance.work_cases import work_cases
+from conformance.scenes.edge_scenes import edge_cases
+from conformance.scenes.valid_cases import named, valid_cases, with_origin
 
 ROOT = Path(__file__).resolve().parent
 VECTORS = ROOT / "vectors"

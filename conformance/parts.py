@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from conformance.spec_text import Place, place_of, size_of, structure
+from conformance.spec.spec_text import Place, place_of, size_of, structure
 
 Row = dict[str, Any]
 Change = Callable[["Parts"], object]

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from reference_decoder.export_ply import write_inria_ply
-from reference_encoder.importers import load
+from scarfmt.formats import load
+from scarfmt.formats.export_ply import write_inria_ply
 from scarfmt.render.camera import Camera, load_cameras, look_at
-from scarfmt.scene import F64, GaussianScene
+from scarfmt.scene.gaussians import F64, GaussianScene
 
 FOLDER = Path(__file__).resolve().parent
 NAME = "plush-toys"

@@ -1,6 +1,6 @@
 """Coverage-guided fuzzing with atheris: ``python -m fuzz.atheris_decode CORPUS_FOLDER [libFuzzer flags]``.
 
-The mutator is structure-aware: half of its mutants come from :mod:`scarfmt.testing.mutators`, the others from
+The mutator is structure-aware: half of its mutants come from :mod:`fuzz.testing.mutators`, the others from
 libFuzzer's own byte mutations, with checksums made right in half of the cases. Only ScarError may come out.
 """
 
@@ -17,8 +17,8 @@ with atheris.instrument_imports(include=["scarfmt", "reference_decoder"]):
     from fuzz.target import decoded, truncated, validated
 
 from fuzz.corpus import corpus
-from scarfmt.testing.mutators import mutate
-from scarfmt.testing.parts import is_file, resealed
+from fuzz.testing.mutators import mutate
+from fuzz.testing.parts import is_file, resealed
 
 MAX_BYTES = 1 << 16
 FILES = [seed.data for seed in corpus()]

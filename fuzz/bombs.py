@@ -17,21 +17,21 @@ from pathlib import Path
 import numpy as np
 
 from fuzz.target import decoded, validated
-from scarfmt.bytefields import compress, unsigned_varint
-from scarfmt.codecs.codebooks import Codebooks, pack_codebooks
-from scarfmt.codecs.layer import pack_layer
-from scarfmt.codecs.mlp import Linear, Network, pack_networks
-from scarfmt.codecs.network import pack_network
-from scarfmt.codecs.predictors import pack_predictors
-from scarfmt.container import Block, HeaderFields, Tile, write_container
-from scarfmt.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
+from fuzz.testing.networks import random_network
+from scarfmt.blocks.codebooks import Codebooks, pack_codebooks
+from scarfmt.blocks.index_network import pack_network
+from scarfmt.blocks.layer import pack_layer
+from scarfmt.blocks.mlp import Linear, Network, pack_networks
+from scarfmt.blocks.predictors import pack_predictors
+from scarfmt.container.bytefields import compress, unsigned_varint
+from scarfmt.container.file import Block, HeaderFields, Tile, write_container
+from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.substreams import pack_substreams
+from scarfmt.entropy.symbols import SymbolTable, TableKey, pack_tables
 from scarfmt.neural.arithmetic import Linear as Exact
 from scarfmt.neural.network import Inputs
 from scarfmt.neural.predictors import Predictor, input_width
-from scarfmt.schema import BlockKind, Profile, Stream
-from scarfmt.substreams import pack_substreams
-from scarfmt.symbols import SymbolTable, TableKey, pack_tables
-from scarfmt.testing.networks import random_network
+from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 
 NOTHING = pack_substreams({})
 """A TILE block without sub-streams: whatever is decoded from it is the first symbol of its table."""
@@ -148,7 +148,7 @@ def many_contexts(anchors: int, tiles: int, size: int) -> bytes:
                 tables[TableKey(key.stream, key.component, key.step, context)] = one_symbol()
     rng = np.random.default_rng(1)
     tables[TableKey(Stream.CLASSES, 0, 0, 0)] = SymbolTable.from_weights(np.arange(15), np.ones(15, np.int64))
-    from scarfmt.symbols import SymbolWriter
+    from scarfmt.entropy.symbols import SymbolWriter
 
     writer = SymbolWriter(tables)
     writer.emit(TableKey(Stream.CLASSES, 0, 0, 0), rng.permutation(np.arange(anchors) % 15))

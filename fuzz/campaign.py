@@ -29,7 +29,7 @@ from typing import Any
 
 from fuzz.corpus import Seed, corpus, digest
 from fuzz.target import decoded, truncated, validated
-from scarfmt.testing.mutators import Mutant, mutate
+from fuzz.testing.mutators import Mutant, mutate
 
 SECONDS = 5.0
 """Per input and question."""

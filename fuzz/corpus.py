@@ -6,11 +6,11 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from scarfmt.schema import Profile
-from scarfmt.testing.neural_scenes import neural_scene
-from scarfmt.testing.parts import is_file
-from scarfmt.testing.scenes import random_scene
-from scarfmt.writer import write_scene
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.parts import is_file
+from fuzz.testing.scenes import random_scene
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.schema import Profile
 
 VECTORS = Path(__file__).resolve().parents[1] / "conformance" / "vectors"
 MAX_BYTES = 20_000

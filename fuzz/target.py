@@ -8,13 +8,13 @@ import numpy as np
 
 from reference_decoder.anchors import gaussians
 from reference_decoder.decode import decode
-from scarfmt.container import Container
+from scarfmt.container.file import Container
+from scarfmt.container.source import BytesSource
 from scarfmt.errors import ScarError
-from scarfmt.inspection import read_metadata
-from scarfmt.scene import AnchorModel
-from scarfmt.source import BytesSource
-from scarfmt.truncate import truncate
-from scarfmt.validate import validate
+from scarfmt.scene.gaussians import AnchorModel
+from scarfmt.tools.inspection import read_metadata
+from scarfmt.tools.truncate import truncate
+from scarfmt.tools.validate import validate
 
 MAX_DRAWN = 2000
 """Anchors of which Gaussians are made for a camera, too."""

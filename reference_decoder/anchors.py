@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.explicit import CHUNK, network_outputs
-from scarfmt.activation import opacity_logits
-from scarfmt.codecs.mlp import Network
-from scarfmt.counters import Counters
+from scarfmt.blocks.mlp import Network
+from scarfmt.coding.counters import Counters
+from scarfmt.coding.reader import SceneModels
+from scarfmt.container.schema import Stream
 from scarfmt.errors import InvalidInput
-from scarfmt.reader import SceneModels
-from scarfmt.scene import F32, F64, AnchorModel, GaussianScene, Mlp
-from scarfmt.schema import Stream
+from scarfmt.scene.activation import opacity_logits
+from scarfmt.scene.gaussians import F32, F64, AnchorModel, GaussianScene, Mlp
 
 Floats = NDArray[np.floating]
 I16 = NDArray[np.int16]

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.anchors import NETWORKS, log_sigmoid, outlook, run, sigmoid, slot_centres, unit_quaternions
-from scarfmt.activation import opacity_logits
-from scarfmt.counters import Counters, Part
+from scarfmt.coding.counters import Counters, Part
 from scarfmt.errors import InvalidInput
-from scarfmt.rotation import matrix_from_quaternion, quaternion_from_matrix
-from scarfmt.scene import F64, AnchorModel, GaussianScene, Mlp
+from scarfmt.scene.activation import opacity_logits
+from scarfmt.scene.gaussians import F64, AnchorModel, GaussianScene, Mlp
+from scarfmt.scene.rotation import matrix_from_quaternion, quaternion_from_matrix
 
 I64 = NDArray[np.int64]
 

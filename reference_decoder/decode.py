@@ -21,15 +21,15 @@ from reference_decoder.anchors import decoded_model
 from reference_decoder.backends import operations
 from reference_decoder.dequantise import channel_values, latents, offset_values, positions, tile_boxes
 from scarfmt.codecs.channels import cell_widths
-from scarfmt.counters import Counters, transfers
+from scarfmt.coding.counters import Counters, transfers
+from scarfmt.coding.reader import ALL_STREAMS, SceneModels, SceneReader
+from scarfmt.coding.tile import TileContent
+from scarfmt.container.header import HeaderFields
+from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.source import ByteSource, open_source
 from scarfmt.errors import InvalidInput
-from scarfmt.header import HeaderFields
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-from scarfmt.reader import ALL_STREAMS, SceneModels, SceneReader
-from scarfmt.scene import F32, F64, AnchorModel, GaussianScene
-from scarfmt.schema import BlockKind, Profile, Stream
-from scarfmt.source import ByteSource, open_source
-from scarfmt.tile import TileContent
+from scarfmt.scene.gaussians import F32, F64, AnchorModel, GaussianScene
 
 Origin = str | os.PathLike[str] | bytes | bytearray | memoryview | ByteSource
 Box = tuple[Sequence[float], Sequence[float]]

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt import kernel
+from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.codecs.channels import REACH, cell_widths, width_table
-from scarfmt.codecs.codebooks import Codebooks
-from scarfmt.directory import Table, Tile
+from scarfmt.container.directory import Table, Tile
 from scarfmt.errors import Malformed
 from scarfmt.kernel.values import kernel_values
-from scarfmt.model import Lattice
-from scarfmt.morton import deinterleave
+from scarfmt.scene.model import Lattice
+from scarfmt.scene.morton import deinterleave
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -14,14 +14,14 @@ import numpy as np
 from reference_decoder.bake import bake, default_eyes
 from reference_decoder.bake import comments as bake_comments
 from reference_decoder.decode import Box, Decoded, Origin, iter_tiles, opened
-from reference_decoder.export_ply import ply_header, ply_rows, property_names
 from scarfmt.atomic import atomic_write
-from scarfmt.counters import Counters, transfers
-from scarfmt.header import HeaderFields
+from scarfmt.coding.counters import Counters, transfers
+from scarfmt.coding.reader import SceneReader
+from scarfmt.container.header import HeaderFields
+from scarfmt.container.schema import Profile
+from scarfmt.formats.export_ply import ply_header, ply_rows, property_names
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-from scarfmt.reader import SceneReader
-from scarfmt.scene import F64, GaussianScene
-from scarfmt.schema import Profile
+from scarfmt.scene.gaussians import F64, GaussianScene
 
 _SPOOL_BYTES = 1 << 26
 _EYE_SAMPLE = 1 << 16

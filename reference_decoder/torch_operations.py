@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from scarfmt.entropy.rans import TOTAL
 from scarfmt.errors import Unsupported
-from scarfmt.rans import TOTAL
 
 F64 = NDArray[np.float64]
 Ints = NDArray[np.integer[Any]]

@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.allocate import classify
-from reference_encoder.anchor_sensitivity import ABSENCE_FACTOR, AnchorSensitivity, measure_anchors
-from reference_encoder.assemble import final_rate, position_bits
-from reference_encoder.decide import (
+from reference_encoder.decide.allocate import classify
+from reference_encoder.decide.assemble import final_rate, position_bits
+from reference_encoder.decide.decision import (
     Problem,
     best_step,
     codebooks,
@@ -22,20 +21,21 @@ from reference_encoder.decide import (
     planned,
     targets,
 )
-from reference_encoder.fit_latent import fit_latent
-from reference_encoder.lattice import place
-from reference_encoder.layering import predicted
+from reference_encoder.decide.lattice import place
+from reference_encoder.decide.layering import predicted
+from reference_encoder.decide.rdo import choose_values
+from reference_encoder.decide.targets import Targets
+from reference_encoder.latent.fit import fit_latent
+from reference_encoder.measure.anchor_sensitivity import ABSENCE_FACTOR, AnchorSensitivity, measure_anchors
+from reference_encoder.measure.sensitivity import survey
 from reference_encoder.options import EncodeOptions
-from reference_encoder.rdo import choose_values
-from reference_encoder.sensitivity import survey
-from reference_encoder.targets import Targets
-from scarfmt.codecs.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.coding.writer import QuantisedScene, Report
+from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import InvalidInput
-from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
 from scarfmt.render.camera import Camera
-from scarfmt.scene import AnchorModel, GaussianScene, Mlp
-from scarfmt.schema import Profile, Stream
-from scarfmt.writer import QuantisedScene, Report
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
+from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

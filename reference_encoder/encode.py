@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from reference_encoder.anchor_profile import encode_anchors
 from reference_encoder.explicit_profile import encode_explicit
-from reference_encoder.neural import smallest_file
+from reference_encoder.networks.smallest_file import smallest_file
 from reference_encoder.options import EncodeOptions
+from scarfmt.coding.writer import Report, silent
 from scarfmt.errors import InvalidInput
-from scarfmt.scene import AnchorModel, GaussianScene
-from scarfmt.writer import Report, silent
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 __all__ = ["EncodeOptions", "encode"]
 
@@ -22,7 +22,7 @@ def encode(scene: GaussianScene | AnchorModel, options: EncodeOptions | None = N
     """The bytes of a file for `scene`. The same scene and options give the same bytes.
 
     Args:
-        scene: without NaN or infinity (see `reference_encoder.clean`), at least one Gaussian or anchor.
+        scene: without NaN or infinity (see `scarfmt.formats.clean`), at least one Gaussian or anchor.
         options: None for the defaults.
         report: told (stage, fraction done).
 

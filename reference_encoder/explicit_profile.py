@@ -9,11 +9,9 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.allocate import classify
-from reference_encoder.assemble import BASE_SHARE, final_rate, position_bits
-from reference_encoder.attributes import Attributes, from_scene
-from reference_encoder.calibrate import Judge, calibrated
-from reference_encoder.decide import (
+from reference_encoder.decide.allocate import classify
+from reference_encoder.decide.assemble import BASE_SHARE, final_rate, position_bits
+from reference_encoder.decide.decision import (
     Decision,
     Plans,
     Problem,
@@ -28,16 +26,18 @@ from reference_encoder.decide import (
     split,
     targets,
 )
-from reference_encoder.fit_latent import fit_latent
-from reference_encoder.lattice import LARGE_SCENE, place
-from reference_encoder.layering import Entry, best_looking, first_picture, predicted
+from reference_encoder.decide.lattice import LARGE_SCENE, place
+from reference_encoder.decide.layering import Entry, best_looking, first_picture, predicted
+from reference_encoder.decide.targets import Targets
+from reference_encoder.latent.fit import fit_latent
+from reference_encoder.measure.attributes import Attributes, from_scene
+from reference_encoder.measure.calibrate import Judge, calibrated
+from reference_encoder.measure.reconstruct import reconstructed, rough
+from reference_encoder.measure.sensitivity import Sensitivity, measure, survey
 from reference_encoder.options import EFFORTS, EncodeOptions
-from reference_encoder.reconstruct import reconstructed, rough
-from reference_encoder.sensitivity import Sensitivity, measure, survey
-from reference_encoder.targets import Targets
-from scarfmt.scene import GaussianScene
-from scarfmt.schema import Profile, Stream
-from scarfmt.writer import QuantisedScene, Report, silent
+from scarfmt.coding.writer import QuantisedScene, Report, silent
+from scarfmt.container.schema import Profile, Stream
+from scarfmt.scene.gaussians import GaussianScene
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

@@ -78,8 +78,8 @@ class Limits:
         slots_per_byte: anchors times slots per byte of the whole file, beyond `FREE_SLOTS`. Real models: about 0.5.
         content_per_byte: bytes of content of Zstandard frames per byte of the whole file, beyond `FREE_CONTENT`. Tables
             shrink to a half or a third.
-        work_per_byte: multiply-adds of decoding, counted as in :mod:`scarfmt.work`, per byte of the whole file, beyond
-            `FREE_WORK`. Real scenes need up to 56,000.
+        work_per_byte: multiply-adds of decoding, counted as in :mod:`scarfmt.coding.work`, per byte of the whole file,
+            beyond `FREE_WORK`. Real scenes need up to 56,000.
         metadata_bytes: bytes of the METADATA block, when it is parsed.
     """
 

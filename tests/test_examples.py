@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from conftest import REPOSITORY
 
-from reference_encoder.importers import load
+from scarfmt.formats import load
 from scarfmt.render.camera import load_cameras
 from scarfmt.render.rasterise import render
-from scarfmt.scene import GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
+from tests.conftest import REPOSITORY
 
 EXAMPLES = REPOSITORY / "examples"
 

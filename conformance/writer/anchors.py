@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.container import Tile
-from scarfmt.model import SceneModel
-from scarfmt.schema import Profile, Stream
-from scarfmt.writer import QuantisedScene
+from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.file import Tile
+from scarfmt.container.schema import Profile, Stream
+from scarfmt.scene.model import SceneModel
 
 
 class Anchors:

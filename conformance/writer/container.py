@@ -7,7 +7,7 @@ import zlib
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from scarfmt.container import Block, HeaderFields, Tile
+from scarfmt.container.file import Block, HeaderFields, Tile
 
 SIGNATURE = bytes.fromhex("89534341520d0a1a0a")
 VERSION = (0, 1)

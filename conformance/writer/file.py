@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from conformance.minimal_neural import parse_grid, parse_network, parse_predictors
+from conformance.decoders.python.neural import parse_grid, parse_network, parse_predictors
 from conformance.writer.container import write_container
 from conformance.writer.entropy import Table, Tables, table_records
 from conformance.writer.models import codebooks_block, layer_block, networks_content
@@ -19,9 +19,9 @@ from conformance.writer.neural import Models
 from conformance.writer.options import WriteOptions
 from conformance.writer.tables import layer_tables
 from conformance.writer.tile import TileLayer, tile_block, tile_layer
-from scarfmt.container import Block
-from scarfmt.schema import BlockKind, Profile, Stream
-from scarfmt.writer import QuantisedScene
+from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.file import Block
+from scarfmt.container.schema import BlockKind, Profile, Stream
 
 Ints = NDArray[np.integer[Any]]
 PLAIN = WriteOptions()

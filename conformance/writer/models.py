@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conformance.writer.fields import RiceStyle, rice, svarint, varint
-from scarfmt.codecs.mlp import Linear, Network
-from scarfmt.model import Channel, ContextRule, LayerRow, SceneModel
+from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
 Ints = NDArray[np.integer[Any]]
 

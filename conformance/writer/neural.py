@@ -1,7 +1,7 @@
 """Symbols that the neural entropy model codes: steps with predictors, and indices in entropy mode 1 (SPEC §10).
 
-The networks are those of the blocks written, evaluated by :mod:`conformance.minimal_neural`, which was written from
-SPEC.md, too; the order of symbols is written here once more, from the side that knows them.
+The networks are those of the blocks written, evaluated by :mod:`conformance.decoders.python.neural`, which was written
+from SPEC.md, too; the order of symbols is written here once more, from the side that knows them.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from conformance.minimal_fields import key
-from conformance.minimal_neural import (
+from conformance.decoders.python.fields import key
+from conformance.decoders.python.neural import (
     ATTRIBUTES,
     Cells,
     Coder,

@@ -9,8 +9,8 @@ from enum import Enum
 from conformance.writer.entropy import Tables
 from conformance.writer.fields import RiceStyle
 from conformance.writer.frames import Frame, FrameStyle
-from scarfmt.container import Block
-from scarfmt.schema import BlockKind
+from scarfmt.container.file import Block
+from scarfmt.container.schema import BlockKind
 
 
 class Weights(Enum):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from typing import NamedTuple
 
-from conformance.minimal_fields import POSITIONS, key
+from conformance.decoders.python.fields import POSITIONS, key
 from conformance.writer.substream import Substream
 
 SPLITS, SMALL, BINS = 16, 12, 16

@@ -7,14 +7,14 @@ import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from conformance.minimal_fields import CLASSES, INDICES, MASKS, OFFSETS, POSITIONS, key
+from conformance.decoders.python.fields import CLASSES, INDICES, MASKS, OFFSETS, POSITIONS, key
 from conformance.writer.anchors import Anchors
 from conformance.writer.contexts import step_symbols, table_contexts
 from conformance.writer.neural import Models, Seen, put_neural_indices, put_predicted_step
 from conformance.writer.positions import put_positions
 from conformance.writer.substream import Substream
-from scarfmt.schema import Profile, Stream
-from scarfmt.writer import QuantisedScene
+from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.schema import Profile, Stream
 
 MAX_STEPS, MAX_STAGES = 20, 8
 

@@ -16,9 +16,9 @@ from scarfmt.cli.files import open_output, print_json
 from scarfmt.cli.progress import progress
 
 if TYPE_CHECKING:
-    from scarfmt.suite.manifest import Suite, Vector
-    from scarfmt.suite.protocol import Decoder
-    from scarfmt.suite.runner import Result, Run
+    from scarfmt_conformance.manifest import Suite, Vector
+    from scarfmt_conformance.protocol import Decoder
+    from scarfmt_conformance.runner import Result, Run
 
 _REFERENCE = "-"
 _SHOWN_FAILURES = 20
@@ -63,7 +63,7 @@ def list_(suite: str | None, format_: str, **selection: tuple[str, ...]) -> None
       scarfmt conformance list --feature two-level
       scarfmt conformance list --format json | jq -r '.vectors[].id'
     """
-    from scarfmt.suite import report
+    from scarfmt_conformance import report
 
     found, vectors = _selected(suite, selection)
     if format_ == "json":
@@ -81,7 +81,7 @@ def parse_stages(_ctx: click.Context, _parameter: click.Parameter, value: str | 
     """
     if value is None:
         return None
-    from scarfmt.suite.protocol import STAGES
+    from scarfmt_conformance.protocol import STAGES
 
     names = tuple(value.split(","))
     if not set(names) <= set(STAGES):
@@ -99,8 +99,8 @@ class _Asked:
     memory: int
 
     def connect(self, stop: threading.Event) -> Decoder:
-        from scarfmt.suite.process import Limits, OneShot
-        from scarfmt.suite.session import Session
+        from scarfmt_conformance.process import Limits, OneShot
+        from scarfmt_conformance.session import Session
 
         limits = Limits(self.timeout, self.memory << 20)
         return Session(self.words, limits, stop) if self.session else OneShot(self.words, limits, stop)
@@ -140,9 +140,9 @@ def run_(ctx: click.Context, /, decoder: str | None, session: str | None, **want
       scarfmt conformance run --session 'node mine.mjs --session' --jobs 4 --junit report.xml
       scarfmt conformance run --session './mine -s' --only 'valid/index-*' --stages models,indices -v
     """
-    from scarfmt.suite import report
-    from scarfmt.suite.protocol import STAGES
-    from scarfmt.suite.runner import Options, run
+    from scarfmt_conformance import report
+    from scarfmt_conformance.protocol import STAGES
+    from scarfmt_conformance.runner import Options, run
 
     asked = _asked(decoder, session, wanted["timeout"], wanted["memory"])
     suite, vectors = _selected(wanted["suite"], {name: wanted[name] for name in ("only", "classes", "features")})
@@ -171,13 +171,13 @@ def _asked(decoder: str | None, session: str | None, timeout: float, memory: int
     import os
     import shutil
 
-    from scarfmt.suite.protocol import command, template
+    from scarfmt_conformance.protocol import command, template
 
     if os.name != "posix":
         raise click.UsageError("decoders can be run safely on POSIX systems only")
     if decoder is not None and session is not None:
         raise click.UsageError("--decoder and --session exclude each other")
-    reference = [sys.executable, "-m", "reference_decoder.answers"]
+    reference = [sys.executable, "-m", "scarfmt_conformance.reference.answers"]
     if decoder is not None:
         words = template(decoder)
     elif session is None:
@@ -190,7 +190,7 @@ def _asked(decoder: str | None, session: str | None, timeout: float, memory: int
 
 
 def _selected(folder: str | None, selection: dict[str, tuple[str, ...]]) -> tuple[Suite, list[Vector]]:
-    from scarfmt.suite.manifest import Selection, find_suite, load_suite
+    from scarfmt_conformance.manifest import Selection, find_suite, load_suite
 
     suite = load_suite(find_suite(folder))
     return suite, Selection(**selection).of(suite.vectors)
@@ -215,7 +215,7 @@ class _Told:
 def _write(outputs: dict[str, BinaryIO], score: Run, words: Sequence[str]) -> None:
     import json
 
-    from scarfmt.suite import report
+    from scarfmt_conformance import report
 
     if "output" in outputs:
         outputs["output"].write(json.dumps(report.as_json(score, words), indent=1).encode() + b"\n")
@@ -225,7 +225,7 @@ def _write(outputs: dict[str, BinaryIO], score: Run, words: Sequence[str]) -> No
 
 def _print(score: Run, verbose: bool) -> None:
     """Failures, skips and the summary, on standard error."""
-    from scarfmt.suite import report
+    from scarfmt_conformance import report
 
     failed = [result for result in score.results if result.failure is not None]
     if score.handshake is not None:

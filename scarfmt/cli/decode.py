@@ -12,9 +12,9 @@ from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output
 
 if TYPE_CHECKING:
     from reference_decoder.decode import Decoded
-    from scarfmt.counters import Counters
-    from scarfmt.scene import F64
-    from scarfmt.source import ByteSource
+    from scarfmt.coding.counters import Counters
+    from scarfmt.container.source import ByteSource
+    from scarfmt.scene.gaussians import F64
 
 ATTRIBUTE_NAMES = ("positions", "scales", "rotations", "opacity", "colour", "latents", "offsets")
 ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTE_NAMES)}."
@@ -119,7 +119,7 @@ def decode(
         raise click.UsageError("--attributes needs an .npz output: a PLY holds all of them")
     if as_json and output == STANDARD:
         raise click.UsageError("--json needs standard output for itself: give OUTPUT a name")
-    from scarfmt.counters import Counters
+    from scarfmt.coding.counters import Counters
 
     counters = Counters()
     start = time.perf_counter()
@@ -145,8 +145,8 @@ def _write_ply(
 ) -> str:
     """Write a PLY tile by tile; returns what was written, for people."""
     from reference_decoder.stream_ply import export_ply
-    from scarfmt.container import read_header
-    from scarfmt.schema import Profile
+    from scarfmt.container.file import read_header
+    from scarfmt.container.schema import Profile
 
     header = read_header(source, allow_truncated=True)
     if header.fields.profile == Profile.ANCHOR and not bake:
@@ -172,8 +172,8 @@ def _write_npz(source: ByteSource, target: BinaryIO, wanted: dict[str, Any], cou
     import numpy as np
 
     from reference_decoder.decode import ATTRIBUTES, decode
-    from reference_encoder.importers import save_anchor_npz
-    from scarfmt.scene import AnchorModel
+    from scarfmt.formats import save_anchor_npz
+    from scarfmt.scene.gaussians import AnchorModel
 
     decoded = decode(source, counters=counters, **wanted)
     done = f"{len(decoded):,} anchors of {decoded.layers} layers"

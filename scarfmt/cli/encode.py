@@ -13,7 +13,7 @@ from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import FRAME_HELP
 
 if TYPE_CHECKING:
-    from scarfmt.scene import AnchorModel, GaussianScene
+    from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 FORMAT_IDS = ("compressed-ply", "ply", "spz", "sog", "anchor-npz", "splat")
 LATENTS = ("linear", "learned")
@@ -128,9 +128,9 @@ def encode(
 def _read_scene(
     name: str, format_id: str | None, sh_degree: int | None, drop_invalid: bool, quiet: bool
 ) -> GaussianScene | AnchorModel:
-    from reference_encoder.clean import clean
-    from reference_encoder.importers import load
-    from scarfmt.scene import GaussianScene
+    from scarfmt.formats import load
+    from scarfmt.formats.clean import clean
+    from scarfmt.scene.gaussians import GaussianScene
 
     scene, dropped = clean(load(read_origin(name), format=format_id), drop_invalid)
     if dropped and not quiet:
@@ -154,8 +154,8 @@ def _encode(scene: GaussianScene | AnchorModel, said: dict[str, Any], report: Re
 
 
 def _print_summary(data: bytes) -> None:
-    from scarfmt import inspection
-    from scarfmt.source import BytesSource
+    from scarfmt.container.source import BytesSource
+    from scarfmt.tools import inspection
 
     report = inspection.inspect(BytesSource(data))
     unit = "anchor" if report["profile"] == "anchor" else "Gaussian"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 if TYPE_CHECKING:
-    from scarfmt.source import ByteSource
+    from scarfmt.container.source import ByteSource
 
 STANDARD = "-"
 
@@ -27,7 +27,7 @@ def open_input(name: str) -> ByteSource:
     Raises:
         InvalidInput: ``input-source`` when it cannot be opened.
     """
-    from scarfmt.source import open_source
+    from scarfmt.container.source import open_source
 
     return open_source(read_origin(name))
 

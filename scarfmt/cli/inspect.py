@@ -25,12 +25,12 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool) -> None:
       scarfmt inspect scene.scar --models
       scarfmt inspect scene.scar --json | jq '.layers[].end_offset'
     """
-    from scarfmt import inspection
+    from scarfmt.tools import inspection
 
     with open_input(file) as source:
         report = inspection.inspect(source, metadata=metadata)
         if models:
-            from scarfmt.models_report import describe_models
+            from scarfmt.tools.models_report import describe_models
 
             report["models"] = describe_models(source)
     if as_json:
@@ -38,6 +38,6 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool) -> None:
         return
     click.echo(inspection.format_text(report), nl=False)
     if models:
-        from scarfmt.models_report import format_models
+        from scarfmt.tools.models_report import format_models
 
         click.echo("\n" + format_models(report["models"]), nl=False)

@@ -13,7 +13,7 @@ from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
 
 if TYPE_CHECKING:
     from scarfmt.render.camera import Camera
-    from scarfmt.scene import F32
+    from scarfmt.scene.gaussians import F32
 
     Pictures = dict[str, list[tuple[str, F32]]]
 

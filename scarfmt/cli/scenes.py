@@ -12,12 +12,12 @@ import numpy as np
 
 from scarfmt.cli.files import STANDARD, open_input
 from scarfmt.cli.progress import Report
-from scarfmt.scene import AnchorModel, GaussianScene
-from scarfmt.schema import SIGNATURE
+from scarfmt.container.schema import SIGNATURE
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 if TYPE_CHECKING:
     from scarfmt.render.camera import Camera
-    from scarfmt.scene import F32, F64
+    from scarfmt.scene.gaussians import F32, F64
 
     View = GaussianScene | Callable[[Camera], F32]
 
@@ -79,7 +79,7 @@ def is_scar(name: str) -> bool:
 
 
 def layer_table(name: str) -> list[dict[str, Any]]:
-    """The layers of a .scar file that have arrived whole, as :func:`scarfmt.inspection.inspect` tells them.
+    """The layers of a .scar file that have arrived whole, as :func:`scarfmt.tools.inspection.inspect` tells them.
 
     Each also has `bytes_per_source`: bytes up to and with that layer per Gaussian (or anchor) of the encoder's input.
 
@@ -87,7 +87,7 @@ def layer_table(name: str) -> list[dict[str, Any]]:
         click.UsageError: another kind of file.
         ScarError: the file is refused.
     """
-    from scarfmt import inspection
+    from scarfmt.tools import inspection
 
     if not is_scar(name):
         raise click.UsageError(f"{name} is not a .scar file: it has no layers")
@@ -113,8 +113,8 @@ def load_subject(name: str, layers: int | None = None) -> Subject:
         return _subject(_decode(name, layers))
     if layers is not None:
         raise click.UsageError(f"{name} is not a .scar file: it has no layers")
-    from reference_encoder.clean import clean
-    from reference_encoder.importers import load
+    from scarfmt.formats import load
+    from scarfmt.formats.clean import clean
 
     return _subject(clean(load(name), drop_invalid=True)[0])
 

@@ -25,7 +25,7 @@ def truncate(input_: str, output: str, layers: int, force: bool, quiet: bool) ->
       scarfmt truncate https://example.org/scene.scar small.scar --layers 2
       curl -s https://example.org/scene.scar | scarfmt truncate - - --layers 2 > small.scar
     """
-    from scarfmt.truncate import truncate_to
+    from scarfmt.tools.truncate import truncate_to
 
     with open_input(input_) as source, open_output(output, force) as target:
         size = truncate_to(source, layers, target)

@@ -11,7 +11,7 @@ from scarfmt.cli.files import open_input, print_json
 from scarfmt.cli.progress import progress
 
 if TYPE_CHECKING:
-    from scarfmt.validate import Finding, Validation
+    from scarfmt.tools.validate import Finding, Validation
 
 
 @click.command(short_help="Tell every rule a file breaks.")
@@ -32,8 +32,8 @@ def validate(ctx: click.Context, file: str, as_json: bool, layers: int | None, n
       scarfmt validate scene.scar
       scarfmt validate scene.scar --json | jq -r '.findings[].refusal'
     """
-    from scarfmt import validate as validation
     from scarfmt.limits import DEFAULT_LIMITS, FORMAT_LIMITS
+    from scarfmt.tools import validate as validation
 
     limits = FORMAT_LIMITS if no_limits else DEFAULT_LIMITS
     with open_input(file) as source, progress(quiet or as_json) as report:

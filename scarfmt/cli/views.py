@@ -11,7 +11,7 @@ import click
 
 if TYPE_CHECKING:
     from scarfmt.render.camera import Camera
-    from scarfmt.scene import GaussianScene
+    from scarfmt.scene.gaussians import GaussianScene
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

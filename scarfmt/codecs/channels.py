@@ -15,13 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt import kernel
-from scarfmt.errors import Malformed
-from scarfmt.kernel.channel import BAD_TRIT, VALUE_RANGE, KernelChannel
-from scarfmt.kernel.rans import ALL_READ, CONTEXTS, KernelRansDecoder
-from scarfmt.model import MAX_STEPS, NO_SOURCE, Channel, ContextRule
-from scarfmt.neural.predicted import PredictedChannel
-from scarfmt.schema import Stream
-from scarfmt.symbols import (
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import (
     Emitter,
     GroupEmitter,
     StepKey,
@@ -31,6 +26,11 @@ from scarfmt.symbols import (
     missing_table,
     read_by_context,
 )
+from scarfmt.errors import Malformed
+from scarfmt.kernel.channel import BAD_TRIT, VALUE_RANGE, KernelChannel
+from scarfmt.kernel.rans import ALL_READ, CONTEXTS, KernelRansDecoder
+from scarfmt.neural.predicted import PredictedChannel
+from scarfmt.scene.model import MAX_STEPS, NO_SOURCE, Channel, ContextRule
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]

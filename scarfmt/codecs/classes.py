@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import Emitter, SymbolReader, TableKey
 from scarfmt.errors import Malformed
-from scarfmt.schema import Stream
-from scarfmt.symbols import Emitter, SymbolReader, TableKey
 
 I64 = NDArray[np.int64]
 

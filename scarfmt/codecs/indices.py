@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import Emitter, SymbolReader, TableKey, emit_by_context, read_by_context
 from scarfmt.errors import Malformed
-from scarfmt.schema import Stream
-from scarfmt.symbols import Emitter, SymbolReader, TableKey, emit_by_context, read_by_context
 
 I64 = NDArray[np.int64]
 Ints = NDArray[np.integer[Any]]

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import Emitter, SymbolReader, TableKey, emit_by_context, read_by_context
 from scarfmt.errors import Malformed
-from scarfmt.model import Channel
-from scarfmt.schema import Stream
-from scarfmt.symbols import Emitter, SymbolReader, TableKey, emit_by_context, read_by_context
+from scarfmt.scene.model import Channel
 
 Mask = NDArray[np.bool_]
 I64 = NDArray[np.int64]

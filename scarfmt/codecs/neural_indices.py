@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt import kernel
-from scarfmt.codecs.codebooks import Codebooks
-from scarfmt.counters import Part
+from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.coding.counters import Part
+from scarfmt.entropy.symbols import Emitter, GroupEmitter, SymbolReader
 from scarfmt.kernel.cells import KernelCellSums
 from scarfmt.kernel.indices import Known, PackedNetwork, read_indices
 from scarfmt.kernel.network import kernel_embedding_inputs
@@ -27,7 +28,6 @@ from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.products import NetworkWork, grid_products
-from scarfmt.symbols import Emitter, GroupEmitter, SymbolReader
 
 I16 = NDArray[np.int16]
 I32 = NDArray[np.int32]

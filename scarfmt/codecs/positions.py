@@ -13,11 +13,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import Emitter, StepKey, SymbolReader, TableKey, emit_grouped, missing_table
 from scarfmt.errors import Malformed
 from scarfmt.kernel.positions import BAD_BIN, BAD_REST, BAD_SPLIT, KernelPositions
 from scarfmt.kernel.rans import ALL_READ, KernelRansDecoder
-from scarfmt.schema import Stream
-from scarfmt.symbols import Emitter, StepKey, SymbolReader, TableKey, emit_grouped, missing_table
 
 U64 = NDArray[np.uint64]
 I64 = NDArray[np.int64]

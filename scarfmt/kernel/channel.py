@@ -17,8 +17,8 @@ from scarfmt.kernel.interface import Channel as Struct
 from scarfmt.kernel.interface import Layer, Predictor, Rule, address, check_symbols
 from scarfmt.kernel.rans import ALL_READ, CONTEXTS, KernelRansDecoder, PackedSteps
 from scarfmt.kernel.scratch import SCRATCH
-from scarfmt.model import MAX_CLASSES, NO_SOURCE, Channel, ContextRule
 from scarfmt.neural import predictors as definition
+from scarfmt.scene.model import MAX_CLASSES, NO_SOURCE, Channel, ContextRule
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]

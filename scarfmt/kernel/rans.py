@@ -11,10 +11,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.entropy.rans import PRECISION, FrequencyTable, check_rows, seal_error, words_of
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel.interface import Members, Rans, Tables, check_symbols
 from scarfmt.neural.tables import exp2_table
-from scarfmt.rans import PRECISION, FrequencyTable, check_rows, seal_error, words_of
 
 I64 = NDArray[np.int64]
 I32 = NDArray[np.int32]
@@ -128,7 +128,7 @@ class PackedMembers:
 
 
 class KernelRansDecoder:
-    """As :class:`scarfmt.rans.RansDecoder`, and faster where many tables take turns.
+    """As :class:`scarfmt.entropy.rans.RansDecoder`, and faster where many tables take turns.
 
     Args:
         library: from :func:`scarfmt.kernel.functions`.
@@ -217,7 +217,7 @@ class KernelRansDecoder:
 
 
 class KernelRansEncoder:
-    """As :class:`scarfmt.rans.RansEncoder`: the same bytes, and faster where many tables take turns.
+    """As :class:`scarfmt.entropy.rans.RansEncoder`: the same bytes, and faster where many tables take turns.
 
     It keeps of each symbol where it lies in its table.
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scarfmt import kernel
 from scarfmt.kernel.cells import KernelCellSums, kernel_fine
 from scarfmt.limits import MAX_LOCAL_BITS
-from scarfmt.model import MAX_STEPS
+from scarfmt.scene.model import MAX_STEPS
 
 I64 = NDArray[np.int64]
 I32 = NDArray[np.int32]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel.indices import Layer, PackedNetwork, Parts
 from scarfmt.kernel.rans import PackedMembers

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt import kernel
-from scarfmt.counters import Counters
-from scarfmt.directory import TileFrame
+from scarfmt.coding.counters import Counters
+from scarfmt.coding.observe import LayerObserver
+from scarfmt.container.directory import TileFrame
 from scarfmt.kernel.cells import CellNames
-from scarfmt.model import SceneModel
-from scarfmt.morton import deinterleave
 from scarfmt.neural.context import CellMeans, depth_shifts, passes, put_fine
-from scarfmt.observe import LayerObserver
+from scarfmt.scene.model import SceneModel
+from scarfmt.scene.morton import deinterleave
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.codecs.codebooks import MAX_CODEWORDS, Codebooks
+from scarfmt.blocks.codebooks import MAX_CODEWORDS, Codebooks
 from scarfmt.errors import Malformed
-from scarfmt.model import MAX_CLASSES
 from scarfmt.neural.arithmetic import (
     ACCUMULATOR_LIMIT,
     MAX_ACTIVATION_BITS,
@@ -28,6 +27,7 @@ from scarfmt.neural.arithmetic import (
     check_rows,
     round_shift,
 )
+from scarfmt.scene.model import MAX_CLASSES
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]

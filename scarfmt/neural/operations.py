@@ -14,7 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.rans import TOTAL
+from scarfmt.entropy.rans import TOTAL
 
 Array = Any
 F32 = NDArray[np.float32]

@@ -9,12 +9,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.counters import Part
+from scarfmt.coding.counters import Part
+from scarfmt.container.schema import Stream
 from scarfmt.kernel.channel import PackedPredictors, PackedPredictorSteps, Surroundings
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predictor_group import PredictorGroup
 from scarfmt.neural.predictors import PassInputs, Predictor, StepContext
-from scarfmt.schema import Stream
 
 F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]

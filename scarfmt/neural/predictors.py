@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.container.schema import Stream
 from scarfmt.errors import Malformed
-from scarfmt.model import ATTRIBUTE_STREAMS, MAX_CLASSES, SceneModel
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.context import CellMeans, cell_power, count_features, fine
-from scarfmt.schema import Stream
+from scarfmt.scene.model import ATTRIBUTE_STREAMS, MAX_CLASSES, SceneModel
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.codecs.codebooks import Codebooks
-from scarfmt.counters import Counters, Part
+from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.coding.counters import Counters, Part
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from scarfmt.errors import InvalidInput
-from scarfmt.scene import F64, GaussianScene
+from scarfmt.scene.gaussians import F64, GaussianScene
 
 # Up axis -> the horizontal axes at azimuth 0 and 90 degrees. Flipping the up axis flips only the second,
 # so that a scene turned upside down keeps its azimuths as seen from its own top.

@@ -14,7 +14,7 @@ from scarfmt.render.camera import Camera, load_cameras
 from scarfmt.render.images import read_image
 from scarfmt.render.metrics import psnr, ssim
 from scarfmt.render.rasterise import render
-from scarfmt.scene import GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 Picture = NDArray[np.floating]
 # Anything that can be looked at: explicit Gaussians, or a function from camera to picture (anchor models).

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, UnidentifiedImageError
 
 from scarfmt.errors import InvalidInput
-from scarfmt.scene import F32
+from scarfmt.scene.gaussians import F32
 
 _LABEL_HEIGHT = 18
 _LABEL_INK = (230, 230, 230)

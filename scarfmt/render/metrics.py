@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 
 from scarfmt.errors import InvalidInput
-from scarfmt.scene import F64
+from scarfmt.scene.gaussians import F64
 
 _RADIUS, _SIGMA = 5, 1.5
 _C1, _C2 = 0.01**2, 0.03**2

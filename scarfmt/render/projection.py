@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scarfmt.render.camera import Camera
 from scarfmt.render.jit import device, kernel
-from scarfmt.scene import F32, F64, GaussianScene
+from scarfmt.scene.gaussians import F32, F64, GaussianScene
 
 DILATION = 0.3
 MIN_ALPHA = 1.0 / 255.0

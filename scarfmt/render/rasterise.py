@@ -35,7 +35,7 @@ from scarfmt.render.projection import (
     RED,
     project,
 )
-from scarfmt.scene import F32, F64, GaussianScene
+from scarfmt.scene.gaussians import F32, F64, GaussianScene
 
 TILE = 16
 _PIXELS = TILE * TILE

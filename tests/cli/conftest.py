@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from scene_samples import random_scene
 
-from reference_decoder.export_ply import write_inria_ply
 from scarfmt.cli import cli
-from scarfmt.scene import GaussianScene
-from scarfmt.schema import Profile
-from scarfmt.writer import write_scene
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.schema import Profile
+from scarfmt.formats.export_ply import write_inria_ply
+from scarfmt.scene.gaussians import GaussianScene
+from tests.samples.scene_samples import random_scene
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

@@ -142,7 +142,7 @@ def interrupted(source, layers, target):
     target.write(b"half")
     os.kill(os.getpid(), signal.{signal})
     import time; time.sleep(60)
-scarfmt.truncate.truncate_to = interrupted
+scarfmt.tools.truncate.truncate_to = interrupted
 sys.argv[1:] = ["truncate", {name!r}, "out.scar", "--layers", "1"]
 command.main()
 """

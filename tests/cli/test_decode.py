@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scene_samples import random_scene
 
 from reference_decoder.decode import ATTRIBUTES
 from reference_decoder.decode import decode as decode_file
-from reference_encoder.importers import load
 from scarfmt.cli.decode import ATTRIBUTE_NAMES
-from scarfmt.counters import Counters
-from scarfmt.scene import AnchorModel, GaussianScene
-from scarfmt.schema import Profile
-from scarfmt.source import HEAD_BYTES
-from scarfmt.writer import write_scene
+from scarfmt.coding.counters import Counters
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.schema import Profile
+from scarfmt.container.source import HEAD_BYTES
+from scarfmt.formats import load
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from tests.cli.conftest import Run
+from tests.samples.scene_samples import random_scene
 
 
 def test_a_ply_holds_what_the_decoder_gives(run: Run, encoded: Path, tmp_path: Path) -> None:

@@ -9,15 +9,15 @@ import click
 import numpy as np
 import pytest
 
-from reference_decoder.export_ply import write_inria_ply
-from reference_encoder.importers import FORMATS
-from reference_encoder.lattice import LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
+from reference_encoder.decide.lattice import LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
 from reference_encoder.options import MAX_QUALITY, MIN_QUALITY, MIN_TILE_ANCHORS, EncodeOptions
 from scarfmt.cli import cli
 from scarfmt.cli.encode import FORMAT_IDS, parse_metadata
-from scarfmt.inspection import inspect
+from scarfmt.container.source import FileSource
+from scarfmt.formats import FORMATS
+from scarfmt.formats.export_ply import write_inria_ply
 from scarfmt.limits import MAX_ANCHORS_PER_TILE
-from scarfmt.source import FileSource
+from scarfmt.tools.inspection import inspect
 from tests.cli.conftest import Run, gaussians
 
 FAST = ("--effort", 1, "--layers", 1, "--quality", 25)

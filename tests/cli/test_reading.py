@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from scarfmt.source import BytesSource, FileSource
-from scarfmt.truncate import truncate
+from scarfmt.container.source import BytesSource, FileSource
+from scarfmt.tools.truncate import truncate
 from tests.cli.conftest import Run
 
 

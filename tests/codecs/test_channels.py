@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from codec_samples import Recorder, emitting, reader_of, refuses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from scarfmt.codecs.channels import coarsen, contexts, get_channel, put_channel, trit_contexts
-from scarfmt.model import NO_SOURCE, Channel, ContextRule
-from scarfmt.schema import Stream
-from scarfmt.symbols import TableKey
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import TableKey
+from scarfmt.scene.model import NO_SOURCE, Channel, ContextRule
+from tests.samples.codec_samples import Recorder, emitting, reader_of, refuses
 
 I64 = NDArray[np.int64]
 I32 = NDArray[np.int32]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from codec_samples import Recorder, emitting, reader_of, refuses
 from hypothesis import given
 from hypothesis import strategies as st
 
 from scarfmt.codecs.classes import get_classes, put_classes
-from scarfmt.model import MAX_CLASSES
-from scarfmt.schema import Stream
-from scarfmt.symbols import TableKey
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import TableKey
+from scarfmt.scene.model import MAX_CLASSES
+from tests.samples.codec_samples import Recorder, emitting, reader_of, refuses
 
 KEY = TableKey(Stream.CLASSES, 0, 0, 0)
 

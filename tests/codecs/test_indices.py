@@ -6,13 +6,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from codec_samples import Recorder, emitting, reader_of, refuses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.codecs.indices import get_indices, put_indices
-from scarfmt.schema import Stream
-from scarfmt.symbols import TableKey
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import TableKey
+from tests.samples.codec_samples import Recorder, emitting, reader_of, refuses
 
 
 @settings(deadline=None)

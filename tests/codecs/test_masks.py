@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from codec_samples import Recorder, coded, emitting, reader_of, refuses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
-from scarfmt.model import Channel, ContextRule
-from scarfmt.schema import Stream
-from scarfmt.symbols import TableKey
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import TableKey
+from scarfmt.scene.model import Channel, ContextRule
+from tests.samples.codec_samples import Recorder, coded, emitting, reader_of, refuses
 
 MASK = TableKey(Stream.MASKS, 0, 0, 0)
 EDGE = 2**31 - 1

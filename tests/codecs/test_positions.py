@@ -8,19 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from codec_samples import coded, cost_bits, emitting, reader_of, refuses
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from reference_encoder.importers import load
 from scarfmt.codecs.positions import LARGEST_OWN_TABLE, get_positions, put_positions
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.rans import PureRansDecoder
+from scarfmt.entropy.symbols import Emitter, SymbolReader, TableKey
 from scarfmt.errors import ScarError
-from scarfmt.morton import interleave
-from scarfmt.rans import PureRansDecoder
-from scarfmt.scene import GaussianScene
-from scarfmt.schema import Stream
-from scarfmt.symbols import Emitter, SymbolReader, TableKey
+from scarfmt.formats import load
+from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.morton import interleave
+from tests.samples.codec_samples import coded, cost_bits, emitting, reader_of, refuses
 
 U64 = NDArray[np.uint64]
 

@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
-from conformance.features import RULES
+from conformance.expect.features import RULES
+from conformance.expect.schemas import CLASSES
+from conformance.expect.stages import EXACT
 from conformance.generate import ROOT, VECTORS, generated, same, vector_files
-from conformance.schemas import CLASSES
-from conformance.stages import EXACT
-from conformance.valid_cases import valid_cases
+from conformance.scenes.valid_cases import valid_cases
 from tests.conformance.vector_files import FOLDERS, expectation_of, manifest, name_of
 
 MOST_BYTES = 10_000_000

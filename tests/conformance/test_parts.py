@@ -6,16 +6,16 @@ import zlib
 
 import pytest
 
-from conformance.limit_faults import crc32_with_zeros
+from conformance.faults.limit_faults import crc32_with_zeros
+from conformance.faults.truncated_cases import cut_to_layers
+from conformance.faults.zstd_faults import zstd_block, zstd_frame
 from conformance.parts import broken, field_at, header_with, remade, taken_apart
-from conformance.spec_text import structure
-from conformance.truncated_cases import cut_to_layers
-from conformance.zstd_faults import zstd_block, zstd_frame
-from scarfmt.bytefields import decompress
-from scarfmt.container import Container
-from scarfmt.schema import field_tables
-from scarfmt.source import BytesSource
-from scarfmt.truncate import truncate
+from conformance.spec.spec_text import structure
+from scarfmt.container.bytefields import decompress
+from scarfmt.container.file import Container
+from scarfmt.container.schema import field_tables
+from scarfmt.container.source import BytesSource
+from scarfmt.tools.truncate import truncate
 from tests.conformance.vector_files import VECTORS
 
 NAMES = ["worked", "valid/annotations", "valid/anchors-neural", "edge/no-anchors", "edge/sixteen-layers"]

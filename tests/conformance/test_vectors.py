@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scarfmt_conformance.reference.answers import Manner, answer
 
-from conformance import minimal_answers
-from conformance.minimal_decoder import Decoder
-from conformance.minimal_fields import Refused
-from conformance.stages import EXACT
-from reference_decoder.answers import Manner, answer
+from conformance.decoders.python import answers as minimal_answers
+from conformance.decoders.python.decoder import Decoder
+from conformance.decoders.python.fields import Refused
+from conformance.expect.stages import EXACT
 from reference_decoder.backends import operations
-from scarfmt.source import BytesSource, open_source
-from scarfmt.truncate import truncate
-from scarfmt.validate import validate
+from scarfmt.container.source import BytesSource, open_source
+from scarfmt.tools.truncate import truncate
+from scarfmt.tools.validate import validate
 from tests.conformance.vector_files import FOLDERS, VECTORS, expectation_of, name_of
 
 MANNER = Manner(operations("numpy"))

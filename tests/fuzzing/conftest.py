@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from scarfmt.schema import Profile
-from scarfmt.testing.neural_scenes import neural_scene
-from scarfmt.testing.scenes import random_scene
-from scarfmt.writer import write_scene
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.scenes import random_scene
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.schema import Profile
 
 
 @pytest.fixture(scope="session")

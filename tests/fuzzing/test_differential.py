@@ -14,23 +14,23 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scarfmt_conformance.reference import answers
+from scarfmt_conformance.reference.answers import Manner
 
-from conformance import minimal_answers
+from conformance.decoders.python import answers as minimal_answers
+from conformance.decoders.python.fields import Rans, Refused, Table, cumulative
 from conformance.files import vector_file
-from conformance.minimal_fields import Rans, Refused, Table, cumulative
 from fuzz.corpus import corpus
 from fuzz.target import decoded
-from reference_decoder import answers
-from reference_decoder.answers import Manner
+from fuzz.testing.mutators import mutate
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode
+from scarfmt.coding.writer import QuantisedScene, write_scene
+from scarfmt.container.schema import Profile
+from scarfmt.entropy.rans import FrequencyTable, RansDecoder
 from scarfmt.errors import ScarError
 from scarfmt.neural.operations import NUMPY
-from scarfmt.rans import FrequencyTable, RansDecoder
-from scarfmt.schema import Profile
-from scarfmt.testing.mutators import mutate
-from scarfmt.testing.neural_scenes import neural_scene
-from scarfmt.testing.scenes import random_scene
-from scarfmt.writer import QuantisedScene, write_scene
 
 CLI = Path(__file__).resolve().parents[2] / "conformance" / "decoders" / "js" / "cli.js"
 

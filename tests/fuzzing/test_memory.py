@@ -16,13 +16,13 @@ import pytest
 import zstandard
 
 from fuzz.bombs import SCALE, build, channels, zero_tables
-from scarfmt.model import LayerRow, SceneModel
-from scarfmt.schema import BlockKind, Profile
-from scarfmt.source import BytesSource
-from scarfmt.testing.parts import Part, put_together, resealed, take_apart
-from scarfmt.testing.scenes import random_scene
-from scarfmt.truncate import truncate
-from scarfmt.writer import write_scene
+from fuzz.testing.parts import Part, put_together, resealed, take_apart
+from fuzz.testing.scenes import random_scene
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.schema import BlockKind, Profile
+from scarfmt.container.source import BytesSource
+from scarfmt.scene.model import LayerRow, SceneModel
+from scarfmt.tools.truncate import truncate
 
 ROOM = 100 << 20
 """What a refusal may take beside the interpreter and its libraries."""

@@ -7,10 +7,10 @@ from collections import Counter
 import pytest
 
 from fuzz.target import decoded
-from scarfmt.bytefields import decompress
-from scarfmt.testing.block_mutators import stored_frame
-from scarfmt.testing.mutators import OPERATORS, mutate
-from scarfmt.testing.parts import put_together, resealed, take_apart
+from fuzz.testing.block_mutators import stored_frame
+from fuzz.testing.mutators import OPERATORS, mutate
+from fuzz.testing.parts import put_together, resealed, take_apart
+from scarfmt.container.bytefields import decompress
 
 
 def test_parts_put_together_are_the_file(small_files: list[bytes]) -> None:

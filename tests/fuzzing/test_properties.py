@@ -11,15 +11,15 @@ from hypothesis import strategies as st
 
 from fuzz.corpus import corpus
 from fuzz.target import decoded, truncated, validated
+from fuzz.testing.mutators import Mutant, mutate
+from fuzz.testing.strategies import mutants, scenes
 from reference_decoder.decode import decode
+from scarfmt.coding.writer import QuantisedScene, write_scene
+from scarfmt.container.source import BytesSource
 from scarfmt.errors import ScarError, Truncated
-from scarfmt.inspection import inspect
-from scarfmt.source import BytesSource
-from scarfmt.testing.mutators import Mutant, mutate
-from scarfmt.testing.strategies import mutants, scenes
-from scarfmt.truncate import truncate
-from scarfmt.validate import validate
-from scarfmt.writer import QuantisedScene, write_scene
+from scarfmt.tools.inspection import inspect
+from scarfmt.tools.truncate import truncate
+from scarfmt.tools.validate import validate
 
 WORKED = Path(__file__).resolve().parents[2] / "conformance" / "vectors" / "worked" / "input.scar"
 

@@ -8,17 +8,17 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 from numpy.typing import NDArray
 
+from fuzz.testing.parts import Part, put_together, take_apart
+from fuzz.testing.strategies import scenes
 from reference_decoder.decode import decode
-from scarfmt.inspection import inspect
-from scarfmt.reader import SceneReader
-from scarfmt.schema import NO_TILE, Stream
-from scarfmt.source import BytesSource
-from scarfmt.testing.parts import Part, put_together, take_apart
-from scarfmt.testing.strategies import scenes
-from scarfmt.tile import TileContent
-from scarfmt.truncate import truncate
-from scarfmt.validate import validate
-from scarfmt.writer import QuantisedScene, write_scene
+from scarfmt.coding.reader import SceneReader
+from scarfmt.coding.tile import TileContent
+from scarfmt.coding.writer import QuantisedScene, write_scene
+from scarfmt.container.schema import NO_TILE, Stream
+from scarfmt.container.source import BytesSource
+from scarfmt.tools.inspection import inspect
+from scarfmt.tools.truncate import truncate
+from scarfmt.tools.validate import validate
 
 SAFE_TO_COPY = 2
 TEXTS = st.binary(min_size=1, max_size=50)

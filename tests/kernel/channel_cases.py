@@ -8,25 +8,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from kernel.samples import EXTREME, I64, random_stream
 from scarfmt.codecs.channels import coarsen, get_channel, put_channel
-from scarfmt.counters import Counters
-from scarfmt.directory import TileFrame
-from scarfmt.model import (
-    MAX_CLASSES,
-    MAX_STEPS,
-    Channel,
-    ContextRule,
-    DecodedContext,
-    LayerRow,
-    SceneModel,
-)
+from scarfmt.coding.counters import Counters
+from scarfmt.container.directory import TileFrame
+from scarfmt.container.schema import Profile, Stream
+from scarfmt.entropy.symbols import Emitter, SymbolReader, SymbolTable, TableKey
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predicted import PredictedChannel, PredictorSet
 from scarfmt.neural.predictors import AMAX, Predictor, input_width
-from scarfmt.schema import Profile, Stream
-from scarfmt.symbols import Emitter, SymbolReader, SymbolTable, TableKey
+from scarfmt.scene.model import MAX_CLASSES, MAX_STEPS, Channel, ContextRule, DecodedContext, LayerRow, SceneModel
+from tests.kernel.samples import EXTREME, I64, random_stream
 
 I32 = NDArray[np.int32]
 BITS = 6

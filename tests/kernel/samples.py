@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from scarfmt import kernel
+from scarfmt.entropy.rans import FrequencyTable, PureRansDecoder
+from scarfmt.entropy.symbols import SymbolTable
 from scarfmt.errors import ScarError
 from scarfmt.kernel.rans import KernelRansDecoder
 from scarfmt.neural.operations import NUMPY
 from scarfmt.neural.tables import exp2_table
-from scarfmt.rans import FrequencyTable, PureRansDecoder
-from scarfmt.symbols import SymbolTable
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

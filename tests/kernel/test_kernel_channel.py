@@ -9,17 +9,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from kernel.channel_cases import I32, Case
-from kernel.samples import EXTREME, I64, SEEDS, both, library, needs_kernel, outcome, same
 from scarfmt.codecs.channels import get_channel
+from scarfmt.coding.tile import TileContent
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import SymbolReader, SymbolTable, TableKey
 from scarfmt.kernel.channel import KernelChannel
 from scarfmt.kernel.rans import KernelRansDecoder
-from scarfmt.model import MAX_DEPTHS, NO_SOURCE, Channel, ContextRule
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.predictors import MAX_HIDDEN, Predictor, input_width
-from scarfmt.schema import Stream
-from scarfmt.symbols import SymbolReader, SymbolTable, TableKey
-from scarfmt.tile import TileContent
+from scarfmt.scene.model import MAX_DEPTHS, NO_SOURCE, Channel, ContextRule
+from tests.kernel.channel_cases import I32, Case
+from tests.kernel.samples import EXTREME, I64, SEEDS, both, library, needs_kernel, outcome, same
 
 pytestmark = needs_kernel
 

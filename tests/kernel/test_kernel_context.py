@@ -11,11 +11,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kernel.samples import SEEDS, both, library, needs_kernel, same
 from scarfmt.codecs.neural_indices import Around, IndexCoder, embedding_inputs
 from scarfmt.kernel.cells import KernelCellSums
 from scarfmt.kernel.network import grid_features
-from scarfmt.model import MAX_CLASSES, MAX_STEPS
 from scarfmt.neural.context import FINE_LIMIT, CellMeans, CellSums, depth_shifts, fine
 from scarfmt.neural.grid import (
     MAX_EXTENT_BITS,
@@ -26,6 +24,8 @@ from scarfmt.neural.grid import (
     HashGrid,
 )
 from scarfmt.neural.network import Inputs
+from scarfmt.scene.model import MAX_CLASSES, MAX_STEPS
+from tests.kernel.samples import SEEDS, both, library, needs_kernel, same
 
 pytestmark = needs_kernel
 

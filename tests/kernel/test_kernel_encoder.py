@@ -10,7 +10,11 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from kernel.samples import (
+from scarfmt.entropy.rans import MAX_ALPHABET, PRECISION, FrequencyTable, PureRansDecoder, RansEncoder, uniform_table
+from scarfmt.entropy.symbols import SymbolTable
+from scarfmt.errors import InvalidInput
+from scarfmt.kernel.rans import KernelRansEncoder, PackedTables
+from tests.kernel.samples import (
     EXTREME,
     F64,
     I64,
@@ -22,10 +26,6 @@ from kernel.samples import (
     random_table,
     random_weights,
 )
-from scarfmt.errors import InvalidInput
-from scarfmt.kernel.rans import KernelRansEncoder, PackedTables
-from scarfmt.rans import MAX_ALPHABET, PRECISION, FrequencyTable, PureRansDecoder, RansEncoder, uniform_table
-from scarfmt.symbols import SymbolTable
 
 pytestmark = needs_kernel
 

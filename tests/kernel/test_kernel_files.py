@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 
 from conformance.generate import VECTORS
-from kernel.samples import both, needs_kernel, same
-from scarfmt.counters import Counters
-from scarfmt.reader import SceneReader
-from scarfmt.source import BytesSource, open_source
-from scarfmt.testing.mutators import Mutant
-from scarfmt.testing.strategies import files, mutants
+from fuzz.testing.mutators import Mutant
+from fuzz.testing.strategies import files, mutants
+from scarfmt.coding.counters import Counters
+from scarfmt.coding.reader import SceneReader
+from scarfmt.container.source import BytesSource, open_source
 from tests.conformance.vector_files import FOLDERS, expectation_of, name_of
+from tests.kernel.samples import both, needs_kernel, same
 
 pytestmark = needs_kernel
 

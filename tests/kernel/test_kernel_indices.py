@@ -11,22 +11,22 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kernel.samples import I64, SEEDS, both, library, needs_kernel, outcome, random_stream, same
-from kernel.test_kernel_context import random_codes, spread
+from fuzz.testing.networks import random_books, random_network
 from scarfmt.codecs import neural_indices
 from scarfmt.codecs.neural_indices import IndexCoder, get_neural_indices, index_coder
-from scarfmt.counters import Counters
-from scarfmt.directory import TileFrame
+from scarfmt.coding.counters import Counters
+from scarfmt.container.directory import TileFrame
+from scarfmt.container.schema import Profile, Stream
+from scarfmt.entropy.symbols import SymbolReader
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel.indices import Known, read_indices
 from scarfmt.kernel.rans import KernelRansDecoder
-from scarfmt.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 from scarfmt.neural.grid import GridLevel, HashGrid
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.network import Inputs
-from scarfmt.schema import Profile, Stream
-from scarfmt.symbols import SymbolReader
-from scarfmt.testing.networks import random_books, random_network
+from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
+from tests.kernel.samples import I64, SEEDS, both, library, needs_kernel, outcome, random_stream, same
+from tests.kernel.test_kernel_context import random_codes, spread
 
 pytestmark = needs_kernel
 

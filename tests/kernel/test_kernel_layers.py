@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kernel.samples import SEEDS, library, needs_kernel, random_stream
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import SymbolTable
 from scarfmt.kernel.cells import CellNames, kernel_fine
 from scarfmt.kernel.channel import KernelChannel, PackedPredictorSteps, Surroundings
 from scarfmt.kernel.rans import ALL_READ, KernelRansDecoder, PackedSteps, PackedTables
 from scarfmt.kernel.scratch import Scratch
-from scarfmt.model import Channel, ContextRule
-from scarfmt.schema import Stream
-from scarfmt.symbols import SymbolTable
+from scarfmt.scene.model import Channel, ContextRule
+from tests.kernel.samples import SEEDS, library, needs_kernel, random_stream
 
 pytestmark = needs_kernel
 

@@ -8,11 +8,11 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from kernel.samples import SEEDS, both, needs_kernel, random_stream, same
+from fuzz.testing.networks import random_books, random_network
 from scarfmt.codecs.neural_indices import IndexCoder, _get_symbols, index_coder
+from scarfmt.entropy.symbols import SymbolReader
 from scarfmt.neural.network import Inputs
-from scarfmt.symbols import SymbolReader
-from scarfmt.testing.networks import random_books, random_network
+from tests.kernel.samples import SEEDS, both, needs_kernel, random_stream, same
 
 pytestmark = needs_kernel
 

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from codec_samples import coded
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from kernel.samples import SEEDS, both, needs_kernel, random_stream, same
 from scarfmt.codecs.positions import LARGEST_OWN_TABLE, get_positions, put_positions
-from scarfmt.schema import Stream
-from scarfmt.symbols import Emitter, SymbolReader, SymbolTable, TableKey
+from scarfmt.container.schema import Stream
+from scarfmt.entropy.symbols import Emitter, SymbolReader, SymbolTable, TableKey
+from tests.kernel.samples import SEEDS, both, needs_kernel, random_stream, same
+from tests.samples.codec_samples import coded
 
 pytestmark = needs_kernel
 

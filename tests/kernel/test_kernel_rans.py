@@ -11,7 +11,19 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from kernel.samples import (
+from scarfmt.entropy.rans import (
+    MAX_ALPHABET,
+    TOTAL,
+    FrequencyTable,
+    PureRansDecoder,
+    RansDecoder,
+    RansEncoder,
+    uniform_table,
+)
+from scarfmt.entropy.symbols import SymbolTable
+from scarfmt.errors import Malformed
+from scarfmt.kernel.rans import KernelRansDecoder, PackedTables
+from tests.kernel.samples import (
     F32,
     SEEDS,
     both_decoders,
@@ -25,18 +37,6 @@ from kernel.samples import (
     random_weights,
     streams,
 )
-from scarfmt.errors import Malformed
-from scarfmt.kernel.rans import KernelRansDecoder, PackedTables
-from scarfmt.rans import (
-    MAX_ALPHABET,
-    TOTAL,
-    FrequencyTable,
-    PureRansDecoder,
-    RansDecoder,
-    RansEncoder,
-    uniform_table,
-)
-from scarfmt.symbols import SymbolTable
 
 pytestmark = needs_kernel
 SIZES = st.one_of(st.sampled_from([1, 2, 3, MAX_ALPHABET - 1, MAX_ALPHABET]), st.integers(1, 50))

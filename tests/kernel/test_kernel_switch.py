@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 
 from conformance.generate import VECTORS
-from kernel.samples import needs_kernel
 from scarfmt import kernel
 from scarfmt.kernel.interface import INTERFACE, load
+from tests.kernel.samples import needs_kernel
 
 _DECODE = """
 import hashlib, sys

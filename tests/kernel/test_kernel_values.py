@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from kernel.samples import EXTREME, SEEDS, both, library, needs_kernel, same
 from reference_decoder.dequantise import channel_values
 from scarfmt.codecs.channels import width_table
 from scarfmt.kernel.values import kernel_values
-from scarfmt.model import MAX_STEPS
+from scarfmt.scene.model import MAX_STEPS
+from tests.kernel.samples import EXTREME, SEEDS, both, library, needs_kernel, same
 
 pytestmark = needs_kernel
 

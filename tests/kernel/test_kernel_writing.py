@@ -11,23 +11,23 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from conformance.generate import VECTORS
-from conformance.neural_scenes import neural_plans
-from conformance.scenes import build, static_plans
-from kernel.channel_cases import Case
-from kernel.samples import EXTREME, I64, SEEDS, both, library, needs_kernel, same
+from conformance.scenes.made import build, static_plans
+from conformance.scenes.neural_scenes import neural_plans
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.scenes import random_scene
+from fuzz.testing.strategies import scenes
 from scarfmt import kernel
+from scarfmt.coding.reader import SceneReader
+from scarfmt.coding.writer import QuantisedScene, write_scene
+from scarfmt.container.schema import Profile, Stream
+from scarfmt.container.source import open_source
+from scarfmt.entropy.symbols import GroupEmitter, StepKey, TableKey, Values, by_context
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel.channel import KernelChannel
-from scarfmt.model import MAX_DEPTHS, Channel, ContextRule
 from scarfmt.neural.predictors import MAX_HIDDEN
-from scarfmt.reader import SceneReader
-from scarfmt.schema import Profile, Stream
-from scarfmt.source import open_source
-from scarfmt.symbols import GroupEmitter, StepKey, TableKey, Values, by_context
-from scarfmt.testing.neural_scenes import neural_scene
-from scarfmt.testing.scenes import random_scene
-from scarfmt.testing.strategies import scenes
-from scarfmt.writer import QuantisedScene, write_scene
+from scarfmt.scene.model import MAX_DEPTHS, Channel, ContextRule
+from tests.kernel.channel_cases import Case
+from tests.kernel.samples import EXTREME, I64, SEEDS, both, library, needs_kernel, same
 
 pytestmark = needs_kernel
 

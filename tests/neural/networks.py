@@ -1,4 +1,4 @@
-"""Random valid index networks as Hypothesis cases; `scarfmt.testing` publishes what makes them."""
+"""Random valid index networks as Hypothesis cases; `fuzz.testing` publishes what makes them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from hypothesis import strategies as st
 
-from scarfmt.codecs.codebooks import Codebooks
+from fuzz.testing.networks import random_books, random_network
+from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.neural.network import IndexNetwork, Inputs
-from scarfmt.testing.networks import random_books, random_network
 
 __all__ = ["Case", "cases", "random_books", "random_network"]
 

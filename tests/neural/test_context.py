@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from scarfmt.limits import MAX_LOCAL_BITS
-from scarfmt.model import MAX_PASSES_LOG2, MAX_STEPS
 from scarfmt.neural.context import (
     FINE_LIMIT,
     CellMeans,
@@ -20,6 +19,7 @@ from scarfmt.neural.context import (
     joining_depths,
     passes,
 )
+from scarfmt.scene.model import MAX_PASSES_LOG2, MAX_STEPS
 
 I64 = NDArray[np.int64]
 seeds = st.integers(0, 2**32 - 1)

@@ -13,15 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from conformance.integer_oracle import Oracle, frequencies
-from neural.networks import Case, cases, random_books, random_network
+from conformance.decoders.python.integer_oracle import Oracle, frequencies
 from reference_decoder.torch_operations import TorchOperations
+from scarfmt.entropy.rans import TOTAL, PureRansDecoder, RansDecoder, RansEncoder
 from scarfmt.errors import InvalidInput, Unsupported
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.network import Inputs
 from scarfmt.neural.operations import NUMPY, NumpyOperations, Operations
 from scarfmt.neural.tables import exp2_table
-from scarfmt.rans import TOTAL, PureRansDecoder, RansDecoder, RansEncoder
+from tests.neural.networks import Case, cases, random_books, random_network
 
 I64 = NDArray[np.int64]
 INPUTS = Inputs(classes=2, own=True, attributes=3, depths=1, latents=2, latent_shift=1, grid=2)

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from neural.networks import Case, cases, random_books, random_network
-from scarfmt.codecs.codebooks import Codebooks
+from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.errors import Malformed
-from scarfmt.model import MAX_STAGES
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.network import MAX_TOKENS, GruLayer, Head, IndexNetwork, Inputs
+from scarfmt.scene.model import MAX_STAGES
+from tests.neural.networks import Case, cases, random_books, random_network
 
 INPUTS = Inputs(classes=2, own=True, attributes=3, depths=1, latents=2, latent_shift=1, grid=2)
 BOOKS = random_books(np.random.default_rng(5), 20, 12, 4)

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import Malformed
-from scarfmt.model import MAX_CLASSES, Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.context import CellMeans
 from scarfmt.neural.predictors import (
@@ -23,7 +23,7 @@ from scarfmt.neural.predictors import (
     first_use,
     input_width,
 )
-from scarfmt.schema import Profile, Stream
+from scarfmt.scene.model import MAX_CLASSES, Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 
 I64 = NDArray[np.int64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scarfmt.render.camera import Camera
-from scarfmt.scene import GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 
 def random_scene(seed: int, count: int = 150, degree: int = 3) -> GaussianScene:

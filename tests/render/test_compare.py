@@ -15,7 +15,7 @@ from scarfmt.render.compare import compare, compare_with_photos
 from scarfmt.render.images import read_image, to_bytes, write_png
 from scarfmt.render.metrics import psnr, ssim
 from scarfmt.render.rasterise import render
-from scarfmt.scene import GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 from .scenes import random_scene, small_camera
 

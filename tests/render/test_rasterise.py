@@ -10,8 +10,8 @@ import pytest
 
 from scarfmt.errors import InvalidInput
 from scarfmt.render.rasterise import Contributions, contributions, render
-from scarfmt.render.reference import pixel_blends, render_reference, visible_ellipses
-from scarfmt.scene import GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
+from tests.render.reference_rasteriser import pixel_blends, render_reference, visible_ellipses
 
 from .scenes import degenerate_scene, random_scene, small_camera
 

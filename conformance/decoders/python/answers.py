@@ -1,0 +1,168 @@
+"""The second decoder's answers in the decoder protocol (PROTOCOL.md), for every exact stage."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import struct
+import traceback
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from conformance.decoders.python.decoder import NAMES, Decoder, Tile
+from conformance.decoders.python.fields import OFFSETS, POSITION_RESIDUAL, Refused
+from conformance.expect.container_fields import METADATA_KIND, blocks_of_kind, container_fields
+
+Array = dict[str, Any]
+Arrays = dict[str, Array]
+
+EXACT = ("models", "context", "frequencies", "indices", "integers", "sums", "values")
+STAGES = ("container", *EXACT, "metadata")
+CAPABILITIES = {
+    "protocol": "scar-conformance 2",
+    "decoder": "scarfmt minimal decoder 0.1",
+    "versions": ["0.1"],
+    "profiles": ["explicit", "anchor"],
+    "stages": list(STAGES),
+}
+_CODES = {"<u4": "I", "<u8": "Q", "|u1": "B", "<u2": "H", "<i4": "i", "<f8": "d", "<f4": "f"}
+
+
+def pin(dtype: str, shape: Sequence[int], values: Iterable[Any]) -> Array:
+    """Type, shape and SHA-256 of numbers in C order."""
+    flat = list(values)
+    data = struct.pack(f"<{len(flat)}{_CODES[dtype]}", *flat)
+    return {"dtype": dtype, "shape": list(shape), "sha256": hashlib.sha256(data).hexdigest()}
+
+
+def _flat(rows: Iterable[Iterable[Any]]) -> list[Any]:
+    return [x for row in rows for x in row]
+
+
+class Answers:
+    """The arrays of each stage after the last layer of a decoder."""
+
+    def __init__(self, decoder: Decoder) -> None:
+        self.decoder = decoder
+        self.tiles = [decoder.tile(number) for number in range(len(decoder.tiles))]
+        self.trace = decoder.traces[-1]
+        self.n = sum(len(tile.code) for tile in self.tiles)
+
+    def stage(self, name: str) -> Arrays:
+        """The arrays of an exact stage, by name."""
+        found: Arrays = getattr(self, name)()
+        return dict(sorted(found.items()))
+
+    def models(self) -> Arrays:
+        d = self.decoder
+        out = {f"codebook.{b}": pin("<i4", (len(book), len(book[0])), _flat(book)) for b, book in d.books.items()}
+        for number, (level, bits) in enumerate(d.grid.levels if d.grid else []):
+            out[f"grid.bits.{number}"] = pin("|u1", (level.entries, level.features), bits)
+        return out
+
+    def context(self) -> Arrays:
+        d, out = self.decoder, {}
+        if d.grid:
+            places = [d.middle(i, code) for i, tile in enumerate(self.tiles) for code in tile.code]
+            width = sum(level.features for level, _ in d.grid.levels)
+            out["grid.features"] = pin("<i4", (self.n, width), _flat(map(d.grid.features, places)))
+        embedded = self.trace.embedded
+        if embedded:
+            out["embedding"] = pin("<i4", (len(embedded), len(embedded[0])), _flat(embedded))
+        for (stream, j, step), contexts in self.trace.contexts.items():
+            if contexts:
+                out[f"context.{NAMES[stream]}.{j}.{step}"] = pin("<i4", (len(contexts),), contexts)
+        return out
+
+    def frequencies(self) -> Arrays:
+        return {f"frequencies.{name}": pin("<u4", (len(f),), f) for name, f in self.trace.frequencies.items()}
+
+    def indices(self) -> Arrays:
+        stages = max((stages for stages, _ in self.decoder.rows[-1].classes), default=0)
+        rows = [row[1 : stages + 1] for tile in self.tiles for row in tile.index]
+        return {"index": pin("<u2", (self.n, stages), _flat(rows))}
+
+    def integers(self) -> Arrays:
+        out = {
+            "tile": pin("<u4", (self.n,), (number for number, tile in enumerate(self.tiles) for _ in tile.code)),
+            "code": pin("<u8", (self.n,), _flat(tile.code for tile in self.tiles)),
+            "class": pin("|u1", (self.n,), _flat(tile.klass for tile in self.tiles)),
+        }
+        if self.decoder.profile:
+            rows = [row for tile in self.tiles for row in tile.slot_layer]
+            out["slot_layer"] = pin("|u1", (self.n, self.decoder.slots), _flat(rows))
+        for i, channel in enumerate(self.decoder.channels):
+            rows = [row for _, row in self._rows(i)]
+            out[f"v.{NAMES[channel.stream]}"] = pin("<i4", self._shape(i), _flat(rows))
+        return out
+
+    def sums(self) -> Arrays:
+        d = self.decoder
+        if not d.dimension:
+            return {}
+        return {"codeword_sum": pin("<i4", (self.n, d.dimension), _flat(d.codeword_sum(*at) for at in self._anchors()))}
+
+    def values(self) -> Arrays:
+        d = self.decoder
+        places = _flat(d.positions(number, tile) for number, tile in enumerate(self.tiles))
+        out = {"position": pin("<f8", (self.n, 3), _flat(places))}
+        for i, channel in enumerate(d.channels):
+            if channel.stream != POSITION_RESIDUAL:
+                values = _flat(d.value(i, klass, row) for klass, row in self._rows(i))
+                out[f"value.{NAMES[channel.stream]}"] = pin("<f4", self._shape(i), values)
+        if d.dimension:
+            out["latent"] = pin("<f4", (self.n, d.dimension), _flat(d.latent(*at) for at in self._anchors()))
+        return out
+
+    def _anchors(self) -> list[tuple[Tile, int]]:
+        return [(tile, a) for tile in self.tiles for a in range(len(tile.code))]
+
+    def _shape(self, i: int) -> list[int]:
+        channel = self.decoder.channels[i]
+        slots = [self.decoder.slots] if channel.stream == OFFSETS else []
+        return [self.n, *slots, len(channel.rules)]
+
+    def _rows(self, i: int) -> list[tuple[int, list[int]]]:
+        """Class and integers of each anchor, or of each slot, of a channel."""
+        rows = [(tile.klass[a], row) for tile in self.tiles for a, row in enumerate(tile.v[i])]
+        if self.decoder.channels[i].stream == OFFSETS:
+            return [(klass, row) for klass, slots in rows for row in slots]
+        return rows
+
+
+def answer(data: bytes, layers: int, stage: str) -> dict[str, Any]:
+    """The answer to one question; `layers` 0 is all, stage ``all`` the container and every exact stage."""
+    if stage == "capabilities":
+        return {"capabilities": CAPABILITIES}
+    try:
+        answers = Answers(Decoder(data, layers or None))
+    except Refused as refusal:
+        return {"refused": str(refusal), "offset": None, "message": "a rule is broken"}
+    wanted = STAGES[:-1] if stage == "all" else (stage,)
+    return {"stages": {name: _one(data, answers, name) for name in wanted}}
+
+
+def _one(data: bytes, answers: Answers, stage: str) -> dict[str, Any]:
+    if stage == "container":
+        return {"container": container_fields(data)}
+    if stage == "metadata":
+        found = blocks_of_kind(data, METADATA_KIND)
+        return {"metadata": json.loads(found[0]) if found else None}
+    return {"arrays": answers.stage(stage)}
+
+
+def main(arguments: list[str]) -> int:
+    """Answer one question on standard output."""
+    parser = argparse.ArgumentParser(prog="python -m conformance.decoders.python.decoder")
+    parser.add_argument("file", type=Path)
+    parser.add_argument("--layers", type=int, default=0)
+    parser.add_argument("--stage", choices=("all", "capabilities", *STAGES), default="all")
+    options = parser.parse_args(arguments)
+    try:
+        print(json.dumps(answer(options.file.read_bytes(), options.layers, options.stage)))
+    except (AssertionError, IndexError, KeyError, ValueError, struct.error):
+        traceback.print_exc()
+        return 1
+    return 0

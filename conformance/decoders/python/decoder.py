@@ -1,0 +1,561 @@
+"""A second decoder, written from SPEC.md alone: standard library, plain loops, its pseudo-code function by function.
+
+It shows that the text suffices, and is a start for a port. It decodes the exact class (SPEC §5-§8, §9.1, §9.2, §10) of
+valid files whose Zstandard frames are like those of the vectors; of the refusals it makes only those the pseudo-code
+spells out. ``python -m conformance.decoders.python.decoder FILE --layers K --stage STAGE`` answers as PROTOCOL.md says.
+"""
+
+from __future__ import annotations
+
+import itertools
+import struct
+import sys
+import zlib
+from typing import Any, NamedTuple
+
+from conformance.decoders.python.fields import (
+    CLASSES,
+    INDICES,
+    LATENT,
+    MASKS,
+    OFFSETS,
+    POSITION_RESIDUAL,
+    POSITIONS,
+    Payload,
+    Rans,
+    Table,
+    key,
+    parse_tables,
+    require,
+    stored,
+)
+from conformance.decoders.python.neural import (
+    ATTRIBUTES,
+    Context,
+    Grid,
+    IndexReader,
+    Key,
+    Network,
+    Predictor,
+    StepInputs,
+    fine,
+    parse_grid,
+    parse_network,
+    parse_predictors,
+)
+
+NAMES = {
+    1: "POSITIONS", 2: "CLASSES", 3: "MASKS", 4: "POSITION_RESIDUAL", 5: "SCALE", 6: "ROTATION", 7: "OPACITY",
+    8: "COLOUR", 9: "INDICES", 10: "LATENT", 11: "OFFSETS",
+}
+
+
+# ---------------------------------------------------------------------------------------------- 7.2 positions
+
+
+def read_positions(rans: Rans, total: int, b: int) -> list[int]:
+    code, opened = [0] * total, [0] * total
+    nodes = [(0, total, 0)]
+    for bit in range(3 * b - 1, -1, -1):
+        several = []
+        for start, count, prefix in nodes:
+            if count == 1:
+                opened[start], code[start] = bit + 1, prefix
+            else:
+                several.append((start, count, prefix))
+        nodes = several
+        if not nodes:
+            break
+        lower = read_splits(rans, [count for _, count, _ in nodes])
+        children = []
+        for (start, count, prefix), below in zip(nodes, lower, strict=True):
+            if below > 0:
+                children.append((start, below, prefix))
+            if count - below > 0:
+                children.append((start + below, count - below, prefix | 1 << bit))
+        nodes = children
+    for start, count, prefix in nodes:
+        code[start : start + count] = [prefix] * count
+    for width in range(3 * b, 0, -1):
+        anchors = [a for a in range(total) if opened[a] == width]
+        for low in range(12 * ((width - 1) // 12), -1, -12):
+            for a, bits in zip(anchors, rans.uniform(1 << min(12, width - low), len(anchors)), strict=True):
+                code[a] |= bits << low
+    return code
+
+
+def read_splits(rans: Rans, counts: list[int]) -> list[int]:
+    lower = [0] * len(counts)
+    for n in range(2, 17):
+        chosen = [i for i, count in enumerate(counts) if count == n]
+        for i, value in zip(chosen, rans.read(key(POSITIONS, 0, 0, n), len(chosen)), strict=True):
+            lower[i] = value
+    large = [i for i, count in enumerate(counts) if count > 16]
+    bins = rans.read(key(POSITIONS, 0, 0, 17), len(large))
+    require(all(0 <= bin_ < 16 for bin_ in bins), "bad-split")
+    first = [-(-bin_ * (counts[i] + 1) // 16) for i, bin_ in zip(large, bins, strict=True)]
+    width = [-(-(bin_ + 1) * (counts[i] + 1) // 16) - f for i, bin_, f in zip(large, bins, first, strict=True)]
+    rest = [0] * len(large)
+    for w in sorted({w for w in width if w > 1}):
+        chosen = [m for m, here in enumerate(width) if here == w]
+        if w <= 4096:
+            values = rans.uniform(w, len(chosen))
+        else:
+            high = rans.uniform(((w - 1) >> 12) + 1, len(chosen))
+            values = [h << 12 | v for h, v in zip(high, rans.uniform(4096, len(chosen)), strict=True)]
+        for m, value in zip(chosen, values, strict=True):
+            require(value < w, "bad-split")
+            rest[m] = value
+    for m, i in enumerate(large):
+        lower[i] = first[m] + rest[m]
+    require(all(0 <= below <= count for below, count in zip(lower, counts, strict=True)), "bad-split")
+    return lower
+
+
+# ---------------------------------------------------------------------------------------------- 6, 7 models
+
+
+class Rule(NamedTuple):
+    """A context rule (SPEC §8.4)."""
+
+    by_class: int
+    source_channel: int
+    source_component: int
+    shift: int
+    low: int
+
+
+class Channel(NamedTuple):
+    """A row of the channel table (SPEC §6.4)."""
+
+    stream: int
+    steps: list[float]
+    rules: list[Rule]
+
+
+class Row(NamedTuple):
+    """A row of the layer table: per class its stages and steps (SPEC §6.5)."""
+
+    mode: int
+    classes: list[tuple[int, list[int]]]
+
+
+class Opening(NamedTuple):
+    """What the LAYER block of layer 1 says once (SPEC §7.11)."""
+
+    channels: list[Channel]
+    passes_log2: int
+    targets: list[int]
+
+
+def parse_layer(block: bytes, k: int, opening: Opening) -> tuple[Row, Opening]:
+    reader = Payload(block)
+    mode = reader.u8()
+    require(mode in (0, 1), "unsupported-entropy-mode")
+    if k == 1:
+        channels = []
+        for _ in range(reader.count(8)):
+            stream, components = reader.fields("BB")
+            channel = Channel(stream, [], [])
+            for _ in range(components):
+                channel.steps.append(reader.fields("d")[0])
+                by_class, source, component, shift = reader.fields("4B")
+                channel.rules.append(Rule(by_class, source, component, shift, reader.svarint(33)))
+            channels.append(channel)
+        passes_log2 = reader.u8()
+        opening = Opening(channels, passes_log2, [reader.varint(16) for _ in range(reader.count(4))])
+    classes = [(reader.u8(), list(reader.take(len(opening.channels)))) for _ in range(reader.count(15))]
+    reader.finish()
+    return Row(mode, classes), opening
+
+
+def parse_codebooks(block: bytes) -> dict[int, list[list[int]]]:
+    reader = Payload(block)
+    d = reader.count(64)
+    books: dict[int, list[list[int]]] = {}
+    for _ in range(reader.count(2)):
+        number, size = reader.u8(), reader.count(4096)
+        require(number <= 1 and number > max(books, default=-1) and size > 0 and d > 0, "bad-codebook")
+        columns = []
+        for _ in range(d):
+            columns.append(reader.rice(size))
+            require(max(map(abs, columns[-1])) <= 65535, "bad-codebook")
+        books[number] = [list(word) for word in zip(*columns, strict=True)]
+    require(bool(books), "bad-codebook")
+    reader.finish()
+    return books
+
+
+def network_inputs(block: bytes) -> int:
+    """Inputs of the one network of a DECODER_MLP block."""
+    reader = Payload(stored(block))
+    require(reader.count(8) == 1, "bad-mlp")
+    reader.count(4)
+    reader.count(1024)
+    return reader.count(1024)
+
+
+# ---------------------------------------------------------------------------------------------- 7 tiles
+
+
+class Tile:
+    """One tile and what is decoded of it so far."""
+
+    def __init__(self, slots: int, channels: list[Channel]) -> None:
+        self.code: list[int] = []
+        self.klass: list[int] = []
+        self.slot_layer: list[list[int]] = []
+        self.v: list[list[Any]] = [[] for _ in channels]
+        self.first: list[list[list[int]]] = [[] for _ in channels]
+        self.index: list[list[int]] = []
+        self.slots = slots
+        self.channels = channels
+
+    def append(self, code: int, klass: int) -> None:
+        self.code.append(code)
+        self.klass.append(klass)
+        self.slot_layer.append([0] * self.slots)
+        self.index.append([0] * 9)
+        for i, channel in enumerate(self.channels):
+            zeros = [0] * len(channel.rules)
+            self.v[i].append([list(zeros) for _ in range(self.slots)] if channel.stream == OFFSETS else list(zeros))
+            self.first[i].append(list(zeros))
+
+
+class Trace:
+    """What one layer's decoding went through, for the stages ``context`` and ``frequencies`` of PROTOCOL.md.
+
+    Attributes:
+        frequencies: of the table of the first symbol of a sub-stream, or of a stage, by its name.
+        contexts: the context numbers of each predictor, in coding order.
+        embedded: h of each anchor that the index network coded, in coding order.
+        used: keys of the tables that coded symbols.
+        unwritten: whether a sub-stream without a record coded symbols.
+    """
+
+    def __init__(self) -> None:
+        self.frequencies: dict[str, list[int]] = {}
+        self.contexts: dict[Key, list[int]] = {}
+        self.embedded: list[list[int]] = []
+        self.used: set[int] = set()
+        self.unwritten = False
+
+    def see(self, name: str, table: Table | None) -> None:
+        if table and name not in self.frequencies:
+            self.frequencies[name] = [b - a for a, b in itertools.pairwise(table.cumulative)]
+
+
+class Decoder:
+    """A file's first layers (SPEC §4, steps 1 to 11). `traces` has one element a layer."""
+
+    def __init__(self, data: bytes, layers: int | None = None) -> None:
+        head = Payload(data)
+        require(head.take(9) == bytes.fromhex("8953434152 0d0a1a0a"), "bad-signature")
+        require(head.fields("BB") == (0, 1), "unsupported-version")
+        _, length, self.file_length = head.fields("BIQ")
+        (crc,) = struct.unpack("<I", data[length - 4 : length])
+        require(zlib.crc32(data[: length - 4]) == crc, "header-crc-mismatch")
+        self.profile, self.degree, layer_count, self.slots, self.lattice_bits, _, _, _ = head.fields("8B")
+        tile_count, entry_count, _, _ = head.fields("IIQQ")
+        *self.origin, self.voxel = head.fields("4d")
+        tables = Payload(data)
+        tables.at = length
+        self.tiles = [tables.fields("BBHQ") for _ in range(tile_count)]
+        entries = [tables.fields("BBBBIQQII") for _ in range(entry_count)]
+        self.blocks: dict[tuple[int, int, int], tuple[bytes, int]] = {}
+        for kind, flags, layer, _, tile, offset, size, count, crc in entries:
+            require(kind in (*range(1, 9), 16, 64) or not flags & 1, "unknown-critical-block")
+            block = data[offset : offset + size]
+            # A block it has no need of is no reason to refuse (R-5.6-3): neither METADATA nor an unknown one.
+            require(kind > 16 or zlib.crc32(block) == crc, "crc-mismatch")
+            self.blocks[layer, kind, tile] = block, count
+        self.k = layers or layer_count
+        self.traces = [Trace() for _ in range(self.k)]
+        self._models()
+
+    def _model(self, layer: int, kind: int) -> bytes | None:
+        return self.blocks.get((layer, kind, 0xFFFFFFFF), (None, 0))[0]
+
+    def _models(self) -> None:
+        self.opening = Opening([], 0, [])
+        self.rows: list[Row] = []
+        self.tables: list[dict[int, Table]] = []
+        self.books: dict[int, list[list[int]]] = {}
+        self.dimension = 0
+        self.predictors: list[dict[Key, Predictor]] = []
+        self.network: Network | None = None
+        self.grid: Grid | None = None
+        for k in range(1, self.k + 1):
+            block = self._model(k, 1)
+            require(block is not None, "missing-block")
+            row, self.opening = parse_layer(block or b"", k, self.opening)
+            self.rows.append(row)
+            added = self._model(k, 2)
+            self.tables.append({**(self.tables[-1] if self.tables else {}), **(parse_tables(added) if added else {})})
+            books, decoder = self._model(k, 3), self._model(k, 4)
+            self.books |= parse_codebooks(books) if books else {}
+            self.dimension = network_inputs(decoder) if decoder else self.dimension
+            self._neural_models(k)
+        self.channels = self.opening.channels
+
+    def _neural_models(self, k: int) -> None:
+        grid, network, predictors = (self._model(k, kind) for kind in (6, 7, 8))
+        self.grid = parse_grid(grid) if grid else self.grid
+        self.network = parse_network(network) if network else self.network
+        before = self.predictors[-1] if self.predictors else {}
+        self.predictors.append({**before, **(parse_predictors(predictors) if predictors else {})})
+
+    def classes(self, k: int) -> int:
+        return len(self.rows[k - 1].classes) if k else 0
+
+    def stages(self, k: int, c: int) -> int:
+        return self.rows[k - 1].classes[c][0] if c < self.classes(k) else 0
+
+    def steps(self, k: int, i: int, c: int) -> int:
+        return self.rows[k - 1].classes[c][1][i] if c < self.classes(k) else 0
+
+    def tile(self, number: int) -> Tile:
+        out = Tile(self.slots if self.profile else 0, self.channels)
+        for k in range(1, self.k + 1):
+            block, new = self.blocks.get((k, 16, number), (None, 0))
+            parts = substreams(block) if block else {}
+            self._layer(out, k, parts, new, number)
+        return out
+
+    def _layer(self, tile: Tile, k: int, parts: dict[int, bytes], new: int, number: int) -> None:
+        depth, shift = self.tiles[number][:2]
+        b = self.lattice_bits - depth - shift
+        trace = self.traces[k - 1]
+
+        def opened(stream: int) -> Rans:
+            return Rans(parts.get(stream, b""), self.tables[k - 1])
+
+        def close(stream: int, rans: Rans) -> None:
+            rans.seal()
+            trace.used |= rans.used
+            trace.unwritten |= rans.first is not None and stream not in parts
+            if stream != INDICES:
+                trace.see(NAMES[stream], rans.first)
+
+        if new:
+            rans = opened(POSITIONS)
+            codes = read_positions(rans, new, b)
+            close(POSITIONS, rans)
+            rans, f, p = opened(CLASSES), self.classes(k - 1), self.classes(k)
+            classes = [f + v for v in rans.read(key(CLASSES, 0, 0, 0), new)] if p - f > 1 else [f] * new
+            close(CLASSES, rans)
+            require(all(f <= c < p for c in classes), "bad-class")
+            for code, klass in zip(codes, classes, strict=True):
+                tile.append(code, klass)
+        if self.profile:
+            rans = opened(MASKS)
+            read_masks(rans, tile, k)
+            close(MASKS, rans)
+        context = Context(tile.code, b, self.opening.targets, self.opening.passes_log2)
+        for i, channel in enumerate(self.channels):
+            rans = opened(channel.stream)
+            if channel.stream == OFFSETS:
+                read_offsets(rans, tile, k, i)
+            else:
+                self._channel(rans, tile, k, i, context)
+            close(channel.stream, rans)
+        rans = opened(INDICES)
+        if self.rows[k - 1].mode == 1:
+            self._neural_indices(rans, tile, k, context, number)
+        else:
+            self._indices(rans, tile, k)
+        close(INDICES, rans)
+
+    def _channel(self, rans: Rans, tile: Tile, k: int, i: int, context: Context) -> None:
+        channel = self.channels[i]
+        before = [self.steps(k - 1, i, c) for c in tile.klass]
+        after = [self.steps(k, i, c) for c in tile.klass]
+        for n in range(1, 21):
+            chosen = [a for a in range(len(before)) if before[a] < n <= after[a]]
+            components = range(len(channel.rules))
+            if chosen and any((channel.stream, j, n) in self.predictors[k - 1] for j in components):
+                self._predicted_step(rans, tile, k, (i, n, chosen), context)
+                continue
+            for j in components:
+                self._refine(rans, tile, (i, j, n), chosen, table_contexts(tile, i, j, n, chosen))
+
+    def _refine(
+        self, rans: Rans, tile: Tile, place: tuple[int, int, int], chosen: list[int], contexts: list[int]
+    ) -> None:
+        """Step n of component j of channel i for some anchors."""
+        (i, j, n), v = place, tile.v[place[0]]
+        values = rans.read_by_context(key(self.channels[i].stream, j, n, 0), contexts)
+        for a, x in zip(chosen, values, strict=True):
+            if n == 1:
+                v[a][j] = tile.first[i][a][j] = x
+            else:
+                require(-1 <= x <= 1, "bad-trit")
+                v[a][j] = 3 * v[a][j] + x
+            require(abs(v[a][j]) < 1 << 31, "value-range")
+
+    def _fine(self, tile: Tile, k: int, i: int, a: int) -> list[int]:
+        """Fine values of a channel of an anchor after layer k."""
+        n = self.steps(k, i, tile.klass[a])
+        return [fine(v, n) for v in tile.v[i][a]]
+
+    def _attributes(self, tile: Tile, k: int, a: int, past: int) -> list[int]:
+        """Fine values of the attribute channels below channel `past` after layer k."""
+        chosen = [i for i in range(past) if self.channels[i].stream in ATTRIBUTES]
+        return [v for i in chosen for v in self._fine(tile, k, i, a)]
+
+    def _predicted_step(
+        self, rans: Rans, tile: Tile, k: int, place: tuple[int, int, list[int]], context: Context
+    ) -> None:
+        i, n, chosen = place
+        v, stream, components = tile.v[i], self.channels[i].stream, len(self.channels[i].rules)
+        sums = context.cells(components)
+        for a, klass in enumerate(tile.klass):
+            if self.steps(k - 1, i, klass) >= n:
+                sums.add(a, self._fine(tile, k - 1, i, a))
+        for part in context.passes(chosen):
+            around = {a: sums.around(a) for a in part}
+            own = {a: [fine(x, n - 1) for x in v[a]] for a in part}
+            before = {a: self._attributes(tile, k, a, i) for a in part}
+            for j in range(components):
+                predictor = self.predictors[k - 1].get((stream, j, n))
+                contexts = table_contexts(tile, i, j, n, part)
+                if predictor:
+                    inputs = [StepInputs(tile.klass[a], before[a], own[a], tile.first[i][a], n) for a in part]
+                    contexts = [predictor.context(x.of(j, around[a])) for a, x in zip(part, inputs, strict=True)]
+                    self.traces[k - 1].contexts.setdefault((stream, j, n), []).extend(contexts)
+                self._refine(rans, tile, (i, j, n), part, contexts)
+            for a in part:
+                sums.add(a, [fine(x, n) for x in v[a]])
+
+    def _neural_indices(self, rans: Rans, tile: Tile, k: int, context: Context, number: int) -> None:
+        assert self.network is not None
+        before = [self.stages(k - 1, c) for c in tile.klass]
+        after = [self.stages(k, c) for c in tile.klass]
+        settled = [self._attributes(tile, k, a, len(self.channels)) for a in range(len(before))]
+        grid = self.grid
+
+        def features(a: int) -> list[int]:
+            return grid.features(self.middle(number, tile.code[a])) if grid else []
+
+        reader = IndexReader(self.network, self.books, context, tile.klass, settled, features)
+        reader.read(rans, tile.index, before, after)
+        self.traces[k - 1].embedded += reader.embedded
+        for stage, table in sorted(reader.tables.items()):
+            self.traces[k - 1].see(f"INDICES.{stage}", table)
+
+    def _indices(self, rans: Rans, tile: Tile, k: int) -> None:
+        before = [self.stages(k - 1, c) for c in tile.klass]
+        after = [self.stages(k, c) for c in tile.klass]
+        for stage in range(1, 9):
+            chosen = [a for a in range(len(before)) if before[a] < stage <= after[a]]
+            contexts = [16 * tile.klass[a] + (stage > 1 and tile.index[a][stage - 1] == 0) for a in chosen]
+            rans.forget()
+            for a, value in zip(chosen, rans.read_by_context(key(INDICES, stage, 0, 0), contexts), strict=True):
+                require(0 <= value < len(self.books[min(stage - 1, 1)]), "bad-index")
+                tile.index[a][stage] = value
+            self.traces[k - 1].see(f"INDICES.{stage}", rans.first)
+
+    # ------------------------------------------------------------------------------------------ 9 reconstruction
+
+    def width(self, i: int, j: int, n: int) -> float:
+        return self.channels[i].steps[j] / float(3 ** (n - 1)) if n else 0.0
+
+    def positions(self, number: int, tile: Tile) -> list[list[float]]:
+        depth, shift, _, prefix = self.tiles[number]
+        corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
+        cell = float(1 << shift)
+        residual = next((i for i, channel in enumerate(self.channels) if channel.stream == POSITION_RESIDUAL), None)
+        out = []
+        for a, code in enumerate(tile.code):
+            local, place = deinterleaved(code), []
+            for axis in range(3):
+                t = (float(corner[axis]) + float(local[axis]) * cell) + cell / 2.0
+                if residual is not None:
+                    n = self.steps(self.k, residual, tile.klass[a])
+                    t = t + cell * (float(tile.v[residual][a][axis]) * self.width(residual, axis, n))
+                place.append(self.origin[axis] + self.voxel * t)
+            out.append(place)
+        return out
+
+    def value(self, i: int, c: int, values: list[int]) -> list[float]:
+        n = 1 if self.channels[i].stream == OFFSETS else self.steps(self.k, i, c)
+        return [f32(float(v) * self.width(i, j, n)) for j, v in enumerate(values)]
+
+    def codeword_sum(self, tile: Tile, a: int) -> list[int]:
+        z = [0] * self.dimension
+        for stage in range(1, self.stages(self.k, tile.klass[a]) + 1):
+            z = [x + y for x, y in zip(z, self.books[min(stage - 1, 1)][tile.index[a][stage]], strict=True)]
+        return z
+
+    def latent(self, tile: Tile, a: int) -> list[float]:
+        z = self.codeword_sum(tile, a)
+        refined = next((i for i, channel in enumerate(self.channels) if channel.stream == LATENT), None)
+        if refined is None:
+            return [float(x) for x in z]
+        more = self.value(refined, tile.klass[a], tile.v[refined][a])
+        return [f32(float(x) + y) for x, y in zip(z, more, strict=True)]
+
+    def middle(self, number: int, code: int) -> list[int]:
+        """The lattice point in the middle of an anchor's cell."""
+        depth, shift, _, prefix = self.tiles[number]
+        corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
+        return [c + (x << shift) + (1 << shift >> 1) for c, x in zip(corner, deinterleaved(code), strict=True)]
+
+
+def substreams(block: bytes) -> dict[int, bytes]:
+    reader = Payload(block)
+    records = [reader.fields("BII") for _ in range(reader.u8())]
+    table = reader.at
+    (crc,) = reader.fields("I")
+    require(crc == zlib.crc32(block[:table]), "crc-mismatch")
+    out = {}
+    for kind, length, part_crc in records:
+        out[kind] = reader.take(length)
+        require(zlib.crc32(out[kind]) == part_crc, "crc-mismatch")
+    return out
+
+
+def table_contexts(tile: Tile, i: int, j: int, n: int, chosen: list[int]) -> list[int]:
+    """first_contexts and trit_contexts of SPEC §8.4."""
+    rule = tile.channels[i].rules[j]
+    contexts = [16 * tile.klass[a] * rule.by_class for a in chosen]
+    if n > 1:
+        return [c + min(max(tile.v[i][a][j], -2), 2) + 2 for c, a in zip(contexts, chosen, strict=True)]
+    if rule.source_channel == 255:
+        return contexts
+    source = [tile.first[rule.source_channel][a][rule.source_component] for a in chosen]
+    return [c + min(max((s - rule.low) >> rule.shift, 0), 15) for c, s in zip(contexts, source, strict=True)]
+
+
+def read_masks(rans: Rans, tile: Tile, k: int) -> None:
+    on = [sum(layer > 0 for layer in slots) for slots in tile.slot_layer]
+    for s in range(tile.slots):
+        chosen = [a for a, slots in enumerate(tile.slot_layer) if slots[s] == 0]
+        for a, bit in zip(chosen, rans.read_by_context(key(MASKS, 0, 0, 0), [on[a] for a in chosen]), strict=True):
+            require(bit in (0, 1), "bad-mask")
+            if bit:
+                tile.slot_layer[a][s] = k
+                on[a] += 1
+
+
+def read_offsets(rans: Rans, tile: Tile, k: int, i: int) -> None:
+    pairs = [(a, s) for a, slots in enumerate(tile.slot_layer) for s, layer in enumerate(slots) if layer == k]
+    for j, rule in enumerate(tile.channels[i].rules):
+        contexts = [16 * tile.klass[a] * rule.by_class for a, _ in pairs]
+        for (a, s), value in zip(pairs, rans.read_by_context(key(OFFSETS, j, 1, 0), contexts), strict=True):
+            tile.v[i][a][s][j] = value
+
+
+def deinterleaved(code: int) -> list[int]:
+    return [sum((code >> (3 * bit + axis) & 1) << bit for bit in range(21)) for axis in range(3)]
+
+
+def f32(x: float) -> float:
+    """x rounded to binary32, to nearest, ties to even."""
+    return float(struct.unpack("<f", struct.pack("<f", x))[0])
+
+
+if __name__ == "__main__":
+    from conformance.decoders.python.answers import main
+
+    sys.exit(main(sys.argv[1:]))

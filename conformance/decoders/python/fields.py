@@ -1,0 +1,227 @@
+"""Bytes and entropy coding of the second decoder: SPEC.md §5.7 to §5.9 and §8 in plain loops, standard library only."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from conformance.decoders.python.zstd import BadFrame, NeedsLibrary, frame_content
+
+POSITIONS, CLASSES, MASKS, POSITION_RESIDUAL, INDICES, LATENT, OFFSETS = 1, 2, 3, 4, 9, 10, 11
+TOTAL = 1 << 24
+
+
+class Refused(Exception):
+    """A refusal id of SPEC §12."""
+
+
+def require(holds: bool, refusal: str) -> None:
+    if not holds:
+        raise Refused(refusal)
+
+
+# ---------------------------------------------------------------------------------------------- 5.7 to 5.9 fields
+
+
+class Payload:
+    """A cursor over bytes (SPEC §5.7)."""
+
+    def __init__(self, data: bytes) -> None:
+        self.data = data
+        self.at = 0
+
+    def take(self, length: int) -> bytes:
+        require(self.at + length <= len(self.data), "payload-short")
+        self.at += length
+        return self.data[self.at - length : self.at]
+
+    def fields(self, layout: str) -> tuple[Any, ...]:
+        return struct.unpack("<" + layout, self.take(struct.calcsize("<" + layout)))
+
+    def u8(self) -> int:
+        return self.take(1)[0]
+
+    def varint(self, b: int) -> int:
+        value = shift = 0
+        while True:
+            byte = self.u8()
+            value |= (byte & 0x7F) << shift
+            shift += 7
+            if byte < 0x80:
+                break
+            require(shift <= b, "bad-varint")
+        require(value < 1 << b and not (byte == 0 and shift > 7), "bad-varint")
+        return value
+
+    def svarint(self, b: int) -> int:
+        m = self.varint(b)
+        return m >> 1 if m % 2 == 0 else -(m >> 1) - 1
+
+    def count(self, most: int) -> int:
+        value = self.varint(63)
+        require(value <= most, "count-limit")
+        return value
+
+    def rice(self, n: int) -> list[int]:
+        """n integers (SPEC §5.9)."""
+        k = self.u8()
+        require(k <= 31, "bad-rice")
+        quotients = self._quotients(n)
+        low = self.take((n * k + 7) // 8)
+        bits = int.from_bytes(low, "big")
+        fill = 8 * len(low) - n * k
+        require(bits & ((1 << fill) - 1) == 0, "bad-rice")
+        out = []
+        for i, q in enumerate(quotients):
+            m = q << k | bits >> (fill + (n - 1 - i) * k) & ((1 << k) - 1)
+            require(m < 1 << 32, "bad-rice")
+            out.append(m >> 1 if m % 2 == 0 else -(m >> 1) - 1)
+        return out
+
+    def _quotients(self, n: int) -> list[int]:
+        if n == 0:
+            return []
+        bits = "".join(f"{byte:08b}" for byte in self.data[self.at : self.at + 32 * n])
+        if bits.count("0") < n:
+            raise Refused("payload-short" if len(bits) < 256 * n else "bad-rice")
+        quotients, at = [], 0
+        for _ in range(n):
+            zero = bits.index("0", at)
+            quotients.append(zero - at)
+            at = zero + 1
+        require(max(quotients) <= 255, "bad-rice")
+        fill = -at % 8
+        require("1" not in bits[at : at + fill], "bad-rice")
+        self.at += (at + fill) // 8
+        return quotients
+
+    def shifted(self, n: int) -> list[int]:
+        """n integers that share trailing zero bits (SPEC §5.9)."""
+        shift = self.u8()
+        require(shift <= 31, "bad-rice")
+        out = [v << shift for v in self.rice(n)]
+        require(all(abs(v) < 1 << 31 for v in out), "bad-rice")
+        return out
+
+    def finish(self) -> None:
+        require(self.at == len(self.data), "payload-long")
+
+
+def stored(frame: bytes) -> bytes:
+    """The content of a Zstandard frame (SPEC §5.8); only one with Huffman or FSE codes needs a library."""
+    try:
+        return frame_content(frame)
+    except BadFrame as error:
+        raise Refused("bad-zstd") from error
+    except NeedsLibrary:
+        import zstandard
+
+        return zstandard.ZstdDecompressor().decompress(frame, allow_extra_data=False)
+
+
+# ---------------------------------------------------------------------------------------------- 8 entropy coding
+
+
+class Table(NamedTuple):
+    """Symbols' values and cumulative frequencies (SPEC §8.1, §8.3)."""
+
+    values: Sequence[int]
+    cumulative: list[int]
+
+
+def cumulative(weights: list[int]) -> list[int]:
+    n, total, c, out = len(weights), sum(weights), 0, []
+    for i in range(n + 1):
+        out.append(c * (TOTAL - n) // total + i)
+        c += weights[i] if i < n else 0
+    return out
+
+
+def key(stream: int, component: int, step: int, context: int) -> int:
+    return stream << 24 | component << 16 | step << 8 | context
+
+
+def parse_tables(block: bytes) -> dict[int, Table]:
+    reader = Payload(stored(block))
+    tables: dict[int, Table] = {}
+    previous = -1
+    for _ in range(reader.count(65536)):
+        number = reader.varint(32)
+        require(number > previous, "bad-table")
+        previous = number
+        size = reader.count(4096)
+        require(size >= 1, "bad-table")
+        values: list[int] = []
+        weights: list[int] = []
+        for i in range(size):
+            values.append(values[-1] + reader.varint(32) + 1 if i else reader.svarint(33))
+            require(abs(values[-1]) < 1 << 31, "bad-table")
+        for _ in range(size):
+            weights.append(reader.varint(24))
+            require(weights[-1] >= 1, "bad-table")
+        tables[number] = Table(values, cumulative(weights))
+    reader.finish()
+    return tables
+
+
+class Rans:
+    """One sub-stream (SPEC §8.2). `first` is the table of the first symbol read, or read since it was forgotten.
+
+    `used` has the keys of all tables that symbols were read with.
+    """
+
+    first: Table | None
+
+    def __init__(self, data: bytes, tables: dict[int, Table]) -> None:
+        self.forget()
+        self.used: set[int] = set()
+        self.words = list(struct.unpack(f"<{len(data) // 4}I", data))
+        require(not self.words or self.words[-1] != 0, "rans-last-word")
+        self.tables = tables
+        self.state = 0
+        self.refill()
+        self.refill()
+
+    def forget(self) -> None:
+        self.first = None
+
+    def refill(self) -> None:
+        if self.state < 1 << 32 and self.words:
+            self.state = self.state << 32 | self.words.pop()
+
+    def symbol(self, table: Table) -> int:
+        self.first = self.first or table
+        c = table.cumulative
+        if len(c) == 2:
+            return table.values[0]
+        slot = self.state & (TOTAL - 1)
+        low, high = 0, len(c) - 1
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if c[middle] <= slot else (low, middle)
+        self.state = (c[low + 1] - c[low]) * (self.state >> 24) + slot - c[low]
+        self.refill()
+        return table.values[low]
+
+    def read(self, number: int, n: int) -> list[int]:
+        if n == 0:
+            return []
+        require(number in self.tables, "missing-table")
+        self.used.add(number)
+        return [self.symbol(self.tables[number]) for _ in range(n)]
+
+    def uniform(self, m: int, n: int) -> list[int]:
+        table = Table(range(m), cumulative([1] * m)) if n else None
+        return [self.symbol(table) for _ in range(n)] if table else []
+
+    def read_by_context(self, number: int, contexts: list[int]) -> list[int]:
+        out = [0] * len(contexts)
+        for c in sorted(set(contexts)):
+            chosen = [e for e, context in enumerate(contexts) if context == c]
+            for e, value in zip(chosen, self.read(number | c, len(chosen)), strict=True):
+                out[e] = value
+        return out
+
+    def seal(self) -> None:
+        require(self.state == 0 and not self.words, "rans-seal")

@@ -1,0 +1,157 @@
+"""``expect.json`` and the files beside it, of one vector."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+from conformance.cases import Case
+from conformance.decoders.python.answers import Answers
+from conformance.decoders.python.decoder import Decoder
+from conformance.expect.activated import activated
+from conformance.expect.container_fields import METADATA_KIND, blocks_of_kind, container_fields, profile_of
+from conformance.expect.expectations import Arrays, expected_layers, expected_metadata
+from conformance.expect.features import exercised, features_of
+from conformance.expect.stages import pinned, pinned_stages, traced_arrays
+from scarfmt.coding.writer import QuantisedScene
+
+FORMAT = "scar-conformance 2"
+BITSTREAM = "0.1"
+ACTIVATED_ANCHORS = 300
+ACTIVATED_SLOTS = 1500
+"""Activated values are pinned up to so many anchors and slots: each takes up to a kilobyte."""
+
+Extra = dict[str, bytes]
+
+
+def vector_class(id_: str) -> str:
+    """The class of a vector, from its id; that of the worked file is ``valid``."""
+    return id_.partition("/")[0] if "/" in id_ else "valid"
+
+
+def expectation(case: Case) -> tuple[dict[str, Any], Extra]:
+    """What ``expect.json`` says of a vector, and its other files by their path in its folder.
+
+    Raises:
+        RuntimeError: the second decoder does not get from the file what its scene holds.
+    """
+    extra: Extra = {}
+    features, rules = set(case.features), set(case.rules)
+    profile = profile_of(case.data)
+    if profile is not None:
+        features.add(profile)
+    decoded: dict[str, Any] = {}
+    if case.scene is not None:
+        decoded, extra, found = _decoded(case, case.scene)
+        features |= found
+        rules |= exercised(found)
+    out: dict[str, Any] = {
+        "format": FORMAT,
+        "id": case.id,
+        "class": vector_class(case.id),
+        "purpose": case.purpose,
+        "profile": profile,
+        "features": sorted(features),
+        "rules": sorted(rules, key=_rule_order),
+        "file": {"bytes": len(case.data), "sha256": hashlib.sha256(case.data).hexdigest()},
+    }
+    if case.extend_to:
+        out["extend_to"] = case.extend_to
+    return {**out, "result": case.result, **_refusals(case), **_origin(case), **decoded}, extra
+
+
+def _rule_order(rule: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in rule.removeprefix("R-").replace("-", ".").split("."))
+
+
+def _refusals(case: Case) -> dict[str, Any]:
+    if case.result == "refused":
+        return {"refusal": case.refusals[0], "stage": case.stage}
+    return {"refusals": list(case.refusals)} if case.result == "either" else {}
+
+
+def _origin(case: Case) -> dict[str, Any]:
+    return {} if case.origin is None else {"from": case.origin, "to_layer": case.layers}
+
+
+def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, set[str]]:
+    """``layers`` and ``metadata``, the files of activated values, the features."""
+    decoder = Decoder(case.data)
+    answers = Answers(decoder)
+    states = [
+        {**arrays, **traced_arrays(trace)}
+        for arrays, trace in zip(expected_layers(scene)[: case.layers], decoder.traces, strict=True)
+    ]
+    _agree(case.id, answers, states[-1])
+    layers: list[dict[str, Any]] = [
+        {"layer": number, "anchors": len(arrays["code"]), "stages": pinned_stages(arrays)}
+        for number, arrays in enumerate(states, start=1)
+    ]
+    features = features_of(decoder, len(states[-1]["code"]))
+    if case.origin is not None:
+        features.add("truncated")
+    stages = layers[-1]["stages"]
+    layers[-1]["stages"] = {"container": {"container": container_fields(case.data)}, **stages}
+    extra: Extra = {}
+    if vector_class(case.id) in ("valid", "edge") and _small(scene, states[-1]):
+        made, extra = _activated(scene, states[-1], len(states))
+        layers[-1]["stages"]["activated"] = made
+        features |= _activated_features(features)
+    return {"layers": layers, **_metadata(case)}, extra, features
+
+
+def _agree(id_: str, answers: Answers, arrays: Arrays) -> None:
+    for stage in ("models", "indices", "integers", "sums", "values"):
+        for name, array in answers.stage(stage).items():
+            if {key: pinned(arrays[name])[key] for key in array} != array:
+                raise RuntimeError(f"{id_}: the second decoder gets another {name} than the scene has")
+
+
+def _small(scene: QuantisedScene, arrays: Arrays) -> bool:
+    anchors = len(arrays["code"])
+    return anchors <= ACTIVATED_ANCHORS and anchors * scene.model.slots <= ACTIVATED_SLOTS
+
+
+def _activated(scene: QuantisedScene, arrays: Arrays, layer: int) -> tuple[dict[str, Any], Extra]:
+    made = activated(scene, arrays)
+    paths = {name: f"activated/{layer}-{name}.bin" for name in made}
+    rows = {
+        name: {
+            "shape": list(array.reference.shape),
+            "reference": paths[name],
+            "magnitude": array.magnitude is not None,
+        }
+        for name, array in made.items()
+    }
+    return {"arrays": rows}, {paths[name]: array.to_bytes() for name, array in made.items()}
+
+
+def _activated_features(features: set[str]) -> set[str]:
+    out = {"activated", "activated-anchor" if "anchor" in features else "activated-explicit"}
+    if "explicit" in features and "colour" in features:
+        out.add("activated-colour")
+    if "explicit" in features and "decoder-network" in features:
+        out.add("activated-harmonics")
+    return out
+
+
+def _metadata(case: Case) -> dict[str, Any]:
+    """The object of the METADATA block, None without one; nothing where none has to be found."""
+    if case.result != "decoded":
+        return {}
+    found = blocks_of_kind(case.data, METADATA_KIND)
+    if not found:
+        return {"metadata": None}
+    try:
+        value = json.loads(found[0].decode("utf-8"), parse_constant=_not_json)
+    except ValueError:
+        return {}
+    assert case.scene is not None
+    if case.scene.metadata and value != expected_metadata(case.scene):
+        raise RuntimeError(f"{case.id}: the file has other metadata than the scene")
+    return {"metadata": value} if isinstance(value, dict) else {}
+
+
+def _not_json(name: str) -> None:
+    raise ValueError(name)

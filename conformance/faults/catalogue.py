@@ -1,0 +1,191 @@
+"""The invalid vectors: valid files with exactly one rule of SPEC.md broken, all other checksums right."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+from conformance.cases import Case, refused
+from conformance.faults.neural_faults import neural_faults
+from conformance.faults.rice_faults import rice_faults
+from conformance.files import (
+    blocks_of,
+    changed,
+    patched,
+    rebuilt,
+    resealed_front,
+    substream_bytes,
+    tile_parts,
+    without,
+)
+from scarfmt.blocks.codebooks import MAX_VALUE, pack_codebooks, unpack_codebooks
+from scarfmt.container.file import Block, Container
+from scarfmt.container.schema import (
+    DIRECTORY_ENTRY,
+    FILE_HEADER,
+    FILE_HEADER_SIZE,
+    LAYER_SUMMARY,
+    TILE_RECORD,
+    BlockKind,
+    Stream,
+)
+from scarfmt.container.source import BytesSource
+from scarfmt.container.substreams import pack_substreams
+
+Fault = tuple[str, str, str, str, bytes]
+
+
+"""(name, what is wrong, rule, refusal id, file)."""
+
+
+def invalid_files(files: dict[str, bytes]) -> Iterator[Case]:
+    """Files that break a rule of each part of the format.
+
+    Args:
+        files: valid vectors by name.
+    """
+    base, small = files["explicit-refined"], files["sh-from-network"]
+    yield from (refused(*fault, stage="container") for fault in _front_faults(base))
+    yield from (refused(*fault, stage="tiles") for fault in _block_faults(base))
+    yield from (refused(*fault, stage="models") for fault in _payload_faults(base))
+    yield from (refused(*fault, stage="models") for fault in _model_faults(base, files["anchors"], small))
+    yield from (refused(*fault, stage="tiles") for fault in _symbol_faults(base, small))
+    yield from rice_faults(small, files["index-equal"])
+    yield from neural_faults(files)
+
+
+def _front_faults(base: bytes) -> Iterator[Fault]:
+    container = Container.open(BytesSource(base))
+    tiles, directory = container.header.header_length, container.header.directory_offset
+    text = base.replace(b"\r\n", b"\n", 1)
+    yield "text-mode", "CR LF of the signature became LF", "R-5.1-1", "damaged-signature", text
+    yield "other-format", "a PLY file", "R-5.1-1", "bad-signature", b"ply\nformat ascii 1.0\nend_header\n"
+    later = base[:10] + b"\x02" + base[11:]
+    yield "later-version", "version 0.2; the CRC is wrong too", "R-5.1-2", "unsupported-version", later
+    flipped = base[:60] + bytes([base[60] ^ 1]) + base[61:]
+    yield "header-bit", "one bit of the header is flipped", "R-5.2-4", "header-crc-mismatch", flipped
+    yield ("reserved-set", "a reserved byte is 1", "R-5.2-14", "bad-reserved",
+           patched(base, FILE_HEADER, 0, "reserved", 1))
+    yield ("slots-two", "two slots in the explicit profile", "R-5.2-10", "bad-slots",
+           patched(base, FILE_HEADER, 0, "slots", 2))
+    fewer = container.header.layers[0].anchor_count - 1
+    yield ("gaussians-missing", "fewer Gaussians than anchors", "R-5.3-2", "layer-counts",
+           patched(base, LAYER_SUMMARY, FILE_HEADER_SIZE, "gaussian_count", fewer))
+    yield "trailing-byte", "one byte too many", "R-5.3-7", "trailing-bytes", base + b"\0"
+    yield "cut", "the last byte is missing", "R-5.3-8", "truncated-file", base[:-1]
+    middle, past = tiles + 12, tiles + 24
+    swapped = base[:tiles] + base[middle:past] + base[tiles:middle] + base[past:]
+    yield "tiles-swapped", "tile records in wrong order", "R-5.4-8", "tile-order", resealed_front(swapped)
+    yield ("tile-too-deep", "local bits below 0", "R-5.4-6", "tile-local-bits",
+           patched(base, TILE_RECORD, tiles, "shift", 16))
+    yield ("entry-hole", "a block starts one byte late", "R-5.5-9", "entry-offset",
+           patched(base, DIRECTORY_ENTRY, directory + 32, "offset", container.entries[1].offset + 1))
+    yield ("unknown-critical", "the last block has an unknown critical kind", "R-5.5-13", "unknown-critical-block",
+           _unknown_kind(base))
+
+
+def _unknown_kind(base: bytes) -> bytes:
+    blocks = blocks_of(base)
+    return rebuilt(base, [*blocks, Block(20, blocks[-1].layer, b"?", flags=1)])
+
+
+def _block_faults(base: bytes) -> Iterator[Fault]:
+    _, past = substream_bytes(base, Stream.SCALE, 1)
+    damaged = bytearray(base)
+    damaged[past - 1] ^= 0x40
+    yield "block-bit", "one bit of a TILE block is flipped", "R-5.6-1", "crc-mismatch", bytes(damaged)
+    yield ("substream-crc", "the CRC of a sub-stream is wrong, that of the block is right", "R-7.1-5", "crc-mismatch",
+           changed(base, BlockKind.TILE, 1, _wrong_crc))
+    yield ("idle-substream", "a sub-stream of a kind the layer does not code", "R-7.1-4", "bad-substream-table",
+           changed(base, BlockKind.TILE, 1, _with_masks))
+
+
+def _payload_faults(base: bytes) -> Iterator[Fault]:
+    cut = changed(base, BlockKind.LAYER, 2, lambda payload: payload[:-1])
+    yield "layer-cut", "a LAYER block ends early", "R-5.7-2", "payload-short", cut
+    yield ("layer-long", "a LAYER block has a byte too many", "R-5.7-2", "payload-long",
+           changed(base, BlockKind.LAYER, 2, lambda payload: payload + b"\0"))
+    long = changed(base, BlockKind.LAYER, 2, lambda payload: payload[:1] + bytes([payload[1] | 0x80, 0]) + payload[2:])
+    yield "long-varint", "a varint with a superfluous byte", "R-5.7-1", "bad-varint", long
+    yield ("frame-tail", "a byte after the Zstandard frame", "R-5.8-4", "bad-zstd",
+           _raw_tables(base, lambda frame: frame + b"\0"))
+    yield ("frame-size", "the frame states one byte more than it holds", "R-5.8-4", "bad-zstd",
+           _raw_tables(base, _larger_size))
+    huge = bytes.fromhex("28b52ffd a0") + ((64 << 20) + 1).to_bytes(4, "little") + b"\1\0\0"
+    yield ("frame-too-large", "a TABLES frame that states 64 MiB and a byte", "R-5.8-2", "content-limit",
+           _raw_tables(base, lambda _: huge))
+
+
+def _wrong_crc(payload: bytes) -> bytes:
+    table = 1 + 9 * payload[0]
+    out = bytearray(payload)
+    out[table - 1] ^= 1
+    out[table : table + 4] = zlib.crc32(out[:table]).to_bytes(4, "little")
+    return bytes(out)
+
+
+def _with_masks(payload: bytes) -> bytes:
+    return pack_substreams({**tile_parts(payload), Stream.MASKS: bytes([1, 0, 0, 0])})
+
+
+def _raw_tables(base: bytes, change: Callable[[bytes], bytes]) -> bytes:
+    """The file with the first TABLES block changed, frame and all."""
+    blocks = blocks_of(base)
+    row = next(i for i, block in enumerate(blocks) if block.kind == BlockKind.TABLES)
+    blocks[row] = replace(blocks[row], payload=change(blocks[row].payload))
+    return rebuilt(base, blocks)
+
+
+def _larger_size(frame: bytes) -> bytes:
+    # The frame is a stored one of 256..65791 bytes: its size field is the two bytes after magic and descriptor.
+    assert frame[4] == 0x60
+    return frame[:5] + (int.from_bytes(frame[5:7], "little") + 1).to_bytes(2, "little") + frame[7:]
+
+
+def _model_faults(base: bytes, anchors: bytes, small: bytes) -> Iterator[Fault]:
+    yield ("channels-descend", "POSITION_RESIDUAL became COLOUR, before SCALE", "R-6.4-1", "bad-channel",
+           changed(base, BlockKind.LAYER, 1, lambda p: p[:2] + bytes([Stream.COLOUR]) + p[3:]))
+    yield ("steps-taken-back", "a class has fewer steps than in the layer before", "R-6.5-2", "bad-layer-table",
+           changed(base, BlockKind.LAYER, 2, lambda p: p[:4] + b"\0" + p[5:]))
+    yield "no-layer-block", "layer 3 has no LAYER block", "R-6.5-1", "missing-block", without(base, BlockKind.LAYER, 3)
+    yield ("no-codebook", "a stage without its codebook", "R-7.8-2", "missing-block",
+           without(base, BlockKind.CODEBOOKS, 1))
+    yield "idle-codebook", "a codebook that no layer first needs", "R-7.8-2", "unexpected-block", _idle_codebook(base)
+    yield ("no-scene-networks", "the anchor profile without SCENE_MLP", "R-7.9-4", "bad-mlp",
+           without(anchors, BlockKind.SCENE_MLP, 1))
+    books = unpack_codebooks(next(b.payload for b in blocks_of(base) if b.kind == BlockKind.CODEBOOKS))
+    books[0][0, 0] = MAX_VALUE + 1
+    yield ("codeword-large", "a component of 65536", "R-7.8-1", "bad-codebook",
+           changed(base, BlockKind.CODEBOOKS, 1, lambda _: pack_codebooks(books)))
+    yield ("weight-zero", "a weight of 0", "R-8.3-1", "bad-table",
+           changed(small, BlockKind.TABLES, 1, lambda content: content[:-1] + b"\0"))
+
+
+def _idle_codebook(base: bytes) -> bytes:
+    blocks = blocks_of(base)
+    book = next(block for block in blocks if (block.kind, block.layer) == (BlockKind.CODEBOOKS, 1))
+    return rebuilt(base, [*blocks, replace(book, layer=3)])
+
+
+def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:
+    yield "no-table", "a group without a table", "R-8.3-3", "missing-table", without(base, BlockKind.TABLES, 1)
+    yield ("stream-flipped", "a rANS stream that does not end in the empty state", "R-8.2-2", "rans-seal",
+           changed(small, BlockKind.TILE, 1, _one_word_more))
+    yield ("last-word-zero", "the last word of a rANS stream is 0", "R-8.2-1", "rans-last-word",
+           changed(small, BlockKind.TILE, 1, _zero_word))
+    yield "small-book", "an index without a codeword", "R-7.6-1", "bad-index", _small_book(small)
+
+
+def _one_word_more(payload: bytes) -> bytes:
+    parts = tile_parts(payload)
+    return pack_substreams({**parts, Stream.SCALE: bytes([1, 0, 0, 0]) + parts[Stream.SCALE]})
+
+
+def _zero_word(payload: bytes) -> bytes:
+    parts = tile_parts(payload)
+    return pack_substreams({**parts, Stream.SCALE: parts[Stream.SCALE] + bytes(4)})
+
+
+def _small_book(data: bytes) -> bytes:
+    return changed(data, BlockKind.CODEBOOKS, 1, lambda payload: pack_codebooks({0: unpack_codebooks(payload)[0][:2]}))

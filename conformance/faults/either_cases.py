@@ -1,0 +1,99 @@
+"""Files that a decoder may take or refuse: (V) rules broken, and what SPEC.md leaves to the reader.
+
+One that takes such a file must get the values of the sound one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+from conformance.cases import Case
+from conformance.parts import Change, Parts, block_added, block_with, broken, remade, taken_apart
+from conformance.scenes.container_scenes import anchor_file, anchor_scene, plain_file, plain_scene
+from scarfmt.coding.writer import QuantisedScene
+
+_METADATA = 64
+_KINDS = {
+    "layer": 1, "tables": 2, "codebooks": 3, "decoder-mlp": 4, "scene-mlp": 5, "hash-grid": 6, "entropy-network": 7,
+    "predictors": 8,
+}
+
+
+def either_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterator[Case]:
+    """Cases of (V) rules, of short files, and of blocks that nobody needs.
+
+    Args:
+        files: valid vectors by name, with their scenes.
+    """
+    yield from _sum_cases()
+    neural, scene = files["anchors-neural"]
+    for name, kind in _KINDS.items():
+        data = broken(neural, _counted_more(kind))
+        yield _taken(f"count-{name}", f"the directory counts one element too many in {name.upper()}", data, scene,
+                     "R-5.5-14", "entry-count")
+    yield from _short_cases()
+    yield from _idle_block_cases()
+
+
+def _taken(id_: str, purpose: str, data: bytes, scene: QuantisedScene, rule: str, *refusals: str) -> Case:
+    return Case(f"either/{id_}", purpose, data, (rule,), scene=scene, refusals=refusals)
+
+
+def _add(row: dict[str, int], field: str, more: int) -> None:
+    row[field] += more
+
+
+def _counted_more(kind: int) -> Change:
+    return lambda parts: _add(parts.entry(kind), "count", 1)
+
+
+def _sum_cases() -> Iterator[Case]:
+    plain, anchors = plain_file(), anchor_file()
+    changes: tuple[tuple[str, str, Change], ...] = (
+        ("gaussians-less", "one Gaussian less than slots turned on", lambda p: _gaussians(p, -1)),
+        ("gaussians-more", "one Gaussian more than slots turned on", lambda p: _gaussians(p, 1)),
+    )
+    for name, purpose, change in changes:
+        yield _taken(name, purpose, broken(anchors, change), anchor_scene(), "R-5.3-9", "layer-counts")
+    yield _taken("stream-bytes", "four bytes of SCALE are counted as POSITIONS",
+                 broken(plain, lambda p: _moved(p, 5, 1)), plain_scene(), "R-5.3-10", "layer-stream-bytes")
+    yield _taken("stream-bytes-framing", "four bytes of SCALE are counted as framing",
+                 broken(plain, lambda p: _moved(p, 5, 12)), plain_scene(), "R-5.3-10", "layer-stream-bytes")
+
+
+def _gaussians(parts: Parts, more: int) -> None:
+    _add(parts.layers[-1], "gaussian_count", more)
+    _add(parts.header, "gaussian_count", more)
+
+
+def _moved(parts: Parts, source: int, target: int) -> None:
+    sizes = list(parts.layers[0]["stream_bytes"])
+    sizes[source] -= 4
+    sizes[target] += 4
+    parts.layers[0]["stream_bytes"] = tuple(sizes)
+
+
+def _short_cases() -> Iterator[Case]:
+    data = plain_file()
+    parts = taken_apart(data)
+    first = parts.entries[0]["offset"]
+    for name, length, rule, refusal, purpose in (
+        ("cut-in-tables", first - 40, "R-5.4-1", "truncated-directory", "the file ends inside the directory"),
+        ("cut-in-first-block", first + 4, "R-5.3-8", "truncated-block", "the file ends inside its first block"),
+    ):
+        yield Case(f"either/{name}", f"{purpose}; the second id is that of a reader of incomplete files", data[:length],
+                   (rule,), refusals=("truncated-file", refusal), stage="container")
+
+
+def _idle_block_cases() -> Iterator[Case]:
+    """Faults in blocks that no decoder has need of (R-5.6-3): one that looks at them all the same may refuse."""
+    plain, silent = plain_file(), replace(plain_scene(), metadata={})
+    yield _taken("metadata-not-json", "METADATA that is not JSON, which a decoder does not look at",
+                 remade(plain, block_with(_METADATA, b"{title: container}")), silent, "R-7.10-1", "bad-metadata")
+    yield _taken("metadata-crc", "METADATA with a wrong CRC",
+                 broken(plain, lambda p: _add(p.entry(_METADATA), "crc32", -1)), plain_scene(), "R-5.6-1",
+                 "crc-mismatch")
+    annotated = remade(plain, block_added(b"annotation", kind=65, layer=2))
+    yield _taken("annotation-crc", "an unknown block with a wrong CRC",
+                 broken(annotated, lambda p: _add(p.entries[-1], "crc32", 1)), plain_scene(), "R-5.6-1", "crc-mismatch")

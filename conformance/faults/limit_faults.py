@@ -1,0 +1,208 @@
+"""Files beyond a limit (SPEC §13): of the format, to be refused; of a reader, which it may have raised.
+
+The header declares sizes that nothing has been written for: a file is refused before, or its end is zeros.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+
+from conformance.cases import Case
+from conformance.files import vector_file
+from conformance.parts import TILE_KIND, Parts, block_added, broken, header_with, remade, taken_apart
+from conformance.scenes.container_scenes import (
+    anchor_file,
+    crowd_scene,
+    idle_slots_scene,
+    plain_file,
+    plain_scene,
+    root_file,
+)
+from conformance.spec.spec_text import size_of
+
+_MAX_TILES, _MAX_ENTRIES = 1 << 20, 1 << 22
+_MAX_ANCHORS, _READER_ANCHORS, _READER_GAUSSIANS = 1 << 31, 1 << 26, 1 << 28
+_MAX_BLOCK, _READER_BLOCK = 1 << 31, 1 << 28
+_MAX_TILE_ANCHORS = 1 << 16
+_MAX_METADATA = 1 << 24
+_METADATA, _PRIVATE = 64, 200
+
+
+def limit_faults() -> Iterator[Case]:
+    """Beyond limits of the format (``invalid/``) or of a reader (``either/``), and one file that just meets them."""
+    yield from _header_limits()
+    yield from _expansion_limits()
+    yield from _block_limits()
+    yield from _metadata_limits()
+
+
+def _refused(id_: str, purpose: str, rule: str, refusal: str, data: bytes, extend_to: int = 0) -> Case:
+    stage = "metadata" if rule == "R-7.10-1" else "container"
+    return Case(f"invalid/{id_}", purpose, data, (rule, "R-13.1-1"), refusals=(refusal,), stage=stage,
+                extend_to=extend_to)
+
+
+def _either(id_: str, purpose: str, rule: str, data: bytes, *refusals: str) -> Case:
+    return Case(f"either/{id_}", purpose, data, (rule, "R-13.2-1"), refusals=refusals, stage="container")
+
+
+def _header_limits() -> Iterator[Case]:
+    base = root_file()
+    for name, field, number, size in (
+        ("limit-tiles", "tile_count", _MAX_TILES + 1, size_of("TILE_RECORD")),
+        ("limit-entries", "entry_count", _MAX_ENTRIES + 1, size_of("DIRECTORY_ENTRY")),
+    ):
+        parts = _longer_tables(base, field, number, size)
+        yield _refused(name, f"{field} is {number}, and so many are there, all zeros", "R-5.2-19", name,
+                       parts.raw(), parts.header["file_length"])
+    yield _refused("limit-tiles-top", "tile_count is 2^32 - 1 in a small file", "R-5.2-19", "limit-tiles",
+                   broken(base, header_with(tile_count=(1 << 32) - 1)))
+    yield _refused("limit-entries-top", "entry_count is 2^32 - 1 in a small file", "R-5.2-19", "limit-entries",
+                   broken(base, header_with(entry_count=(1 << 32) - 1)))
+    for name, count in (("limit-anchors", _MAX_ANCHORS + 1), ("limit-anchors-2-63", 1 << 63)):
+        yield _refused(name, f"{count} anchors declared", "R-5.2-19", "limit-anchors", _with_anchors(base, count))
+    yield _either("limit-anchors", "2^26 + 1 anchors declared; the TILE blocks have three", "R-5.2-19",
+                  _with_anchors(base, _READER_ANCHORS + 1), "limit-anchors", "limit-expansion",
+                  "layer-directory-anchors")
+    yield _either("limit-gaussians", "2^28 + 1 Gaussians declared, more than the anchors can have", "R-5.2-19",
+                  broken(anchor_file(), lambda p: _set_gaussians(p, _READER_GAUSSIANS + 1)), "limit-gaussians",
+                  "layer-counts")
+
+
+def _longer_tables(base: bytes, field: str, number: int, size: int) -> Parts:
+    """The front of `base` with `number` records in one table; the header fits a file that long."""
+    parts = taken_apart(base)
+    more = (number - parts.header[field]) * size
+    parts.header[field] = number
+    parts.header["file_length"] += more
+    parts.layers[0]["end_offset"] += more
+    return parts
+
+
+def _with_anchors(base: bytes, count: int) -> bytes:
+    def change(parts: Parts) -> None:
+        for row in (parts.header, *parts.layers):
+            row.update(anchor_count=count, gaussian_count=count)
+
+    return broken(base, change)
+
+
+def _set_gaussians(parts: Parts, count: int) -> None:
+    parts.header["gaussian_count"] = parts.layers[-1]["gaussian_count"] = count
+
+
+def _expansion_limits() -> Iterator[Case]:
+    yield _either("limit-expansion", "69536 anchors in 500 bytes; all is well otherwise", "R-5.2-19",
+                  vector_file(crowd_scene((_MAX_TILE_ANCHORS, 4000))), "limit-expansion")
+    yield _either("limit-expansion-slots", "592000 slots, none of them on, in 6 kB; all is well otherwise", "R-5.2-19",
+                  vector_file(idle_slots_scene(18500)), "limit-expansion")
+    yield _expansion_met()
+
+
+def _expansion_met() -> Case:
+    """Exactly as many anchors as any reader must take from a file of that length."""
+    size = len(vector_file(crowd_scene((_MAX_TILE_ANCHORS, 4000))))
+    scene = crowd_scene((_MAX_TILE_ANCHORS, size))
+    data = vector_file(scene)
+    if len(data) != size:
+        raise ValueError("the number of anchors changes the length of the file")
+    purpose = f"2^16 + {size} anchors in {size} bytes: the most that every reader takes"
+    return Case("edge/limit-expansion-met", purpose, data, ("R-5.2-19", "R-13.2-1"), scene=scene)
+
+
+def _block_limits() -> Iterator[Case]:
+    for name, length in (("limit-block-bytes", _MAX_BLOCK + 1), ("limit-block-bytes-4-gib", (1 << 32) + 8)):
+        parts = long_last_block(root_file(), length, kind=_PRIVATE)
+        yield _refused(name, f"an unknown block of {length} zeros", "R-5.5-8", "limit-block-bytes", parts.sealed(),
+                       parts.header["file_length"])
+    parts = long_last_block(plain_file(), _READER_BLOCK + 1, kind=_PRIVATE, layer=2)
+    yield Case("either/limit-block-bytes", "an unknown block of 2^28 + 1 zeros, which no decoder needs", parts.sealed(),
+               ("R-5.5-8", "R-13.2-1", "R-5.6-3"), scene=plain_scene(), refusals=("limit-block-bytes",),
+               stage="container", extend_to=parts.header["file_length"])
+    yield _refused("limit-tile-anchors", "65537 anchors in one TILE block; all is well otherwise", "R-5.5-10",
+                   "limit-tile-anchors", _crowded())
+    yield _refused("limit-tile-anchors-top", "a TILE block that says 2^32 - 1 anchors", "R-5.5-10",
+                   "limit-tile-anchors",
+                   broken(root_file(), lambda p: p.entry(TILE_KIND).update(count=(1 << 32) - 1)))
+
+
+def long_last_block(base: bytes, length: int, kind: int, layer: int = 1, start: bytes = b"") -> Parts:
+    """A file whose last block is `start` and zeros up to `length`; of those the file has none."""
+    parts = taken_apart(base)
+    parts.add(start, kind=kind, layer=layer, flags=2 if kind == _METADATA else 0)
+    parts.settle()
+    more = length - len(start)
+    parts.entries[-1].update(length=length, crc32=crc32_with_zeros(start, more))
+    summary = parts.layers[layer - 1]
+    sizes = summary["stream_bytes"]
+    summary.update(byte_count=summary["byte_count"] + more, end_offset=summary["end_offset"] + more,
+                   stream_bytes=(sizes[0] + more, *sizes[1:]))
+    parts.header["file_length"] += more
+    return parts
+
+
+def _crowded() -> bytes:
+    """One anchor more than a TILE block may have. They lie in one cell: no symbol tells how many there are."""
+
+    def change(parts: Parts) -> None:
+        count = _MAX_TILE_ANCHORS + 1
+        parts.entry(TILE_KIND)["count"] = count
+        parts.layers[0].update(anchor_count=count, gaussian_count=count)
+
+    return remade(vector_file(crowd_scene((_MAX_TILE_ANCHORS,))), change)
+
+
+def _metadata_limits() -> Iterator[Case]:
+    parts = long_last_block(root_file(), _MAX_METADATA + 1, kind=_METADATA, start=b"{}")
+    yield _refused("limit-metadata", "16 MiB and a byte of METADATA, refused before it is read", "R-7.10-1",
+                   "limit-metadata", parts.sealed(), parts.header["file_length"])
+    for name, purpose, text in (
+        ("empty-object-twice", "METADATA of two objects", b"{}{}"),
+        ("list", "METADATA that is a list", b"[1]"),
+        ("nan", "METADATA that holds NaN", b'{"a":NaN}'),
+        ("infinity", "METADATA that holds -Infinity", b'{"a":[-Infinity]}'),
+        ("beyond-binary64", "METADATA with a number that rounds to an infinity", b'{"a":[{"b":1e999}]}'),
+        ("whole-beyond-binary64", "METADATA with a whole number of 400 digits", b'{"a":-1' + 400 * b"0" + b"}"),
+        ("utf-16", "METADATA in UTF-16", '{"a":1}'.encode("utf-16-le")),
+        ("latin-1", "METADATA that is not UTF-8", b'{"a":"\xe9"}'),
+        ("byte-order-mark", "METADATA that starts with a byte order mark", b"\xef\xbb\xbf{}"),
+        ("comma", "METADATA with a comma after the last member", b'{"a":1,}'),
+        ("blank", "METADATA of one blank", b" "),
+    ):
+        data = remade(root_file(), block_added(text, kind=_METADATA, flags=2))
+        yield Case(f"invalid/metadata-{name}", purpose, data, ("R-7.10-1",), refusals=("bad-metadata",),
+                   stage="metadata")
+    sound = remade(root_file(), block_added(b"{}", kind=_METADATA, flags=2))
+    wrong = broken(sound, lambda p: p.entry(_METADATA).update(crc32=0))
+    yield Case("invalid/metadata-crc-zero", "METADATA whose CRC says 0", wrong, ("R-5.6-1",),
+               refusals=("crc-mismatch",), stage="metadata")
+
+
+def crc32_with_zeros(start: bytes, zeros: int) -> int:
+    """CRC-32 of `start` and then so many zeros, in a number of steps that grows with the logarithm of it.
+
+    One zero byte is a linear map of the 32 bits of the register; its powers are found by squaring.
+    """
+    step = [_zero_byte(1 << bit) for bit in range(32)]
+    register = zlib.crc32(start) ^ 0xFFFFFFFF
+    while zeros:
+        if zeros & 1:
+            register = _applied(step, register)
+        step = [_applied(step, column) for column in step]
+        zeros >>= 1
+    return register ^ 0xFFFFFFFF
+
+
+def _zero_byte(register: int) -> int:
+    for _ in range(8):
+        register = register >> 1 ^ (0xEDB88320 if register & 1 else 0)
+    return register
+
+
+def _applied(columns: list[int], register: int) -> int:
+    out = 0
+    for bit, column in enumerate(columns):
+        if register >> bit & 1:
+            out ^= column
+    return out

@@ -1,0 +1,363 @@
+"""The invalid vectors of TILE blocks (SPEC §7.1-§7.7, §8.2, §8.3): one rule broken each, all checksums right.
+
+Symbols that a file must not hold come from a table with another value in its alphabet; the streams stay as they are.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+from conformance.cases import Case, refused
+from conformance.faults.table_records import Record, Records, number, rans_words, uniform, valued, with_tables
+from conformance.files import blocks_of, rebuilt, tile_parts, vector_file
+from conformance.scenes.made import PLAIN, Plan, build, channel
+from conformance.scenes.neural_models import PredictorPlan
+from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.file import Block, Container, Tile, write_container
+from scarfmt.container.schema import BlockKind, Stream
+from scarfmt.container.source import BytesSource
+from scarfmt.container.substreams import pack_substreams
+from scarfmt.limits import FORMAT_LIMITS
+from scarfmt.scene.model import Channel, DecodedContext, LayerRow
+
+Files = dict[str, tuple[bytes, QuantisedScene]]
+Fault = tuple[str, str, str, str, bytes]
+"""(name, what is wrong, rule, refusal id, file)."""
+_TABLE = "bad-substream-table"
+_SEAL = "R-8.2-2", "rans-seal"
+_SPLIT = "R-7.2-1", "bad-split"
+_RANGE = "R-7.5-2", "value-range"
+_REACH = "R-7.5-3", "value-range"
+
+
+def stream_faults(files: Files) -> Iterator[Case]:
+    """Files with a broken TILE block, or symbols that must not be.
+
+    Args:
+        files: valid vectors by name.
+    """
+    data = {name: file for name, (file, _) in files.items()}
+    for faults in (
+        _table_faults(data["explicit-refined"]),
+        _idle_faults(data["explicit-refined"], data["one-symbol"]),
+        _rans_faults(data),
+        _missing_tables(data),
+        _position_faults(data["sh-from-network"], data["duplicates"], data["full-block"]),
+        _anchor_faults(data),
+        _trit_faults(data["explicit-refined"], data["predictors"]),
+        _range_faults(),
+        _reach_faults(),
+        _index_faults(data["explicit-refined"]),
+    ):
+        yield from (refused(*fault, stage="tiles") for fault in faults)
+
+
+# ---------------------------------------------------------------------------------------------- the TILE block
+
+
+def _with_tile(data: bytes, layer: int, change: Callable[[bytes], bytes]) -> bytes:
+    """The file with its first TILE block of `layer` changed, whatever becomes of it: all its bytes count as FRAMING."""
+    blocks = blocks_of(data)
+    row = next(i for i, block in enumerate(blocks) if (block.kind, block.layer) == (BlockKind.TILE, layer))
+    payload = change(blocks[row].payload)
+    assert payload != blocks[row].payload
+    blocks[row] = replace(blocks[row], payload=payload, stream_bytes={})
+    return rebuilt(data, blocks)
+
+
+def _with_part(data: bytes, layer: int, stream: Stream, change: Callable[[bytes], bytes]) -> bytes:
+    """The file with a sub-stream of its first TILE block of `layer` changed."""
+    blocks = blocks_of(data)
+    row = next(i for i, block in enumerate(blocks) if (block.kind, block.layer) == (BlockKind.TILE, layer))
+    parts = tile_parts(blocks[row].payload)
+    parts[stream] = change(parts.get(stream, b""))
+    sizes = {int(kind): len(part) for kind, part in parts.items()}
+    blocks[row] = replace(blocks[row], payload=pack_substreams(parts), stream_bytes=sizes)
+    return rebuilt(data, blocks)
+
+
+def _framed(records: list[tuple[int, int, int]], rest: bytes, count: int | None = None) -> bytes:
+    """A TILE block of any records (kind, length, CRC), its table's CRC right."""
+    table = bytes([len(records) if count is None else count]) + b"".join(
+        bytes([kind]) + length.to_bytes(4, "little") + crc.to_bytes(4, "little") for kind, length, crc in records
+    )
+    return table + zlib.crc32(table).to_bytes(4, "little") + rest
+
+
+def _table_faults(base: bytes) -> Iterator[Fault]:
+    """Of the table of sub-streams: what a record says does not matter where another rule comes first."""
+
+    def tile(change: Callable[[list[tuple[int, int, int]], bytes], bytes]) -> bytes:
+        def edit(payload: bytes) -> bytes:
+            parts = tile_parts(payload)
+            records = [(int(kind), len(part), zlib.crc32(part)) for kind, part in parts.items()]
+            return change(records, b"".join(parts.values()))
+
+        return _with_tile(base, 1, edit)
+
+    word = bytes([1, 0, 0, 0])
+    eleven = [(kind, 4, zlib.crc32(word)) for kind in range(1, 12)]
+    fits, order = ("R-7.1-1", _TABLE), ("R-7.1-3", _TABLE)
+    yield ("records-twelve", "a table of twelve records", *fits,
+           tile(lambda _, __: _framed([*eleven, (12, 4, zlib.crc32(word))], 12 * word)))
+    yield ("records-beyond", "a table of records past the end of its block", *fits,
+           tile(lambda r, _: _framed(r, b"", 11)))
+    yield "records-no-crc", "a block of four bytes has no room for the CRC", *fits, tile(lambda _, __: bytes(4))
+    yield ("records-crc", "the CRC of the table is wrong, that of the block is right", "R-7.1-2", "crc-mismatch",
+           _with_tile(base, 1, _flipped_table_crc))
+    yield ("substream-crc-first", "the CRC of the first sub-stream is wrong", "R-7.1-5", "crc-mismatch",
+           tile(lambda r, p: _framed([(*r[0][:2], r[0][2] ^ 1), *r[1:]], p)))
+    yield ("record-kind-0", "a record of kind 0", *order,
+           tile(lambda r, p: _framed([(0, 4, zlib.crc32(word)), *r], word + p)))
+    yield ("record-kind-12", "a record of the kind FRAMING", *order,
+           tile(lambda r, p: _framed([*r, (12, 4, zlib.crc32(word))], p + word)))
+    yield "records-descend", "two records swapped", *order, tile(lambda r, p: _framed([r[1], r[0], *r[2:]], p))
+    yield ("records-equal", "two records of one kind", *order,
+           tile(lambda r, p: _framed([r[0], r[0], *r[1:]], p[: r[0][1]] + p)))
+    yield ("record-empty", "a record of no bytes", *order,
+           tile(lambda r, p: _framed([(r[0][0], 0, 0), *r[1:]], p[r[0][1] :])))
+    yield "record-odd", "a sub-stream of six bytes", *order, tile(_six_bytes)
+    yield "substreams-gap", "four bytes after the last sub-stream", *order, tile(lambda r, p: _framed(r, p + word))
+    yield ("substreams-beyond", "the last sub-stream ends past the block", *order,
+           tile(lambda r, p: _framed([*r[:-1], (r[-1][0], r[-1][1] + 4, r[-1][2])], p)))
+
+
+def _flipped_table_crc(payload: bytes) -> bytes:
+    at = 1 + 9 * payload[0]
+    return payload[:at] + bytes([payload[at] ^ 1]) + payload[at + 1 :]
+
+
+def _six_bytes(records: list[tuple[int, int, int]], parts: bytes) -> bytes:
+    kind, length, _ = records[-1]
+    six = bytes([1, 2, 3, 4, 5, 6])
+    return _framed([*records[:-1], (kind, 6, zlib.crc32(six))], parts[: len(parts) - length] + six)
+
+
+def _idle_faults(base: bytes, constant: bytes) -> Iterator[Fault]:
+    """Records of kinds that code nothing in their block (R-7.1-4), or that hold words nobody reads."""
+    rule = "R-7.1-4", _TABLE
+    word = bytes([1, 0, 0, 0])
+    for name, stream in (("positions", Stream.POSITIONS), ("classes", Stream.CLASSES)):
+        yield (f"{name}-without-anchors", f"{stream.name} in a block in which no anchor appears", *rule,
+               _second_block(constant, {stream: word}, 0))
+    yield ("channel-without-table", "a channel that the channel table does not have", *rule,
+           _with_part(constant, 1, Stream.COLOUR, lambda _: word))
+    yield ("offsets-explicit", "OFFSETS in the explicit profile", *rule,
+           _with_part(base, 1, Stream.OFFSETS, lambda _: word))
+    yield ("anchors-without-class", "an anchor appears in a layer in which no class does", "R-7.3-1", "bad-class",
+           _second_block(constant, {}, 1))
+
+
+def _second_block(constant: bytes, parts: dict[Stream, bytes], new: int) -> bytes:
+    """The file, which has no TILE block in layer 2, with one there, in which `new` anchors appear."""
+    container = Container.open(BytesSource(constant), limits=FORMAT_LIMITS)
+    (first, _), _ = ((layer.anchor_count, layer.gaussian_count) for layer in container.header.layers)
+    sizes = {int(stream): len(part) for stream, part in parts.items()}
+    block = Block(BlockKind.TILE, 2, pack_substreams(parts), tile=0, count=new, stream_bytes=sizes)
+    counts = [(first, first), (first + new, first + new)]
+    return write_container(container.header.fields, container.tiles, [*blocks_of(constant), block], counts)
+
+
+# ---------------------------------------------------------------------------------------------- rANS streams, tables
+
+
+def _rans_faults(data: dict[str, bytes]) -> Iterator[Fault]:
+    constant, base, anchors = data["one-symbol"], data["explicit-refined"], data["anchors"]
+    word = bytes([1, 0, 0, 0])
+    for stream in (Stream.CLASSES, Stream.SCALE, Stream.INDICES):
+        yield (f"{stream.name.lower()}-unread", f"{stream.name} codes nothing, but has a word", *_SEAL,
+               _with_part(constant, 1, stream, lambda _: word))
+    yield ("indices-without-stages", "INDICES in a layer in which no anchor gets a stage", *_SEAL,
+           _with_part(data["sixteen-layers"], 1, Stream.INDICES, lambda _: word))
+    for stream, file in (
+        (Stream.POSITIONS, constant), (Stream.MASKS, anchors), (Stream.OFFSETS, anchors), (Stream.LATENT, base),
+    ):
+        layer = 2 if stream == Stream.LATENT else 1
+        yield (f"{stream.name.lower()}-word-more", f"{stream.name} has a word more than its symbols take", *_SEAL,
+               _with_part(file, layer, stream, lambda part: word + part))
+    yield ("words-missing", "a stream without its first word: the reader goes on, the end is wrong", *_SEAL,
+           _with_part(data["sh-from-network"], 1, Stream.INDICES, lambda part: part[4:]))
+    yield ("word-zero", "a stream of one word, which is 0", "R-8.2-1", "rans-last-word",
+           _with_part(constant, 1, Stream.SCALE, lambda _: bytes(4)))
+
+
+def _missing_tables(data: dict[str, bytes]) -> Iterator[Fault]:
+    rule = "R-8.3-3", "missing-table"
+
+    def dropped(name: str, layer: int, drop: Callable[[Record], bool]) -> bytes:
+        return with_tables(data[name], layer, lambda records: [record for record in records if not drop(record)])
+
+    for name, file, layer, stream in (
+        ("positions", "duplicates", 1, Stream.POSITIONS),
+        ("classes", "explicit-refined", 3, Stream.CLASSES),
+        ("masks", "anchors", 1, Stream.MASKS),
+        ("residual", "explicit-refined", 2, Stream.POSITION_RESIDUAL),
+        ("latent", "explicit-refined", 2, Stream.LATENT),
+        ("offsets", "anchors", 1, Stream.OFFSETS),
+        ("indices", "explicit-refined", 1, Stream.INDICES),
+    ):
+        yield (f"no-table-{name}", f"{stream.name} has no table", *rule,
+               dropped(file, layer, _of(stream)))
+    yield ("no-table-bins", "no table of the bins of large nodes", *rule,
+           dropped("duplicates", 1, lambda record: record.key == number(Stream.POSITIONS, 0, 0, 17)))
+    yield ("no-table-trits", "a refinement has no table", *rule,
+           dropped("explicit-refined", 2, lambda record: record.stream == Stream.SCALE and record.step == 2))
+    yield ("no-table-predicted", "a context number of a predictor has no table", *rule,
+           dropped("predictors", 1, lambda r: (r.stream, r.component, r.step) == (Stream.OPACITY, 0, 1)))
+    yield ("table-late", "a table of layer 2 does not code symbols of layer 1", *rule,
+           _late_table(data["explicit-refined"]))
+
+
+def _of(stream: Stream) -> Callable[[Record], bool]:
+    return lambda record: record.stream == stream
+
+
+def _late_table(base: bytes) -> bytes:
+    moved: Records = []
+
+    def take(records: Records) -> Records:
+        moved[:] = [record for record in records if record.stream == Stream.OPACITY]
+        return [record for record in records if record.stream != Stream.OPACITY]
+
+    taken = with_tables(base, 1, take)
+    return with_tables(taken, 2, lambda records: sorted(
+        {**{r.key: r for r in moved}, **{r.key: r for r in records}}.values(), key=lambda record: record.key))
+
+
+# ---------------------------------------------------------------------------------------------- symbols
+
+
+def _with_value(data: bytes, layer: int, pick: Callable[[Record], bool], old: int | None, new: int) -> bytes:
+    """The file with a value of the alphabets picked changed; `old` None: their last, or the first if `new` is less."""
+
+    def change(records: Records) -> Records:
+        return [_changed(record, old, new) if pick(record) else record for record in records]
+
+    return with_tables(data, layer, change)
+
+
+def _changed(record: Record, old: int | None, new: int) -> Record:
+    if old is None:
+        old = record.values[0] if new < record.values[0] else record.values[-1]
+    return valued(record, old, new) if old in record.values else record
+
+
+def _position_faults(small: bytes, duplicates: bytes, full: bytes) -> Iterator[Fault]:
+    def node(n: int) -> Callable[[Record], bool]:
+        return lambda record: record.key == number(Stream.POSITIONS, 0, 0, n)
+
+    yield ("split-above", "more anchors in the lower half than the node has", *_SPLIT,
+           _with_value(small, 1, node(2), None, 3))
+    yield ("split-negative", "fewer than no anchors in the lower half", *_SPLIT,
+           _with_value(small, 1, node(2), None, -1))
+    yield "split-bin-16", "a bin of 16", *_SPLIT, _with_value(duplicates, 1, node(17), None, 16)
+    yield "split-bin-negative", "a bin of -1", *_SPLIT, _with_value(duplicates, 1, node(17), None, -1)
+    one_bin = with_tables(full, 1, lambda records: [
+        Record(record.key, (0,), (1,)) if record.key == number(Stream.POSITIONS, 0, 0, 17) else record
+        for record in records
+    ])
+    # Of 65536 anchors the bin 0 is 4097 wide: its rest travels as 1 and 4095 of two uniform tables.
+    rest = rans_words([uniform(2, 1), uniform(4096, 4095)])
+    yield ("split-rest", "a rest of 8191 in a bin 4097 wide", *_SPLIT,
+           _with_part(one_bin, 1, Stream.POSITIONS, lambda _: rest))
+    edge = rans_words([uniform(2, 1), uniform(4096, 1)])
+    yield ("split-rest-edge", "a rest of 4097 in a bin 4097 wide", *_SPLIT,
+           _with_part(one_bin, 1, Stream.POSITIONS, lambda _: edge))
+
+
+def _anchor_faults(data: dict[str, bytes]) -> Iterator[Fault]:
+    base, anchors = data["explicit-refined"], data["anchors"]
+
+    classes, masks = _of(Stream.CLASSES), _of(Stream.MASKS)
+    yield ("class-above", "a class that does not appear yet", "R-7.3-1", "bad-class",
+           _with_value(base, 3, classes, None, 2))
+    yield ("class-before", "a class that appeared in an earlier layer", "R-7.3-1", "bad-class",
+           _with_value(base, 3, classes, None, -1))
+    yield "mask-two", "a mask symbol of 2", "R-7.4-1", "bad-mask", _with_value(anchors, 1, masks, 1, 2)
+    yield "mask-negative", "a mask symbol of -1", "R-7.4-1", "bad-mask", _with_value(anchors, 1, masks, 0, -1)
+    yield ("mask-two-later", "a mask symbol of 2 in layer 2", "R-7.4-1", "bad-mask",
+           with_tables(anchors, 2, _masks_of_two))
+
+
+def _masks_of_two(records: Records) -> Records:
+    """The records with tables of all mask contexts in which 1 became 2."""
+    keys = [number(Stream.MASKS, 0, 0, on) for on in range(10)]
+    contexts = {key: Record(key, (0, 2), (1, 1)) for key in keys}
+    return sorted({**{record.key: record for record in records}, **contexts}.values(), key=lambda record: record.key)
+
+
+def _trit_faults(base: bytes, predictors: bytes) -> Iterator[Fault]:
+    rule = "R-7.5-1", "bad-trit"
+
+    def step(n: int, stream: Stream) -> Callable[[Record], bool]:
+        return lambda record: record.stream == stream and record.step == n
+
+    yield "trit-two", "a refinement of 2", *rule, _with_value(base, 2, step(2, Stream.SCALE), 1, 2)
+    yield "trit-minus-two", "a refinement of -2", *rule, _with_value(base, 3, step(2, Stream.ROTATION), -1, -2)
+    yield ("trit-predicted", "a refinement of 2 with a predictor", *rule,
+           _with_value(predictors, 2, step(2, Stream.SCALE), 1, 2))
+    yield ("trit-residual", "a refinement of -2 of POSITION_RESIDUAL", *rule,
+           _with_value(base, 3, step(2, Stream.POSITION_RESIDUAL), -1, -2))
+
+
+def _constant_plan(name: str, predictors: tuple[PredictorPlan, ...] = (), layers: tuple[int, ...] = (1, 2)) -> Plan:
+    """Every value is -5 * 3^(n-1)."""
+    channels = (channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN),)
+    rows = tuple(LayerRow((0,), ((n,),)) for n in layers)
+    return Plan(name, channels, rows, (Tile(0, 0, 0),), (20,), bits=5, constant=True, predictors=predictors,
+                context=DecodedContext(1, (4,)))
+
+
+def _range_faults() -> Iterator[Fault]:
+    """3 * 715827882 + 1 is 2^31 - 1."""
+    plain = vector_file(build(_constant_plan("range")))
+    together = vector_file(build(_constant_plan("range at once", layers=(2,))))
+    # One bucket: the context of the predicted step stays 0, whatever the value.
+    predicted = vector_file(build(_constant_plan("range predicted", (PredictorPlan(Stream.SCALE, 1, 2, 0, (1, 1)),))))
+
+    def overflowing(data: bytes, layer: int, trit: int) -> bytes:
+        first = _with_value(data, 1, lambda r: (r.component, r.step) == (1, 1), -5, -715827883)
+        if not trit:
+            return first
+        return _with_value(first, layer, lambda r: (r.component, r.step) == (1, 2), 0, trit)
+
+    yield "value-beyond", "-2^31 - 1 after the second step", *_RANGE, overflowing(plain, 2, 0)
+    yield "value-lowest", "-2^31 after the second step: in 32 bits, but not allowed", *_RANGE, overflowing(plain, 2, 1)
+    yield ("value-beyond-at-once", "-2^31 - 2 after the second step, which travels with the first", *_RANGE,
+           overflowing(together, 1, -1))
+    yield ("value-beyond-predicted", "-2^31 after the second step, which has a predictor", *_RANGE,
+           overflowing(predicted, 2, 1))
+
+
+def _reach_faults() -> Iterator[Fault]:
+    """Of residuals that are -5 fifths of a cell."""
+    residuals = Channel(Stream.POSITION_RESIDUAL, (0.2,) * 3, (PLAIN,) * 3)
+    channels = (residuals, channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN))
+    rows = (LayerRow((0,), ((1, 1),)), LayerRow((0,), ((1, 2),)), LayerRow((0,), ((2, 2),)))
+    plan = Plan("reach", channels, rows, (Tile(0, 0, 0),), (9,), bits=5, constant=True)
+    data = vector_file(build(plan))
+
+    def residual(step: int) -> Callable[[Record], bool]:
+        return lambda record: (record.stream, record.component, record.step) == (Stream.POSITION_RESIDUAL, 2, step)
+
+    yield "residual-beyond", "a position residual of -1.2", *_REACH, _with_value(data, 1, residual(1), -5, -6)
+    yield ("residual-beyond-later", "a position residual that leaves -1 in its second step, in layer 3", *_REACH,
+           _with_value(data, 3, residual(2), 0, -1))
+
+
+def _index_faults(base: bytes) -> Iterator[Fault]:
+    rule = "R-7.6-1", "bad-index"
+
+    def stage(n: int) -> Callable[[Record], bool]:
+        return lambda record: record.stream == Stream.INDICES and record.component == n
+
+    yield "index-negative", "an index of -1", *rule, _with_value(base, 1, stage(1), None, -1)
+    yield ("index-above", "an index of 12 in a codebook of 12", *rule, _with_value(base, 1, stage(1), None, 12))
+    yield ("index-residual", "an index of stage 2 beyond the residual codebook", *rule,
+           _with_value(base, 2, stage(2), None, 12))
+    late = _with_value(base, 3, lambda record: record.key == number(Stream.INDICES, 1, 0, 16), None, 12)
+    yield ("index-above-without-table", "an index of 12 in one context, and no table for the next of that stage",
+           "R-8.3-3", "missing-table",
+           with_tables(late, 3, lambda rs: [r for r in rs if r.key != number(Stream.INDICES, 1, 0, 32)]))

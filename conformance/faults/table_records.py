@@ -1,0 +1,121 @@
+"""Table records of a TABLES block, legal or not, and rANS words of chosen symbols, for faults (SPEC §8)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from conformance.files import changed
+from scarfmt.container.bytefields import ByteReader, signed_varint, unsigned_varint
+from scarfmt.container.schema import BlockKind
+
+TOTAL_LOG2 = 24
+
+
+@dataclass(frozen=True)
+class Record:
+    """One table record; nothing about it is checked.
+
+    Attributes:
+        key: number of the key.
+        values: the alphabet, not descending.
+        weights: one a value.
+    """
+
+    key: int
+    values: tuple[int, ...]
+    weights: tuple[int, ...]
+
+    @property
+    def stream(self) -> int:
+        """Stream kind of the key."""
+        return self.key >> 24
+
+    @property
+    def component(self) -> int:
+        """Component of the key; of INDICES the stage."""
+        return self.key >> 16 & 255
+
+    @property
+    def step(self) -> int:
+        """Step of the key."""
+        return self.key >> 8 & 255
+
+    def packed(self) -> bytes:
+        """The bytes of the record."""
+        gaps = [after - before - 1 for before, after in zip(self.values, self.values[1:], strict=False)]
+        numbers = b"".join(map(unsigned_varint, (*gaps, *self.weights)))
+        return unsigned_varint(self.key) + unsigned_varint(len(self.values)) + signed_varint(self.values[0]) + numbers
+
+
+Records = list[Record]
+"""Of a block, by ascending key where it is sound."""
+
+
+def number(stream: int, component: int, step: int, context: int) -> int:
+    """The number of a key (SPEC §8.3)."""
+    return stream << 24 | component << 16 | step << 8 | context
+
+
+def unpacked(content: bytes) -> Records:
+    """The records of a sound TABLES block's content."""
+    reader = ByteReader(content, "tables")
+    out = []
+    for _ in range(reader.unsigned(63)):
+        key, size = reader.unsigned(32), reader.unsigned(63)
+        values = [reader.signed(33)]
+        for _ in range(size - 1):
+            values.append(values[-1] + reader.unsigned(32) + 1)
+        out.append(Record(key, tuple(values), tuple(reader.unsigned(24) for _ in range(size))))
+    return out
+
+
+def packed(records: Sequence[Record]) -> bytes:
+    """The content of a TABLES block of these records, in this order."""
+    return unsigned_varint(len(records)) + b"".join(record.packed() for record in records)
+
+
+def with_tables(data: bytes, layer: int, change: Callable[[Records], Records]) -> bytes:
+    """The file with other tables in `layer`, the directory's count right; something must change."""
+    grown: list[int] = []
+
+    def edit(content: bytes) -> bytes:
+        before = unpacked(content)
+        after = change(before)
+        assert after != before
+        grown.append(len(after) - len(before))
+        return packed(after)
+
+    # The first run only counts.
+    changed(data, BlockKind.TABLES, layer, edit)
+    return changed(data, BlockKind.TABLES, layer, edit, grown[0])
+
+
+def valued(record: Record, old: int, new: int) -> Record:
+    """The record with a value of its alphabet changed."""
+    assert old in record.values
+    return replace(record, values=tuple(new if value == old else value for value in record.values))
+
+
+def rans_words(symbols: Iterable[tuple[int, int]]) -> bytes:
+    """A sealed rANS stream (SPEC §8.2).
+
+    Args:
+        symbols: (first, count) of each, in decoding order: it has the frequencies first .. first + count - 1.
+    """
+    words, state = [], 0
+    for first, count in reversed(list(symbols)):
+        if state >> 40 >= count:
+            words.append(state & 0xFFFFFFFF)
+            state >>= 32
+        state = (state // count << TOTAL_LOG2) + first + state % count
+    while state:
+        words.append(state & 0xFFFFFFFF)
+        state >>= 32
+    return b"".join(word.to_bytes(4, "little") for word in words)
+
+
+def uniform(size: int, symbol: int) -> tuple[int, int]:
+    """First and count of a symbol of the uniform table of `size` symbols (SPEC §8.1)."""
+    first, past = (i * ((1 << TOTAL_LOG2) - size) // size + i for i in (symbol, symbol + 1))
+    return first, past - first

@@ -1,0 +1,110 @@
+"""What an editor makes of a file for fewer layers (SPEC §14), and files whose end did not arrive (§5.1-§5.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from conformance.cases import Case
+from conformance.faults.limit_faults import long_last_block
+from conformance.parts import Parts, taken_apart
+from conformance.scenes.container_scenes import plain_file
+from conformance.spec.spec_text import size_of
+from scarfmt.coding.writer import QuantisedScene
+
+# Among them files cut where the index network is there, but not the residual codebook that one of its heads is for.
+_CUTS: tuple[tuple[str, tuple[int, ...]], ...] = (
+    ("explicit-refined", (1, 2)),
+    ("one-symbol", (1,)),
+    ("fifteen-classes", (1,)),
+    ("sixteen-layers", (1, 3, 15)),
+    ("twenty-steps", (1,)),
+    ("anchors", (1,)),
+    ("anchors-32-slots", (1, 2)),
+    ("annotations", (1, 2)),
+    ("predictors", (1, 2)),
+    ("predictors-deep", (2,)),
+    ("index-flat", (1,)),
+    ("index-two-level", (1, 2)),
+    ("index-attention", (1,)),
+    ("index-grid", (1,)),
+    ("index-edge", (1,)),
+    ("index-modes", (1, 3)),
+    ("anchors-neural", (1,)),
+)
+_KNOWN = frozenset({*range(1, 9), 16, 64})
+_SAFE_TO_COPY = 2
+_PRIVATE = 200
+
+
+def truncated_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterator[Case]:
+    """Editor's cuts of valid vectors, and cuts at every place of a file.
+
+    Args:
+        files: valid vectors by name, with their scenes.
+    """
+    for name, numbers in _CUTS:
+        whole, scene = files[name]
+        for layers in numbers:
+            purpose = f"{name} truncated to layer {layers}: equals what an editor makes of it (SPEC §14)"
+            yield Case(f"truncated/{name}-{layers}", purpose, cut_to_layers(whole, layers), ("R-14-1", "R-14-2"),
+                       scene=scene, layers=layers, origin=f"valid/{name}")
+    yield from _short_files(plain_file())
+
+
+def cut_to_layers(data: bytes, layers: int) -> bytes:
+    """SPEC §14, steps 2 and 3."""
+    parts = taken_apart(data)
+    kept = [
+        number for number, entry in enumerate(parts.entries)
+        if entry["layer"] <= layers
+        and (layers == len(parts.layers) or entry["kind"] in _KNOWN or entry["flags"] & _SAFE_TO_COPY)
+    ]
+    cut = Parts(parts.header, parts.layers[:layers], parts.tiles, [parts.entries[n] for n in kept],
+                [parts.blocks[n] for n in kept])
+    cut.settle()
+    return cut.sealed()
+
+
+def _short_files(data: bytes) -> Iterator[Case]:
+    for name, length, purpose in _places(taken_apart(data)):
+        rule = "R-5.1-1" if length < 9 else "R-5.2-1" if length < 16 else "R-5.2-3"
+        refusal = "truncated-header"
+        if length >= taken_apart(data).header["header_length"]:
+            rule, refusal = "R-5.3-8", "truncated-file"
+        yield _cut(name, f"the file ends {purpose}", data[:length], rule, refusal)
+    yield _cut("in-other-version", "ten bytes of a file of another major version: without `minor`, nothing is compared",
+               data[:9] + b"\5", "R-5.2-1", "truncated-header")
+    large = long_last_block(data, 1 << 40, kind=_PRIVATE, layer=2)
+    yield _cut("of-1-tib", "a file of 1 TiB of which little arrived", large.sealed(), "R-5.3-8", "truncated-file")
+
+
+def _cut(name: str, purpose: str, data: bytes, rule: str, refusal: str) -> Case:
+    return Case(f"truncated/cut-{name}", purpose, data, (rule,), refusals=(refusal,), stage="container")
+
+
+def _places(parts: Parts) -> Iterator[tuple[str, int, str]]:
+    """Name, length and words for it."""
+    header = parts.header["header_length"]
+    directory = header + size_of("TILE_RECORD") * len(parts.tiles)
+    first = parts.entries[0]["offset"]
+    layer = parts.layers[0]["end_offset"]
+    yield "empty", 0, "before it starts"
+    yield "one-byte", 1, "after one byte"
+    yield "in-signature", 5, "inside the signature"
+    yield "after-signature", 9, "after the signature"
+    yield "in-version", 10, "inside the version"
+    yield "in-header-length", 15, "inside header_length"
+    yield "after-header-length", 16, "after header_length"
+    yield "in-header", size_of("FILE_HEADER") - 1, "one byte before the first layer summary"
+    yield "in-summary", size_of("FILE_HEADER") + size_of("LAYER_SUMMARY") + 50, "inside a layer summary"
+    yield "before-header-end", header - 1, "one byte before the end of the header"
+    yield "header", header, "after the header"
+    yield "in-tiles", header + 1, "inside the tile table"
+    yield "in-directory", directory + size_of("DIRECTORY_ENTRY") + 7, "inside the directory"
+    yield "before-blocks", first - 1, "one byte before the first block"
+    yield "directory", first, "after the directory"
+    yield "in-block", first + 9, "inside the first block"
+    yield "before-layer-1", layer - 1, "one byte before the end of layer 1"
+    yield "layer-1", layer, "after layer 1: those of a decoder that was not told to take what there is are refused"
+    yield "past-layer-1", layer + 1, "one byte after the end of layer 1"
+    yield "before-end", parts.header["file_length"] - 1, "one byte early"

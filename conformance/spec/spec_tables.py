@@ -1,0 +1,121 @@
+"""The generated parts of SPEC.md: ``python -m conformance.spec.spec_tables [--write]``.
+
+A part stands between the lines ``<!-- table:NAME -->`` and ``<!-- end -->``. Without ``--write`` the script only says
+which parts are stale, and fails if any are; tests/conformance/spec/test_spec.py does the same.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from conformance.spec.worked import field_table_text, hex_dump, rans_text, value_text, worked_file
+from conformance.spec.worked_network import evaluation_rows, network_rows, table_text
+from scarfmt.container.schema import STRUCTURES, markdown_table
+from scarfmt.neural import tables
+
+ROOT = Path(__file__).resolve().parents[2]
+SPEC = ROOT / "SPEC.md"
+CODE = ("scarfmt", "reference_decoder", "reference_encoder")
+ERRORS = {"Malformed", "Truncated", "Unsupported", "LimitExceeded", "InvalidInput"}
+# Prefixes, and two ids of calls and sources that promised too much: no bytes of a file can cause them.
+_TOOL_IDS = ("input-", "output-", "inexact-", "block-range", "truncated-source")
+_PART = re.compile(r"<!-- table:([\w-]+) -->\n(.*?)<!-- end -->\n", re.DOTALL)
+_REFUSAL = re.compile(r"[a-z]+(-[a-z]+)+")
+
+
+def raised_ids() -> dict[str, set[str]]:
+    """Every refusal id in the code -> the modules that raise it.
+
+    Found are: a first argument of an error class; a second argument of a ``check`` (rules over whole tables); and a
+    second item of a tuple in the table of header rules and limits.
+    """
+    out: dict[str, set[str]] = defaultdict(set)
+    for package in CODE:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            for refusal in _ids_in(ast.parse(path.read_text()), module):
+                out[refusal].add(module)
+    return out
+
+
+def _ids_in(tree: ast.AST, module: str) -> Iterator[str]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            name = node.func.id if isinstance(node.func, ast.Name) else getattr(node.func, "attr", "")
+            arguments = node.args[:1] if name in ERRORS else node.args[1:2] if name == "check" else []
+        elif isinstance(node, ast.Tuple) and module == "scarfmt.container.header":
+            arguments = node.elts[1:2]
+        else:
+            continue
+        for argument in arguments:
+            value = argument.value if isinstance(argument, ast.Constant) else None
+            if isinstance(value, str) and _REFUSAL.fullmatch(value):
+                yield value
+
+
+def is_tool_id(refusal: str) -> bool:
+    """Whether an id belongs to the tools, not to the format."""
+    return refusal.startswith(_TOOL_IDS)
+
+
+def _tool_ids() -> str:
+    ids = {refusal: modules for refusal, modules in raised_ids().items() if is_tool_id(refusal)}
+    lines = ["| id | raised in |", "|---|---|"]
+    lines += [f"| `{refusal}` | {', '.join(sorted(ids[refusal]))} |" for refusal in sorted(ids)]
+    return "\n".join(lines) + "\n"
+
+
+def _numbers(values: tuple[int, ...]) -> str:
+    """Sixteen numbers a line, in a code block."""
+    lines = [" ".join(f"{v:5}" for v in values[start : start + 16]) for start in range(0, len(values), 16)]
+    return "\n".join(["```", *lines, "```", ""])
+
+
+def _parts() -> dict[str, Callable[[], str]]:
+    structures = {name: (lambda name=name: markdown_table(name)) for name in STRUCTURES}
+    return {
+        **structures,
+        "tool-ids": _tool_ids,
+        "worked-hex": lambda: hex_dump(worked_file()),
+        "worked-fields": lambda: field_table_text(worked_file()),
+        "worked-rans": lambda: rans_text(worked_file()),
+        "worked-values": value_text,
+        "TANH": lambda: _numbers(tables.TANH),
+        "SIGMOID": lambda: _numbers(tables.SIGMOID),
+        "EXP2": lambda: _numbers(tables.EXP2),
+        "worked-network": lambda: table_text(network_rows()),
+        "worked-evaluation": lambda: table_text(evaluation_rows()),
+    }
+
+
+def generated(text: str) -> str:
+    """`text` of SPEC.md with every generated part made anew."""
+    parts = _parts()
+    found = {match[1] for match in _PART.finditer(text)}
+    if found != set(parts):
+        raise ValueError(f"SPEC.md has the generated parts {sorted(found)}, expected are {sorted(parts)}")
+    return _PART.sub(lambda match: f"<!-- table:{match[1]} -->\n{parts[match[1]]()}<!-- end -->\n", text)
+
+
+def main(arguments: list[str]) -> int:
+    """Check SPEC.md, or write it; returns the exit status."""
+    old = SPEC.read_text()
+    new = generated(old)
+    if new == old:
+        print("SPEC.md is up to date")
+        return 0
+    if arguments != ["--write"]:
+        print("SPEC.md is stale: run python -m conformance.spec.spec_tables --write")
+        return 1
+    SPEC.write_text(new)
+    print("SPEC.md written")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

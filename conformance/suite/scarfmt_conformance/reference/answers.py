@@ -1,0 +1,188 @@
+"""The reference decoder's side of the conformance protocol, conformance/PROTOCOL.md.
+
+``python -m scarfmt_conformance.reference.answers FILE --layers K --stage STAGE`` answers one question, ``--session``
+those on standard input, one JSON object a line. A refusal is an answer; anything else that goes wrong ends the process.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TextIO
+
+from scarfmt import __version__
+from scarfmt.errors import InvalidInput, ScarError
+from scarfmt_conformance.protocol import PROTOCOL, STAGES
+
+if TYPE_CHECKING:
+    # The rest comes when it is needed: a suite starts this program hundreds of times.
+    from numpy.typing import NDArray
+
+    from scarfmt.coding.reader import SceneReader
+    from scarfmt.neural.operations import Operations
+
+CAPABILITIES = {
+    "protocol": PROTOCOL,
+    "decoder": f"scarfmt reference {__version__}",
+    "versions": ["0.1"],
+    "profiles": ["explicit", "anchor"],
+    "stages": list(STAGES),
+}
+# Ids that no bytes of a file can cause (SPEC §12.4): of calls and machines, beside the InvalidInput ones.
+_NOT_OF_FILES = frozenset({"block-range", "truncated-source", "inexact-device"})
+_SHOWN = 8
+
+Answer = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Manner:
+    """How files are decoded; the answers do not depend on it.
+
+    Attributes:
+        operations: arithmetic of the index network.
+        tile_by_tile: every tile read and decoded on its own, by ranges, not all in one go with threads.
+        single: activated values in binary32, as a decode gives them, not in binary64.
+    """
+
+    operations: Operations
+    tile_by_tile: bool = False
+    single: bool = False
+
+
+def answer(path: str, layers: int, stage: str, manner: Manner) -> Answer:
+    """The answer to one question.
+
+    Args:
+        path: the file, or its URL.
+        layers: to decode to, 0 for all.
+        stage: one of `STAGES`, ``all`` or ``capabilities``.
+        manner: how to decode.
+
+    Raises:
+        InvalidInput: the file cannot be opened, or has no such layer: not an answer.
+        Truncated: ``truncated-source`` when the file shrinks meanwhile.
+        ValueError: no such stage.
+    """
+    if stage == "capabilities":
+        return {"capabilities": CAPABILITIES}
+    if stage not in (*STAGES, "all"):
+        raise ValueError(f"no stage {stage!r}: there are {', '.join(STAGES)}")
+    from scarfmt.coding.reader import SceneReader
+    from scarfmt.container.source import open_source
+
+    with open_source(path) as source:
+        try:
+            return {"stages": dict(_stages(SceneReader(source, operations=manner.operations), layers, stage, manner))}
+        except ScarError as error:
+            if isinstance(error, InvalidInput) or error.refusal in _NOT_OF_FILES:
+                raise
+            return {"refused": error.refusal, "offset": error.offset, "message": error.message}
+
+
+def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Iterator[tuple[str, Answer]]:
+    """The stages asked for, from one decode that goes no further than they need.
+
+    ``all`` leaves out metadata: a decode must not look at it (SPEC §7.10).
+    """
+    from scarfmt.tools.inspection import read_metadata
+    from scarfmt_conformance.reference import stages as of
+
+    if stage == "metadata":
+        yield stage, {"metadata": read_metadata(reader.container)}
+        return
+    wanted = STAGES[:-1] if stage == "all" else (stage,)
+    if "container" in wanted:
+        yield "container", {"container": of.container(reader.container)}
+    if wanted == ("container",):
+        return
+    models = reader.models(layers or None)
+    if "models" in wanted:
+        yield "models", _exact(of.models(models))
+    if wanted == ("models",):
+        return
+    found = of.decoding(reader, models, manner.tile_by_tile)
+    for name, arrays in of.EXACT.items():
+        if name in wanted:
+            yield name, _exact(arrays(found))
+    if "activated" in wanted:
+        yield "activated", _numbers(of.activated(found, manner.single))
+
+
+def _exact(arrays: dict[str, NDArray[Any]]) -> Answer:
+    """Hashes, and the first numbers for someone who looks for a bug."""
+    out = {}
+    for name, array in sorted(arrays.items()):
+        data = array.tobytes()
+        out[name] = {
+            "dtype": array.dtype.str,
+            "shape": list(array.shape),
+            "sha256": hashlib.sha256(data).hexdigest(),
+            "first": array.ravel()[:_SHOWN].tolist(),
+        }
+    return {"arrays": out}
+
+
+def _numbers(arrays: dict[str, NDArray[Any]]) -> Answer:
+    out = {}
+    for name, array in sorted(arrays.items()):
+        little = array.astype(array.dtype.newbyteorder("<"))
+        data = base64.b64encode(little.tobytes()).decode("ascii")
+        out[name] = {"dtype": little.dtype.str, "shape": list(array.shape), "data": data}
+    return {"arrays": out}
+
+
+def session(questions: TextIO, answers: TextIO, manner: Manner) -> None:
+    """Answer the questions of a stream, a line each, until it ends."""
+    for line in questions:
+        question = json.loads(line)
+        _write(answer(question["file"], question["layers"], question["stage"], manner), answers)
+
+
+def _write(reply: Answer, stream: TextIO) -> None:
+    stream.write(json.dumps(reply, allow_nan=False, separators=(",", ":")) + "\n")
+    stream.flush()
+
+
+def _arguments(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m scarfmt_conformance.reference.answers",
+        description="Answer questions of the conformance protocol.",
+    )
+    parser.add_argument("file", nargs="?", help="the file, or its URL")
+    parser.add_argument("--session", action="store_true", help="answer questions from standard input instead")
+    parser.add_argument("--layers", type=int, default=0, help="layer to decode to, 0 for all (default)")
+    parser.add_argument("--stage", default="all", choices=("all", "capabilities", *STAGES), help="what to answer")
+    parser.add_argument("--backend", default="numpy", help="what computes the index network: numpy, torch or cuda")
+    parser.add_argument("--access", default="whole", choices=("whole", "range"), help="all in one go, or tile by tile")
+    parser.add_argument(
+        "--precision", default="double", choices=("single", "double"), help="of activated values (default double)"
+    )
+    parsed = parser.parse_args(arguments)
+    if parsed.session == (parsed.file is not None):
+        parser.error("give either a file or --session")
+    return parsed
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """The program."""
+    parsed = _arguments(arguments)
+    # Before numpy is imported: products this small are slower with threads.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from reference_decoder.backends import operations
+
+    manner = Manner(operations(parsed.backend), parsed.access == "range", parsed.precision == "single")
+    if parsed.session:
+        session(sys.stdin, sys.stdout, manner)
+    else:
+        _write(answer(parsed.file, parsed.layers, parsed.stage, manner), sys.stdout)
+
+
+if __name__ == "__main__":
+    main()

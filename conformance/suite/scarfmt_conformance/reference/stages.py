@@ -1,0 +1,211 @@
+"""The stages of one decode as the conformance protocol names them: arrays and fields, not yet JSON.
+
+conformance/PROTOCOL.md says what each holds; its table is the order of the functions here.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reference_decoder.decode import Decoded, joined, tile_part
+from scarfmt.coding.reader import SceneModels, SceneReader
+from scarfmt.coding.tile import TileContent
+from scarfmt.container.directory import tile_frame
+from scarfmt.container.file import Container
+from scarfmt.container.schema import (
+    CHECKSUM_SIZE,
+    FILE_HEADER,
+    FILE_HEADER_SIZE,
+    HEADER_CHECKSUM,
+    LAYER_SUMMARY,
+    LAYER_SUMMARY_SIZE,
+    field_table,
+)
+from scarfmt.neural.layer_context import cell_centres
+from scarfmt_conformance.reference.activated import activated_arrays
+from scarfmt_conformance.reference.observed import Records
+
+Arrays = dict[str, NDArray[Any]]
+
+THREADS = 4
+"""Tiles decoded side by side, more than there are in most vectors."""
+
+
+@dataclass(frozen=True)
+class Decoding:
+    """A file decoded to a layer.
+
+    Attributes:
+        reader: of the file.
+        models: of its first layers.
+        contents: every tile's integers.
+        records: what was computed in the last of the layers.
+    """
+
+    reader: SceneReader
+    models: SceneModels
+    contents: list[TileContent]
+    records: Records
+
+    @cached_property
+    def decoded(self) -> Decoded:
+        """The values of all anchors."""
+        filled = ((number, content) for number, content in enumerate(self.contents) if len(content))
+        parts = (tile_part(self.reader, self.models, number, content) for number, content in filled)
+        empty = tile_part(self.reader, self.models, -1, TileContent.empty(self.models.model))
+        return joined(parts, empty, sum(map(len, self.contents)))
+
+
+def decoding(reader: SceneReader, models: SceneModels, tile_by_tile: bool) -> Decoding:
+    """Decode all tiles.
+
+    Args:
+        reader: of the file.
+        models: from it; they fix the layer.
+        tile_by_tile: read and decode each tile on its own, as a viewer that wants only that one would.
+
+    Raises:
+        Malformed, Truncated, Unsupported, LimitExceeded: the file is refused (SPEC §12).
+    """
+    records = Records(len(models.model.layers))
+    numbers = range(reader.header.tile_count)
+    if tile_by_tile:
+        found = [pair for number in numbers for pair in reader.tiles(models, [number], observe=records.observe)]
+    else:
+        found = list(reader.tiles(models, threads=THREADS, observe=records.observe))
+    return Decoding(reader, models, [content for _, content in found], records)
+
+
+def container(source: Container) -> dict[str, Any]:
+    """Every field of the tables of SPEC §5, as text."""
+    size = source.header.header_length
+    data = source.source.read(0, size)
+    starts = range(FILE_HEADER_SIZE, size - CHECKSUM_SIZE, LAYER_SUMMARY_SIZE)
+    tail = _fields(HEADER_CHECKSUM, data[size - CHECKSUM_SIZE :])
+    return {
+        "header": {**_fields(FILE_HEADER, data), **tail},
+        "layers": [_fields(LAYER_SUMMARY, data[start:]) for start in starts],
+        "tiles": _rows(source.tile_table),
+        "entries": _rows(source.directory),
+    }
+
+
+def _fields(structure: Any, data: bytes) -> dict[str, Any]:
+    values = structure.parse(data)
+    return {field.name: _text(values[field.name]) for field in field_table(structure)}
+
+
+def _rows(table: NDArray[np.void]) -> list[dict[str, str]]:
+    names = table.dtype.names or ()
+    return [dict(zip(names, map(str, row), strict=True)) for row in table.tolist()]
+
+
+def _text(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, float):
+        return struct.pack(">d", value).hex()
+    return str(value) if isinstance(value, int) else [_text(part) for part in value]
+
+
+def models(found: SceneModels) -> Arrays:
+    """Codebooks and the bits of the hash grid."""
+    out: Arrays = {}
+    if found.codebooks is not None:
+        books = enumerate((found.codebooks.coarse, found.codebooks.residual))
+        out = {f"codebook.{number}": words.astype("<i4") for number, words in books if len(words)}
+    if found.grid is not None:
+        out |= {f"grid.bits.{level}": bits.astype("u1") for level, bits in enumerate(found.grid.bits)}
+    return out
+
+
+def context(found: Decoding) -> Arrays:
+    """Grid features of every anchor; embeddings and predictor contexts of the last layer."""
+    grid, out = found.models.grid, found.records.contexts()
+    if grid is not None:
+        fields = found.reader.header.fields
+        places = zip(found.reader.container.tiles, found.contents, strict=True)
+        filled = ((tile_frame(fields, tile), content.codes) for tile, content in places if len(content))
+        parts = [grid.features(cell_centres(frame, codes)) for frame, codes in filled]
+        out["grid.features"] = _stacked(parts, (grid.width,), "<i4")
+    return out
+
+
+def frequencies(found: Decoding) -> Arrays:
+    """The first table of each sub-stream and stage of the last layer."""
+    return found.records.frequencies()
+
+
+def indices(found: Decoding) -> Arrays:
+    """Codeword numbers."""
+    width = found.models.model.max_stages
+    return {"index": _stacked([content.indices for content in found.contents], (width,), "<u2")}
+
+
+def integers(found: Decoding) -> Arrays:
+    """Tiles, codes, classes, masks and channel values."""
+    model, contents = found.models.model, found.contents
+    empty = TileContent.empty(model)
+    sizes = [len(content) for content in contents]
+    out: Arrays = {
+        "tile": np.repeat(np.arange(len(contents), dtype="<u4"), sizes),
+        "code": _stacked([content.codes for content in contents], (), "<u8"),
+        "class": _stacked([content.classes for content in contents], (), "u1"),
+    }
+    if empty.slot_layers.shape[1]:
+        slots = [content.slot_layers for content in contents]
+        out["slot_layer"] = _stacked(slots, empty.slot_layers.shape[1:], "u1")
+    for index, channel in enumerate(model.channels):
+        values = [content.values[index] for content in contents]
+        out[f"v.{channel.stream.name}"] = _stacked(values, empty.values[index].shape[1:], "<i4")
+    return out
+
+
+def sums(found: Decoding) -> Arrays:
+    """Sums of codewords."""
+    decoded, decoder, books = found.decoded, found.models.decoder, found.models.codebooks
+    if decoder is None:
+        return {}
+    total = np.zeros((len(decoded), decoder.inputs), "<i4")
+    if books is not None and decoded.indices is not None:
+        total[:] = books.latents(decoded.indices, decoded.stages)
+    return {"codeword_sum": total}
+
+
+def values(found: Decoding) -> Arrays:
+    """Positions, channel values and latents."""
+    decoded = found.decoded
+    assert decoded.positions is not None  # all attributes are decoded
+    out: Arrays = {"position": decoded.positions.astype("<f8")}
+    out |= {f"value.{stream.name}": array.astype("<f4") for stream, array in decoded.values.items()}
+    if found.models.decoder is not None:
+        out["latent"] = decoded.latents.astype("<f4")
+    return out
+
+
+def activated(found: Decoding, single: bool) -> Arrays:
+    """Gaussians, or features and the Gaussians of every slot; in binary32 if `single`, else in binary64."""
+    return activated_arrays(found.decoded, np.float32 if single else np.float64)
+
+
+EXACT: dict[str, Callable[[Decoding], Arrays]] = {
+    "context": context,
+    "frequencies": frequencies,
+    "indices": indices,
+    "integers": integers,
+    "sums": sums,
+    "values": values,
+}
+"""Exact stages that need a decode of the tiles."""
+
+
+def _stacked(parts: list[NDArray[Any]], row: tuple[int, ...], dtype: str) -> NDArray[Any]:
+    """The rows of all tiles, of shape `row` each; none where there is no tile."""
+    return np.concatenate([np.zeros((0, *row), dtype), *(part.astype(dtype) for part in parts)])

@@ -1,0 +1,452 @@
+"""Which questions are asked about which vector, and what the answers are worth (conformance/PROTOCOL.md)."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from scarfmt_conformance.compare import Difference, differences, metadata_difference, pinned_stages
+from scarfmt_conformance.manifest import REFUSAL_STAGES, Expectation, Layer, Suite, Vector, check_file, load_expectation
+from scarfmt_conformance.process import Stopped
+from scarfmt_conformance.protocol import (
+    ALL,
+    CAPABILITIES,
+    METADATA,
+    STAGES,
+    Answer,
+    Capabilities,
+    Decoder,
+    Fault,
+    Question,
+    Refusal,
+    Reply,
+    Values,
+)
+
+PASSED, FAILED, SKIPPED = "passed", "failed", "skipped"
+_WORKED = "worked"
+_STOPPED_BY_FAILURE = "not asked: stopped at the first failure"
+
+Connect = Callable[[threading.Event], Decoder]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What of a vector is asked.
+
+    Attributes:
+        stages: to compare, as if the decoder claimed no others.
+        last_layer: only the last layer pinned, instead of each.
+        jobs: decoders asked at the same time.
+        fail_fast: ask no more after a failure.
+    """
+
+    stages: tuple[str, ...] = STAGES
+    last_layer: bool = False
+    jobs: int = 1
+    fail_fast: bool = False
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a vector failed.
+
+    Attributes:
+        kind: ``values`` (they differ), ``refused`` (though valid), ``accepted`` (though to be refused),
+            ``refusal`` (another id), or that of a :class:`Fault`.
+        message: one line.
+        layer: the layer asked for; 0 for all.
+        differences: of the first stage that differs first; empty unless values differ.
+        expected: what would have been right, where that is not in `differences`.
+        got: what came instead.
+        errors: end of the decoder's standard error.
+    """
+
+    kind: str
+    message: str
+    layer: int = 0
+    differences: tuple[Difference, ...] = ()
+    expected: str = ""
+    got: str = ""
+    errors: str = ""
+
+
+@dataclass
+class Result:
+    """What came of a vector.
+
+    Attributes:
+        vector: it.
+        purpose: what it is there for.
+        outcome: ``passed``, ``failed`` or ``skipped``.
+        reason: why it was skipped.
+        failure: why it failed.
+        questions: how many were asked.
+        seconds: for all of them.
+        peak_bytes: most memory a process of the decoder held, where known.
+        stages: stage -> whether it agreed, of those compared.
+    """
+
+    vector: Vector
+    purpose: str = ""
+    outcome: str = PASSED
+    reason: str = ""
+    failure: Failure | None = None
+    questions: int = 0
+    seconds: float = 0.0
+    peak_bytes: int | None = None
+    stages: dict[str, bool] = field(default_factory=dict)
+
+
+@dataclass
+class Run:
+    """A decoder's score.
+
+    Attributes:
+        suite: what it was asked.
+        capabilities: what it claims; None if it did not say.
+        handshake: why it did not.
+        results: in the order of the vectors.
+        seconds: altogether.
+        restarts: times a session had to be started again.
+    """
+
+    suite: Suite
+    capabilities: Capabilities | None = None
+    handshake: Failure | None = None
+    results: list[Result] = field(default_factory=list)
+    seconds: float = 0.0
+    restarts: int = 0
+
+    def counts(self) -> Counter[str]:
+        """Vectors by outcome."""
+        return Counter(result.outcome for result in self.results)
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing failed and something passed."""
+        counts = self.counts()
+        return self.handshake is None and not counts[FAILED] and counts[PASSED] > 0
+
+
+@dataclass(frozen=True)
+class _Task:
+    """A question and the judge of its answer: adds the stages compared to a result, returns the failure."""
+
+    layers: int
+    stage: str
+    judge: Callable[[Answer, dict[str, bool]], Failure | None]
+
+
+def run(
+    suite: Suite,
+    vectors: Sequence[Vector],
+    connect: Connect,
+    options: Options,
+    report: Callable[[Result], None] = lambda _result: None,
+) -> Run:
+    """Ask a decoder about vectors.
+
+    Args:
+        suite: they are of.
+        vectors: at least one; their files are checked first.
+        connect: makes a decoder that gives up when the event is set; called once per job.
+        options: what to ask.
+        report: called with every result, in the order of time, from several threads but one at a time.
+
+    Raises:
+        InvalidInput: ``input-suite``: a file of the suite is missing or damaged.
+    """
+    for vector in vectors:
+        check_file(vector)
+    start = time.monotonic()
+    stop = threading.Event()
+    score = Run(suite)
+    try:
+        score.capabilities, score.handshake = _shake_hands(suite, vectors, connect(stop))
+        if score.capabilities is not None:
+            with tempfile.TemporaryDirectory(prefix="scar-conformance-") as scratch:
+                crew = _Crew(suite, vectors, score.capabilities, options, Path(scratch), report)
+                crew.work(connect, stop)
+            score.results, score.restarts = crew.in_order(), crew.restarts
+    finally:
+        stop.set()
+    score.seconds = time.monotonic() - start
+    return score
+
+
+def _shake_hands(
+    suite: Suite, vectors: Sequence[Vector], decoder: Decoder
+) -> tuple[Capabilities | None, Failure | None]:
+    worked = next((vector for vector in suite.vectors if vector.id == _WORKED), vectors[0])
+    try:
+        reply = decoder.ask(Question(worked.file.resolve(), 0, CAPABILITIES))
+    finally:
+        decoder.close()
+    if isinstance(reply.answer, Capabilities):
+        return reply.answer, None
+    fault = reply.answer if isinstance(reply.answer, Fault) else Fault("answer", "answered something else")
+    return None, Failure(fault.kind, f"{CAPABILITIES}: {fault.message}", errors=reply.errors)
+
+
+class _Crew:
+    """Threads that take vectors from one list, each with a decoder of its own."""
+
+    def __init__(
+        self,
+        suite: Suite,
+        vectors: Sequence[Vector],
+        claims: Capabilities,
+        options: Options,
+        scratch: Path,
+        report: Callable[[Result], None],
+    ):
+        self.restarts = 0
+        self._suite, self._claims, self._options = suite, claims, options
+        self._scratch, self._report = scratch, report
+        self._vectors, self._next = vectors, iter(range(len(vectors)))
+        self._lock, self._failed = threading.Lock(), threading.Event()
+        self._results: dict[int, Result] = {}
+
+    def work(self, connect: Connect, stop: threading.Event) -> None:
+        """Go through all vectors; on an exception, an interrupt included, end every decoder."""
+        jobs = max(1, min(self._options.jobs, len(self._vectors)))
+        with ThreadPoolExecutor(jobs, thread_name_prefix="conformance") as pool:
+            try:
+                for future in [pool.submit(self._member, connect, stop) for _ in range(jobs)]:
+                    future.result()
+            except BaseException:
+                stop.set()
+                raise
+
+    def in_order(self) -> list[Result]:
+        """The results, those of vectors that were not asked about included."""
+        unasked = (Result(vector, outcome=SKIPPED, reason=_STOPPED_BY_FAILURE) for vector in self._vectors)
+        return [self._results.get(number, other) for number, other in enumerate(unasked)]
+
+    def _member(self, connect: Connect, stop: threading.Event) -> None:
+        decoder = connect(stop)
+        result: Result | None = None
+        try:
+            for number in self._numbers(stop):
+                result = self._examine(decoder, self._vectors[number], result)
+                with self._lock:
+                    self._results[number] = result
+                    self._report(result)
+                if result.outcome == FAILED and self._options.fail_fast:
+                    self._failed.set()
+        except Stopped:
+            return
+        except BaseException:
+            stop.set()
+            raise
+        finally:
+            _blame(result, decoder.close())
+            with self._lock:
+                self.restarts += decoder.restarts
+
+    def _numbers(self, stop: threading.Event) -> Iterator[int]:
+        while not stop.is_set() and not self._failed.is_set():
+            with self._lock:
+                number = next(self._next, None)
+            if number is None:
+                return
+            yield number
+
+    def _examine(self, decoder: Decoder, vector: Vector, before: Result | None) -> Result:
+        expectation = load_expectation(vector)
+        result = Result(vector, expectation.purpose)
+        stages = [stage for stage in self._claims.stages if stage in self._options.stages]
+        result.reason = _not_claimed(self._suite, vector, self._claims)
+        tasks = [] if result.reason else list(_tasks(vector, expectation, stages, self._options.last_layer))
+        if not tasks:
+            result.outcome, result.reason = SKIPPED, result.reason or "nothing pinned is of a stage claimed"
+            return result
+        file = self._extended(vector, expectation.extend_to)
+        if file is None:
+            result.outcome, result.reason = SKIPPED, f"no file of {expectation.extend_to:,} bytes can be made here"
+            return result
+        for task in tasks:
+            _ask(decoder, file, task, result, before)
+            if result.outcome == FAILED:
+                break
+        if file != vector.file:
+            file.unlink()
+        return result
+
+    def _extended(self, vector: Vector, length: int) -> Path | None:
+        """The file to ask about: the vector's, or a sparse copy with zeros after it; None if that cannot be made."""
+        if length <= vector.bytes:
+            return vector.file
+        path = self._scratch / f"{vector.id.replace('/', '-')}.scar"
+        shutil.copyfile(vector.file, path)
+        try:
+            with path.open("r+b") as stream:
+                stream.truncate(length)
+        except OSError:
+            path.unlink()
+            return None
+        return path
+
+
+def _not_claimed(suite: Suite, vector: Vector, claims: Capabilities) -> str:
+    if suite.bitstream not in claims.versions:
+        return f"version {suite.bitstream} is not claimed"
+    if vector.profile is not None and vector.profile not in claims.profiles:
+        return f"the {vector.profile} profile is not claimed"
+    return ""
+
+
+def _ask(decoder: Decoder, file: Path, task: _Task, result: Result, before: Result | None) -> None:
+    """Ask one question and enter what comes of it into the result, or into that of the question before."""
+    reply = decoder.ask(Question(file, task.layers, task.stage))
+    _blame(result if result.questions else before, reply.before)
+    result.questions += 1
+    result.seconds += reply.seconds
+    if reply.peak_bytes is not None:
+        result.peak_bytes = max(reply.peak_bytes, result.peak_bytes or 0)
+    failure = _judged(reply, task, result.stages)
+    if failure is not None:
+        result.outcome, result.failure = FAILED, failure
+
+
+def _blame(result: Result | None, fault: Fault | None) -> None:
+    """Enter what went wrong after the last answer."""
+    if result is not None and result.outcome == PASSED and fault is not None:
+        result.outcome, result.failure = FAILED, Failure(fault.kind, fault.message)
+
+
+def _judged(reply: Reply, task: _Task, compared: dict[str, bool]) -> Failure | None:
+    answer = reply.answer
+    if isinstance(answer, Fault):
+        return Failure(answer.kind, answer.message, task.layers, errors=reply.errors)
+    failure = task.judge(answer, compared)
+    if failure is None:
+        return None
+    shown = (failure.kind, failure.message, task.layers, failure.differences, failure.expected, failure.got)
+    return Failure(*shown, reply.errors)
+
+
+# ------------------------------------------------------------------------------------------------ questions
+
+
+def refusals_held_to(stages: Sequence[str]) -> int:
+    """How many of `REFUSAL_STAGES` but ``metadata`` a decoder that claims these stages has to refuse at."""
+    deepest = max((STAGES.index(stage) for stage in stages if stage != METADATA), default=-1)
+    return min(deepest + 1, 3)
+
+
+def _tasks(vector: Vector, expectation: Expectation, stages: list[str], last_layer: bool) -> Iterator[_Task]:
+    """The questions of a vector that such a decoder is to be asked; none if it is not."""
+    folder = vector.expect.parent
+    if vector.result == "refused":
+        yield from _refusal_tasks(expectation, stages)
+    elif vector.result == "either":
+        yield from _either_tasks(expectation, stages, folder)
+    else:
+        for layer in expectation.layers[-1:] if last_layer else expectation.layers:
+            if pinned_stages(layer.stages, stages):
+                yield _Task(layer.layer, ALL, _judge_of(layer, stages, folder))
+        if expectation.pins_metadata and METADATA in stages:
+            yield _Task(0, METADATA, lambda answer, seen: _metadata(expectation.metadata, answer, seen))
+
+
+def _refusal_tasks(expectation: Expectation, stages: list[str]) -> Iterator[_Task]:
+    if expectation.stage == METADATA:
+        if METADATA in stages:
+            yield _Task(0, METADATA, lambda answer, _seen: _refused(expectation, answer))
+    elif REFUSAL_STAGES.index(expectation.stage) < refusals_held_to(stages):
+        yield _Task(0, ALL, lambda answer, _seen: _refused(expectation, answer))
+
+
+def _either_tasks(expectation: Expectation, stages: list[str], folder: Path) -> Iterator[_Task]:
+    last = expectation.layers[-1] if expectation.layers else None
+    of_metadata = expectation.stage == METADATA
+    held = not of_metadata and REFUSAL_STAGES.index(expectation.stage) < refusals_held_to(stages)
+    if held or (last is not None and pinned_stages(last.stages, stages)):
+        yield _Task(0, ALL, lambda answer, seen: _either(expectation, last, stages, folder, answer, seen))
+    if of_metadata and METADATA in stages:
+        yield _Task(0, METADATA, lambda answer, _seen: _any_metadata(expectation, answer))
+
+
+# ------------------------------------------------------------------------------------------------ judges
+
+
+def _judge_of(layer: Layer, stages: list[str], folder: Path) -> Callable[[Answer, dict[str, bool]], Failure | None]:
+    return lambda answer, seen: _decoded(layer, stages, folder, answer, seen)
+
+
+def _decoded(layer: Layer, stages: list[str], folder: Path, answer: Answer, seen: dict[str, bool]) -> Failure | None:
+    if not isinstance(answer, Values):
+        return _not_values(answer)
+    found: list[Difference] = []
+    for stage in pinned_stages(layer.stages, stages):
+        different = differences(stage, layer.stages[stage], answer.stages.get(stage), folder)
+        seen[stage] = seen.get(stage, True) and not different
+        found += different
+    return _values_failure(found) if found else None
+
+
+def _values_failure(found: Sequence[Difference]) -> Failure:
+    first = found[0]
+    subject = f", {'field' if first.stage == 'container' else 'array'} {first.array}" if first.array else ""
+    return Failure("values", f"stage {first.stage}{subject}: {first.message}", differences=tuple(found))
+
+
+def _not_values(answer: Answer) -> Failure:
+    if isinstance(answer, Refusal):
+        return Failure("refused", "a file to be decoded is refused", expected="values", got=_refusal_text(answer))
+    return Failure("answer", "the answer is not to the question asked", expected="values")
+
+
+def _refusal_text(refusal: Refusal) -> str:
+    return f"{refusal.id}: {refusal.message}" if refusal.message else refusal.id
+
+
+def _refused(expectation: Expectation, answer: Answer) -> Failure | None:
+    right = " or ".join(expectation.refusals)
+    if isinstance(answer, Values):
+        return Failure("accepted", "a file to be refused is decoded", expected=right, got="values")
+    if not isinstance(answer, Refusal):
+        return Failure("answer", "the answer is not to the question asked", expected=right)
+    if answer.id in expectation.refusals:
+        return None
+    return Failure("refusal", "refused with another id", expected=right, got=_refusal_text(answer))
+
+
+def _either(
+    expectation: Expectation,
+    last: Layer | None,
+    stages: list[str],
+    folder: Path,
+    answer: Answer,
+    seen: dict[str, bool],
+) -> Failure | None:
+    if last is None or not isinstance(answer, Values):
+        return _refused(expectation, answer)
+    return _decoded(last, stages, folder, answer, seen)
+
+
+def _metadata(pinned: object, answer: Answer, seen: dict[str, bool]) -> Failure | None:
+    if not isinstance(answer, Values):
+        return _not_values(answer)
+    difference = metadata_difference(pinned, answer.stages.get(METADATA))
+    seen[METADATA] = difference is None
+    return _values_failure([difference]) if difference else None
+
+
+def _any_metadata(expectation: Expectation, answer: Answer) -> Failure | None:
+    """Metadata that parsers differ about: refused, or, where the rest of the file is sound, whatever object."""
+    if not isinstance(answer, Values) or not expectation.layers:
+        return _refused(expectation, answer)
+    found = answer.stages.get(METADATA)
+    if isinstance(found, dict) and isinstance(found.get(METADATA), dict):
+        return None
+    return _values_failure([Difference(METADATA, "", "the stage is not an object with an object metadata")])

@@ -1,0 +1,172 @@
+"""Lies in the fixed fields of a file: header, summaries, tile table, directory, sub-stream records (SPEC §5, §7.1).
+
+Values are small, telling (powers of two and their neighbours), or near the right one.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from random import Random
+from typing import Any
+
+from fuzz.testing.parts import ENTRY, ENTRY_SIZE, RECORD_SIZE, TILE_SIZE
+from scarfmt.container.schema import (
+    DIRECTORY_ENTRY,
+    FILE_HEADER,
+    FILE_HEADER_SIZE,
+    LAYER_SUMMARY,
+    LAYER_SUMMARY_SIZE,
+    SUBSTREAM_RECORD,
+    TILE_RECORD,
+    BlockKind,
+    field_table,
+    header_length,
+)
+
+TELLING = (0, 1, 2, 127, 128, 255, 256, 65535, 65536, 1 << 31, (1 << 32) - 1, 1 << 53, 1 << 63, (1 << 64) - 1)
+"""Numbers at which arithmetic goes wrong."""
+
+_NUMBERS = ("nan", "inf", "-inf", "0", "-0.0", "-1", "5e-324", "1e308", "1e-300", "2.0")
+
+
+class NotHere(Exception):
+    """The file has nothing of what an operator works on."""
+
+
+def telling(rng: Random, size: int, old: int) -> int:
+    """A number of `size` bytes: telling, near `old`, or random."""
+    how = rng.random()
+    if how < 0.55:
+        value = rng.choice(TELLING)
+    elif how < 0.85:
+        value = old + rng.choice((-9, -4, -1, 1, 2, 4, 8, 100))
+    else:
+        value = rng.getrandbits(8 * size)
+    return value & ((1 << (8 * size)) - 1)
+
+
+def _places(structure: Any) -> list[tuple[int, int, bool]]:
+    """(offset, size, whether a float) of every scalar of a structure."""
+    places = []
+    for row in field_table(structure):
+        base, _, repeat = row.type.partition("[")
+        times = int(repeat.rstrip("]") or 1)
+        size = row.size // times
+        places += [(row.offset + size * i, size, base == "f64") for i in range(times)]
+    return places
+
+
+_HEADER, _SUMMARY, _TILE, _ENTRY, _RECORD = (
+    _places(structure) for structure in (FILE_HEADER, LAYER_SUMMARY, TILE_RECORD, DIRECTORY_ENTRY, SUBSTREAM_RECORD)
+)
+
+
+def _lie(data: bytes, base: int, places: list[tuple[int, int, bool]], rng: Random) -> bytes:
+    """Some scalars of the structure at `base` set to other values."""
+    out = bytearray(data)
+    for offset, size, is_float in rng.sample(places, min(len(places), rng.choice((1, 1, 1, 2, 3)))):
+        at = base + offset
+        if at + size > len(out):
+            raise NotHere
+        if is_float:
+            out[at : at + 8] = struct.pack("<d", float(rng.choice(_NUMBERS)))
+        else:
+            old = int.from_bytes(out[at : at + size], "little")
+            out[at : at + size] = telling(rng, size, old).to_bytes(size, "little")
+    return bytes(out)
+
+
+def header_field(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
+    """A field of FILE_HEADER after the signature."""
+    return _lie(data, 0, _HEADER[9:], rng)
+
+
+def summary_field(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
+    """A field of a LAYER_SUMMARY."""
+    layers = max(data[26], 1) if len(data) > 26 else 1
+    return _lie(data, FILE_HEADER_SIZE + LAYER_SUMMARY_SIZE * rng.randrange(layers), _SUMMARY, rng)
+
+
+def _tables(data: bytes) -> tuple[int, int, int]:
+    """Offset of the tile table, tiles, entries, as the header declares them."""
+    if len(data) < FILE_HEADER_SIZE:
+        raise NotHere
+    tiles, entries = struct.unpack_from("<II", data, 32)
+    return header_length(data[26]), tiles, entries
+
+
+def tile_field(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
+    """A field of a TILE_RECORD."""
+    at, tiles, _entries = _tables(data)
+    if not tiles:
+        raise NotHere
+    return _lie(data, at + TILE_SIZE * rng.randrange(tiles), _TILE, rng)
+
+
+def entry_field(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
+    """A field of a DIRECTORY_ENTRY."""
+    at, tiles, entries = _tables(data)
+    if not entries:
+        raise NotHere
+    return _lie(data, at + TILE_SIZE * tiles + ENTRY_SIZE * rng.randrange(entries), _ENTRY, rng)
+
+
+def entry_alike(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
+    """A DIRECTORY_ENTRY overwritten with another, in part or whole: blocks overlap."""
+    at, tiles, entries = _tables(data)
+    at += TILE_SIZE * tiles
+    if entries < 2 or at + ENTRY_SIZE * entries > len(data):
+        raise NotHere
+    source, target = (at + ENTRY_SIZE * row for row in rng.sample(range(min(entries, 1 << 16)), 2))
+    first, past = rng.choice(((0, ENTRY_SIZE), (8, 16), (8, 24), (0, 8), (24, 28)))
+    return data[: target + first] + data[source + first : source + past] + data[target + past :]
+
+
+def substream_field(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
+    """A field of a SUBSTREAM_RECORD, or the number of records."""
+    at, tiles, entries = _tables(data)
+    at += TILE_SIZE * tiles
+    if at + ENTRY_SIZE * entries > len(data):
+        raise NotHere
+    rows = [ENTRY.unpack_from(data, at + ENTRY_SIZE * index) for index in range(min(entries, 1 << 12))]
+    blocks = [row[5] for row in rows if row[0] == BlockKind.TILE and row[5] < len(data)]
+    if not blocks:
+        raise NotHere
+    start = rng.choice(blocks)
+    if rng.random() < 0.2 or not data[start]:
+        return data[:start] + bytes([telling(rng, 1, data[start])]) + data[start + 1 :]
+    return _lie(data, start + 1 + RECORD_SIZE * rng.randrange(data[start]), _RECORD, rng)
+
+
+def corrupt_directory(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
+    """Random bytes somewhere in tile table and directory."""
+    at, tiles, entries = _tables(data)
+    size = min(TILE_SIZE * tiles + ENTRY_SIZE * entries, len(data) - at)
+    if size <= 0:
+        raise NotHere
+    start = at + rng.randrange(size)
+    length = min(rng.choice((1, 4, 12, 32, size)), at + size - start)
+    return data[:start] + rng.randbytes(length) + data[start + length :]
+
+
+def repeat_tiles(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
+    """A TILE_RECORD overwritten with another, in part or whole: cubes overlap, or one is in another."""
+    at, tiles, _entries = _tables(data)
+    if tiles < 2 or at + TILE_SIZE * tiles > len(data):
+        raise NotHere
+    source, target = (at + TILE_SIZE * row for row in rng.sample(range(min(tiles, 1 << 16)), 2))
+    first, past = rng.choice(((0, TILE_SIZE), (4, 12), (0, 2)))
+    return data[: target + first] + data[source + first : source + past] + data[target + past :]
+
+
+OPERATORS: dict[str, Callable[[bytes, Random, Sequence[bytes]], bytes]] = {
+    "header-field": header_field,
+    "summary-field": summary_field,
+    "tile-field": tile_field,
+    "entry-field": entry_field,
+    "entry-alike": entry_alike,
+    "substream-field": substream_field,
+    "corrupt-directory": corrupt_directory,
+    "repeat-tiles": repeat_tiles,
+}

@@ -1,0 +1,230 @@
+"""Rate-distortion allocation: classes of like importance, and what each receives in each layer.
+
+Every increment a file can send, one more ternary step of one channel, one more RVQ stage, or the class
+itself, has a price in bits and a gain in squared picture error, both measured on the data. For a given
+lambda (error per bit) the best choice of each is independent; a falling lambda gives the layers. Increments
+are taken along the lower convex hull, so that a smaller lambda never takes anything back (SPEC §6.5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.codecs.channels import coarsen
+from scarfmt.container.schema import Stream
+from scarfmt.scene.model import MAX_CLASSES, MAX_STEPS
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+PositionBits = Callable[[float], F64]
+
+_LOGARITHMS = (Stream.SCALE, Stream.OPACITY)
+_FINEST = 9
+"""Ternary steps looked at beyond which nothing ever paid (3^8 = 6561 cells across the first one)."""
+TABLE_ENTRY_BITS = 8.0
+_SAMPLE = 12_000
+_STAGGER = 3.0**0.5
+_IMPORTANCE_RATIO = 9.0
+"""Squared-error ratio between neighbouring classes: one ternary step."""
+
+
+@dataclass(frozen=True)
+class ChannelPlan:
+    """One channel's cost tables, per class.
+
+    Attributes:
+        stream: which.
+        step: first-cell width per component.
+        bits: (classes, steps + 1) cumulative bits of the class's anchors with 0.. steps.
+        error: (classes, steps + 1) squared picture error left.
+    """
+
+    stream: Stream
+    step: tuple[float, ...]
+    bits: F64
+    error: F64
+
+
+def classify(importance: F64, rate: float, bits: float, limit: int) -> tuple[I64, int]:
+    """Class 0.. of each anchor, most important first, and how many there are; -1 for anchors not worth sending.
+
+    Args:
+        importance: (N,) squared picture error of leaving the anchor out.
+        rate: lambda of the last layer.
+        bits: what the cheapest anchor costs.
+        limit: most classes.
+    """
+    worth = importance > rate * bits
+    if not worth.any():
+        worth = importance >= importance.max()
+    floor = float(importance[worth].min())
+    rank = np.zeros(len(importance))
+    positive = importance > 0
+    rank[positive] = np.log(importance[positive] / max(floor, 1e-300)) / np.log(_IMPORTANCE_RATIO)
+    count = int(min(limit, MAX_CLASSES, np.floor(rank[worth].max()) + 1)) if floor > 0 else 1
+    classes = count - 1 - np.minimum(np.floor(rank), count - 1).astype(np.int64)
+    # Empty classes would waste rows of the layer table.
+    used = np.unique(classes[worth])
+    classes = np.searchsorted(used, classes)
+    classes[~worth] = -1
+    return classes, len(used)
+
+
+def entropy_bits(symbols: I64, contexts: I64, scale: float = 1.0) -> float:
+    """Bits of `scale` times `symbols` under ideal static tables per context, plus about a byte per table entry."""
+    if not len(symbols):
+        return 0.0
+    low = int(symbols.min())
+    span = int(symbols.max()) - low + 1
+    joint = contexts * span + (symbols - low)
+    if span * 256 < 1 << 22:
+        counts = np.bincount(joint).astype(np.float64)
+        counts = np.pad(counts, (0, -len(counts) % span)).reshape(-1, span)
+        totals = np.broadcast_to(counts.sum(axis=1, keepdims=True), counts.shape)[counts > 0]
+        counts = counts[counts > 0]
+    else:
+        kinds, amounts = np.unique(joint, return_counts=True)
+        counts = amounts.astype(np.float64)
+        totals = np.bincount(kinds // span, counts)[kinds // span]
+    return scale * float((counts * np.log2(totals / counts)).sum()) + TABLE_ENTRY_BITS * len(counts)
+
+
+def aligned_steps(
+    caps: tuple[float, ...], sensitivity: F64, classes: I64, count: int, rate: float
+) -> tuple[float, ...]:
+    """First-cell widths, near `caps`, whose ternary refinements hit the step that pays at `rate`.
+
+    At high rate the best step of a value of sensitivity S is sqrt(6 * rate / (ln 2 * S)). Classes lie one
+    ternary step apart, so one phase serves them all; a wrong phase costs up to 1.6 times the error or
+    0.7 bits a value.
+
+    Args:
+        caps: coarsest useful width per component; the result is within a factor sqrt(3) of it.
+        sensitivity: (N, components).
+    """
+    sizes = np.bincount(classes, minlength=count).astype(np.float64)
+    steps = []
+    for component, cap in enumerate(caps):
+        mean = np.bincount(classes, sensitivity[:, component], count) / np.maximum(sizes, 1)
+        useful = (mean > 0) & (sizes > 0)
+        if not useful.any():
+            steps.append(cap)
+            continue
+        best = np.log(np.sqrt(6 * rate / np.log(2) / mean[useful])) / np.log(3)
+        turn = np.average(np.exp(2j * np.pi * best), weights=sizes[useful])
+        phase = float(np.angle(turn)) / (2 * np.pi)
+        whole = np.round(np.log(cap) / np.log(3) - phase)
+        steps.append(float(3.0 ** (whole + phase)))
+    return tuple(steps)
+
+
+def plan_channel(
+    stream: Stream, values: F64, step: tuple[float, ...], sensitivity: F64, classes: I64, count: int
+) -> ChannelPlan:
+    """Cost tables of a channel for every class and every number of steps up to `_FINEST`.
+
+    Large classes are judged by a sample.
+
+    Args:
+        values: (N, components) in units of the attribute.
+        sensitivity: (N, components) or (N, 1) squared picture error per squared unit.
+    """
+    bits, error = np.zeros((count, _FINEST + 1)), np.zeros((count, _FINEST + 1))
+    for kind in range(count):
+        here = np.flatnonzero(classes == kind)
+        sampled = here[:: max(1, len(here) // _SAMPLE)]
+        scale = len(here) / max(len(sampled), 1)
+        part, weight = values[sampled], sensitivity[sampled]
+        error[kind, 0] = scale * float((weight * part**2).sum())
+        finest = np.rint(part / (np.array(step) / 3.0 ** (_FINEST - 1))).astype(np.int64)
+        previous = None
+        for steps in range(1, _FINEST + 1):
+            now = coarsen(finest, _FINEST - steps)
+            left = part - now * (np.array(step) / 3.0 ** (steps - 1))
+            error[kind, steps] = scale * float((weight * _felt(stream, left) ** 2).sum())
+            bits[kind, steps] = bits[kind, steps - 1] + _step_bits(now, previous, scale)
+            previous = now
+    return ChannelPlan(stream, step, bits, error)
+
+
+def _felt(stream: Stream, left: F64) -> F64:
+    """Errors as pictures show them: of a logarithm that is `left` too small, the part by which the value is off.
+
+    For small errors that is the same. A splat of the coarsest scales is up to e^0.8 times too long, which shows much
+    more than one that is as much too short.
+    """
+    return np.expm1(-left) if stream in _LOGARITHMS else left
+
+
+def _step_bits(now: I64, previous: I64 | None, scale: float) -> float:
+    total = 0.0
+    for component in range(now.shape[1]):
+        column = now[:, component]
+        if previous is None:
+            # The component before is a context of the first step; 16 buckets of it.
+            source = now[:, component - 1] if component else np.zeros(len(column), np.int64)
+            contexts = np.clip(source - int(np.median(source)) + 8, 0, 15) if len(source) else source
+            total += min(entropy_bits(column, contexts, scale), entropy_bits(column, np.zeros_like(contexts), scale))
+        else:
+            coarse = previous[:, component]
+            total += entropy_bits(column - 3 * coarse, np.clip(coarse, -2, 2) + 2, scale)
+    return total
+
+
+def hull_choice(bits: F64, error: F64, rate: float) -> int:
+    """Index on the lower convex hull of (bits, error) that is best at `rate`; grows as the rate falls."""
+    best = 0
+    index = 0
+    while index < len(bits) - 1:
+        slopes = (error[index] - error[index + 1 :]) / np.maximum(bits[index + 1 :] - bits[index], 1e-9)
+        steepest = int(np.argmax(slopes))
+        if slopes[steepest] <= rate:
+            break
+        index += 1 + steepest
+        best = index
+    return best
+
+
+@dataclass(frozen=True)
+class LatentChain:
+    """What the latent can receive, in order: RVQ stages, then steps of the latent channel.
+
+    Attributes:
+        stages: M.
+        bits, error: (classes, M + steps + 1) cumulative bits and squared picture error left.
+    """
+
+    stages: int
+    bits: F64
+    error: F64
+
+
+def increment(
+    plans: Sequence[ChannelPlan], latent: LatentChain, kind: int, rate: float, last: float
+) -> tuple[tuple[int, ...], float, float]:
+    """(stages, steps per plan, latent steps), error left and bits of one class at `rate`.
+
+    Aligned steps would all refine at the same lambda, one layer gaining everything and the next nothing. So
+    in layers before the last, every other channel of every other class goes half a step early or late.
+    """
+
+    def staggered(number: int) -> float:
+        return max(rate * (_STAGGER if (kind + number) % 2 else 1 / _STAGGER), last)
+
+    picks = [_pick(plan, kind, staggered(number)) for number, plan in enumerate(plans)]
+    link = hull_choice(latent.bits[kind], latent.error[kind], staggered(len(plans)))
+    error = latent.error[kind, link] + sum(plan.error[kind, n] for plan, n in zip(plans, picks, strict=True))
+    bits = latent.bits[kind, link] + sum(plan.bits[kind, n] for plan, n in zip(plans, picks, strict=True))
+    entry = (min(link, latent.stages), *picks, max(link - latent.stages, 0))
+    return entry, float(error), float(bits)
+
+
+def _pick(plan: ChannelPlan, kind: int, rate: float) -> int:
+    best = hull_choice(plan.bits[kind], plan.error[kind], rate)
+    # Far from the truth the model of errors is too kind: an anchor that shows has at least a coarse shape,
+    # opacity and colour.
+    return min(max(best, 0 if plan.stream == Stream.POSITION_RESIDUAL else 1), MAX_STEPS)

@@ -1,0 +1,83 @@
+"""The explicit profile's attributes of a Gaussian scene, before quantisation (SPEC §9; encoder side).
+
+Only what a renderer can see is kept: axes sorted by scale, orientation as normal and twist, opacity as a
+logarithm, colour decorrelated. Every map here is undone by the formulas of SPEC §9.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.container.schema import Stream
+from scarfmt.scene.activation import colour_from_spherical_harmonics, log_opacities
+from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.rotation import normal_and_twist, sort_axes
+
+F64 = NDArray[np.float64]
+
+MIN_LOG_OPACITY = -7.0
+"""Opacity 0.0009; a renderer skips everything below 1/255."""
+MIN_LOG_SCALE, MAX_LOG_SCALE = -46.0, 40.0
+"""Scales of 1e-20 survive; a log scale outside binary32's exponent range does not."""
+
+
+@dataclass(frozen=True)
+class Attributes:
+    """N Gaussians in the terms of SPEC §9.
+
+    Attributes:
+        positions: (N, 3) float64.
+        log_scales: (N, 3) float64, descending.
+        rotation: (N, 3) float64: normal square u, v and twist.
+        log_opacity: (N, 1) float64.
+        colour: (N, 3) float64: Y, G, O of the degree-0 coefficients.
+        rest: (N, 3 * ((degree + 1)^2 - 1)) float32, coefficient-major.
+    """
+
+    positions: F64
+    log_scales: F64
+    rotation: F64
+    log_opacity: F64
+    colour: F64
+    rest: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def channel(self, stream: Stream) -> F64:
+        """(N, components) float64 values of a channel (not the position residual)."""
+        return {
+            Stream.SCALE: self.log_scales,
+            Stream.ROTATION: self.rotation,
+            Stream.OPACITY: self.log_opacity,
+            Stream.COLOUR: self.colour,
+        }[stream]
+
+    def take(self, index: NDArray[np.integer]) -> Attributes:
+        """The Gaussians at `index`, in that order."""
+        return Attributes(
+            self.positions[index],
+            self.log_scales[index],
+            self.rotation[index],
+            self.log_opacity[index],
+            self.colour[index],
+            self.rest[index],
+        )
+
+
+def from_scene(scene: GaussianScene) -> Attributes:
+    """Attributes of a scene without NaN or infinity."""
+    log_scales, axes = sort_axes(np.clip(scene.log_scales, MIN_LOG_SCALE, MAX_LOG_SCALE), scene.rotations)
+    square, twist = normal_and_twist(axes)
+    log_opacity = np.maximum(log_opacities(scene.opacity_logits), MIN_LOG_OPACITY)
+    return Attributes(
+        scene.positions,
+        log_scales,
+        np.concatenate([square, twist[:, None]], axis=1),
+        log_opacity[:, None],
+        colour_from_spherical_harmonics(scene.sh[:, 0]),
+        np.ascontiguousarray(scene.sh[:, 1:].reshape(len(scene), -1)),
+    )

@@ -1,0 +1,314 @@
+"""Choosing predictors for a scene (SPEC §10.3; encoder side).
+
+The coder itself runs over some tiles with recorders in place of predictors: what they are shown is exactly what a
+decoder will know. A network is trained for every step of every component, and kept where its contexts save more bits
+than the network and its tables cost.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+from numba import get_num_threads
+from numpy.typing import NDArray
+
+from reference_encoder.networks.predictor_net import TOP_WEIGHTS, Effort, candidates, float_contexts, quantised, train
+from scarfmt.blocks.predictors import pack_predictors
+from scarfmt.coding.tile import NeuralModels, TileContent, put_layer
+from scarfmt.container.directory import TileFrame
+from scarfmt.container.schema import Profile, Stream
+from scarfmt.entropy.symbols import Emitter, SymbolCounter, TableKey, Values
+from scarfmt.errors import Malformed
+from scarfmt.neural.predicted import Predictors
+from scarfmt.neural.predictors import MAX_CONTEXTS, Predictor, first_use
+from scarfmt.scene.model import MAX_CLASSES, NO_SOURCE, ContextRule, LayerRow, SceneModel
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I16 = NDArray[np.int16]
+I64 = NDArray[np.int64]
+Key = tuple[int, int, int]
+"""(stream, component, step)."""
+
+EFFORTS = {1: Effort(4, 400), 2: Effort(8, 800), 3: Effort(16, 2000)}
+_SAMPLE = 40_000
+_ANCHORS = 160_000
+"""Anchors of the tiles looked at."""
+_LEAST_SYMBOLS = 4000
+"""Fewer symbols never pay for a network."""
+_TABLE_BITS, _ENTRY_BITS = 24.0, 6.0
+"""What a table costs after zstd, as measured."""
+_RUN_BITS = 0.1
+"""What a run of symbols in one context is worth: it costs a decoder about 4 microseconds."""
+_ESTIMATE = 0.5 / np.log(2)
+"""Bits by which the entropy of a histogram falls short of the truth, per free entry (Miller and Madow)."""
+
+
+@dataclass
+class Recorder:
+    """Stands in for a predictor, and keeps a share of what it is shown.
+
+    Attributes:
+        share: of the symbols to keep.
+        random: chooses them.
+        inputs, symbols: (m, inputs) and (m,) kept so far.
+        groups: symbols of each group seen.
+    """
+
+    share: float
+    random: np.random.Generator
+    inputs: list[I16] = dataclasses.field(default_factory=list)
+    symbols: list[Values] = dataclasses.field(default_factory=list)
+    groups: list[int] = dataclasses.field(default_factory=list)
+
+    def contexts(self, x: F32) -> I64:
+        """Context 0 for everything."""
+        self._kept = np.flatnonzero(self.random.random(len(x)) < self.share)
+        self.inputs.append(x[self._kept].astype(np.int16))
+        self.groups.append(len(x))
+        return np.zeros(len(x), np.int64)
+
+    def take(self, values: Values) -> None:
+        """The symbols of the inputs just shown."""
+        self.symbols.append(values[self._kept])
+
+
+class _Tap:
+    """An emitter that hands recorders their symbols."""
+
+    def __init__(self, recorders: Mapping[Key, Recorder]) -> None:
+        self._recorders = recorders
+
+    def emit(self, key: TableKey, values: Values) -> None:
+        recorder = self._recorders.get(key[:3])
+        if recorder is not None:
+            recorder.take(values)
+
+    def emit_uniform(self, size: int, values: Values) -> None:
+        """Nothing: no attribute is coded so."""
+
+    def emit_rows(self, weights: F64, values: Values) -> None:
+        """Nothing: no attribute is coded so."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What is known about one step of one component.
+
+    Attributes:
+        inputs: (m, inputs) int16 and symbols (m,) of a random sample.
+        groups: symbols of each group of the tiles looked at.
+        total: symbols of the whole scene.
+    """
+
+    inputs: I16
+    symbols: I64
+    groups: I64
+    total: int
+
+    @cached_property
+    def ranks(self) -> I64:
+        """(m,) each symbol's place among those that occur: outliers make no wide histograms."""
+        return np.unique(self.symbols, return_inverse=True)[1].astype(np.int64)
+
+
+def choose_predictors(
+    model: SceneModel,
+    contents: Sequence[TileContent],
+    bits: Sequence[int],
+    seed: int = 0,
+    effort: int = 2,
+) -> dict[int, tuple[Predictor, ...]]:
+    """Predictors that pay, by the layer that sends them, keys ascending. Deterministic.
+
+    Args:
+        model: of the scene; its context says what predictors look at.
+        contents, bits: its tiles, at the last layer, and their local bits per axis.
+        effort: 1..3.
+    """
+    whole, (model, contents) = _totals(model, contents), _attributes_only(model, contents)
+    frames, contents = _some_tiles([TileFrame(b) for b in bits], contents, seed)
+    static = _static_bits(model, frames, contents, whole)
+    chosen: dict[int, tuple[Predictor, ...]] = {}
+    taken = sorted(samples(model, frames, contents, whole, seed).items())
+
+    def best(number: int) -> Predictor | None:
+        key, sample = taken[number]
+        return _best(key, sample, static[key], EFFORTS[effort], seed + number)
+
+    # Each is trained by itself, so threads change nothing.
+    with ThreadPoolExecutor(get_num_threads()) as pool:
+        for predictor in pool.map(best, range(len(taken))):
+            if predictor is None:
+                continue
+            channel = model.channel_index(predictor.stream)
+            layer = None if channel is None else first_use(model, channel, predictor.step)
+            assert layer is not None
+            chosen[layer] = (*chosen.get(layer, ()), predictor)
+    return chosen
+
+
+def _best(key: Key, sample: Sample, static: float, effort: Effort, seed: int) -> Predictor | None:
+    """The predictor of one step of one component, None if none pays."""
+    ternary, stream = key[2] > 1, Stream(key[0])
+    net = train(sample.inputs, sample.symbols, ternary, sample.total, effort, seed)
+    outputs = net.outputs(sample.inputs.astype(np.float64))
+
+    def cost(buckets: tuple[int, int]) -> float:
+        return expected_bits(float_contexts(outputs, buckets), sample)
+
+    buckets = min(candidates(MAX_CONTEXTS), key=cost)
+    place, x = (stream, key[1], key[2]), sample.inputs.astype(np.float32)
+    found: Predictor | None = None
+    for top in TOP_WEIGHTS:
+        predictor = quantised(net, sample.inputs, outputs, place, buckets, top)
+        bits = expected_bits(predictor.contexts(x), sample) + 8 * _packed_bytes(predictor)
+        if bits < static and _valid(predictor):
+            found, static = predictor, bits
+    return found
+
+
+def _valid(predictor: Predictor) -> bool:
+    """Whether a reader takes it: large biases may leave what binary32 holds exactly."""
+    try:
+        predictor.check()
+    except Malformed:
+        return False
+    return True
+
+
+def _packed_bytes(predictor: Predictor) -> int:
+    """What one more predictor adds to a block."""
+    return len(pack_predictors([predictor])) - len(pack_predictors([]))
+
+
+def expected_bits(contexts: I64, sample: Sample) -> float:
+    """Bits of all the scene's symbols under (m,) `contexts` of the sample's, with tables and runs."""
+    width = int(sample.ranks.max()) + 1
+    counts = np.bincount(contexts * width + sample.ranks, minlength=width * (int(contexts.max()) + 1))
+    counts = counts.reshape(-1, width)
+    shares = counts.sum(axis=1) / len(contexts)
+    # Groups whose symbols are few do not meet every context.
+    met = 1 - np.power(1 - shares[:, None], sample.groups)
+    runs = float(met.sum()) * sample.total / float(sample.groups.sum())
+    return coded_bits(list(counts), sample.total) + _RUN_BITS * runs
+
+
+def coded_bits(histograms: Sequence[I64], total: int) -> float:
+    """Bits of `total` symbols, of which these are sample histograms by context, and of their tables."""
+    bits = tables = 0.0
+    count = 0
+    for histogram in histograms:
+        used = histogram[histogram > 0].astype(np.float64)
+        if len(used):
+            bits += float((used * np.log2(used.sum() / used)).sum()) + _ESTIMATE * (len(used) - 1)
+            tables += _TABLE_BITS + _ENTRY_BITS * len(used)
+            count += int(used.sum())
+    return bits / max(count, 1) * total + tables
+
+
+def samples(
+    model: SceneModel,
+    frames: Sequence[TileFrame],
+    contents: Sequence[TileContent],
+    whole: Mapping[Key, int],
+    seed: int,
+) -> dict[Key, Sample]:
+    """A sample of the symbols of every step of every component that has enough of them."""
+    here, random = _totals(model, contents), np.random.default_rng(seed)
+    enough = {key for key, total in whole.items() if total >= _LEAST_SYMBOLS and here[key]}
+    # All are recorded, so that all are coded in passes.
+    recorders = {
+        key: Recorder(min(1.0, _SAMPLE / max(total, 1)) if key in enough else 0.0, random)
+        for key, total in sorted(here.items())
+    }
+    _run(model, frames, contents, _Tap(recorders), NeuralModels(cast(Predictors, recorders)))
+    out = {}
+    for key in sorted(enough):
+        recorder = recorders.pop(key)
+        symbols = np.concatenate(recorder.symbols).astype(np.int64)
+        groups = np.array(recorder.groups)
+        out[key] = Sample(np.concatenate(recorder.inputs), symbols, groups[groups > 0], whole[key])
+    return out
+
+
+def _run(
+    model: SceneModel,
+    frames: Sequence[TileFrame],
+    contents: Sequence[TileContent],
+    emitter: Emitter,
+    neural: NeuralModels,
+) -> None:
+    for layer in range(1, len(model.layers) + 1):
+        for frame, content in zip(frames, contents, strict=True):
+            put_layer(model, layer, frame, content, lambda _: emitter, neural)
+
+
+def _static_bits(
+    model: SceneModel, frames: Sequence[TileFrame], contents: Sequence[TileContent], whole: Mapping[Key, int]
+) -> dict[Key, float]:
+    """Bits of every step of every component under the static contexts, tables included."""
+    counter = SymbolCounter()
+    _run(model, frames, contents, counter, NeuralModels())
+    histograms: dict[Key, list[I64]] = {}
+    for key, (_, counts) in counter.histograms().items():
+        histograms.setdefault(key[:3], []).append(counts)
+    return {key: coded_bits(found, whole[key]) for key, found in histograms.items() if key in whole}
+
+
+def _totals(model: SceneModel, contents: Sequence[TileContent]) -> dict[Key, int]:
+    """Symbols of every step of every component of the attribute channels: each anchor has each step once."""
+    classes = sum((np.bincount(c.classes, minlength=MAX_CLASSES) for c in contents), np.zeros(MAX_CLASSES, np.int64))
+    out = {}
+    for index in model.attributes:
+        channel, steps = model.channels[index], np.array([row[index] for row in model.layers[-1].steps])
+        for step in range(1, int(steps.max()) + 1):
+            total = int(classes[: len(steps)][steps >= step].sum())
+            out.update({(int(channel.stream), c, step): total for c in range(channel.components)})
+    return out
+
+
+def _some_tiles(
+    frames: Sequence[TileFrame], contents: Sequence[TileContent], seed: int
+) -> tuple[list[TileFrame], list[TileContent]]:
+    """Tiles drawn at random until they have enough anchors."""
+    order = np.random.default_rng(seed).permutation(len(contents))
+    before = np.cumsum([0, *(len(contents[tile]) for tile in order)])[:-1]
+    kept = sorted(int(tile) for tile in order[before < _ANCHORS])
+    return [frames[tile] for tile in kept], [contents[tile] for tile in kept]
+
+
+def _attributes_only(model: SceneModel, contents: Sequence[TileContent]) -> tuple[SceneModel, list[TileContent]]:
+    """The scene with nothing but positions, classes and attribute channels: the rest would be coded in vain."""
+    kept = model.attributes
+
+    def moved(rule: ContextRule) -> ContextRule:
+        # Sources are coded earlier, and position residuals are never one: all are attributes.
+        found = rule.source_channel
+        return rule if found == NO_SOURCE else dataclasses.replace(rule, source_channel=kept.index(found))
+
+    channels = tuple(
+        dataclasses.replace(channel, rules=tuple(moved(rule) for rule in channel.rules))
+        for channel in (model.channels[index] for index in kept)
+    )
+    rows = tuple(
+        LayerRow((0,) * row.class_count, tuple(tuple(steps[index] for index in kept) for steps in row.steps))
+        for row in model.layers
+    )
+    parts = [
+        dataclasses.replace(
+            content,
+            values=[content.values[index] for index in kept],
+            first=[content.first[index] for index in kept],
+            indices=content.indices[:, :0],
+            slot_layers=content.slot_layers[:, :0],
+        )
+        for content in contents
+    ]
+    return SceneModel(Profile.EXPLICIT, 1, channels, rows, model.context), parts

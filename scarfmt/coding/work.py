@@ -1,0 +1,236 @@
+"""How much work a file asks for, told before a tile is decoded (SPEC §13.2).
+
+A symbol can cost no byte, and a network may look at much for each: the bytes of a file do not bound the time it takes.
+What its header, directory and models declare does. Work is counted in multiply-adds; other things count as many as
+take about as long.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.blocks.mlp import Network
+from scarfmt.container.bytefields import decompress
+from scarfmt.container.directory import Table
+from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.entropy.symbols import SymbolTable, TableKey
+from scarfmt.errors import LimitExceeded
+from scarfmt.limits import FREE_CONTENT, FREE_WORK, Limits
+from scarfmt.neural.grid import HashGrid
+from scarfmt.neural.network import IndexNetwork
+from scarfmt.neural.predictors import Predictor
+from scarfmt.scene.model import LayerRow, SceneModel
+
+I64 = NDArray[np.int64]
+
+SYMBOL = 1 << 8
+"""One symbol from a table."""
+GROUP = 1 << 15
+"""Opening one table for a group of symbols."""
+RECORD = 1 << 17
+"""Reading one table record."""
+TILE_LAYER = 1 << 21
+"""Beginning one layer of one tile."""
+SPLIT = 1 << 16
+"""Splitting a node of a tile at one bit; at most `MOST_SPLITS` nodes of a bit count."""
+MOST_SPLITS = 16
+PASS = 1 << 21
+"""Beginning one pass of a step with predictors."""
+STAGE_PASS = 1 << 23
+"""Beginning one stage of one pass of the index network."""
+CLUSTER = 1 << 17
+"""Beginning one cluster in such a stage."""
+PRODUCT = 2
+"""A multiply-add of what is applied to every anchor in the end, in binary64."""
+NUMBER = 1 << 4
+"""Making one number of the result, or one frequency."""
+OUTPUT = 1 << 11
+"""Keeping one output of the latent decoder: what it is counted for is memory."""
+BIT = 1 << 6
+"""One bit of a hash grid."""
+
+
+def _by_step(tables: Sequence[Mapping[TableKey, SymbolTable]]) -> Iterator[Counter[tuple[int, int]]]:
+    """Per layer, how many tables of each (stream, step) are in force: a table of a layer stays or is replaced."""
+    before: Mapping[TableKey, SymbolTable] = {}
+    counts: Counter[tuple[int, int]] = Counter()
+    for here in tables:
+        if len(here) > len(before):
+            counts = counts + Counter((key.stream, key.step) for key in here.keys() - before.keys())
+        yield counts
+        before = here
+
+
+@dataclass(frozen=True)
+class Extent:
+    """What a directory declares of the first layers.
+
+    Attributes:
+        tiles: (layers,) tiles that have anchors after each layer.
+        anchors: after the last of them.
+        splits: levels of the trees of positions, times the nodes that each may have, up to `MOST_SPLITS`.
+    """
+
+    tiles: I64
+    anchors: int
+    splits: int
+
+
+def extent(directory: Table, tile_table: Table, lattice_bits: int, layers: int) -> Extent:
+    """The extent of the first `layers` layers."""
+    rows = directory[(directory["kind"] == BlockKind.TILE) & (directory["layer"] <= layers) & (directory["count"] > 0)]
+    counts = rows["count"].astype(np.int64)
+    local = lattice_bits - tile_table["depth"].astype(np.int64) - tile_table["shift"]
+    splits = int((3 * local[rows["tile"]] * np.minimum(counts - 1, MOST_SPLITS)).sum())
+    order = np.lexsort((rows["layer"], rows["tile"]))
+    tiles, first = np.unique(rows["tile"][order], return_index=True)
+    starts = np.bincount(rows["layer"][order][first], minlength=layers + 1)[1:] if len(tiles) else np.zeros(layers)
+    return Extent(np.cumsum(starts).astype(np.int64), int(counts.sum()), splits)
+
+
+class DeclaredWork:
+    """The work of decoding a file's first layers, in the terms of SPEC §13.2.
+
+    Args:
+        model: of those layers.
+        tables: static tables in force in each layer, by key.
+        predictors: in force in each layer, by key.
+        network, books, grid: of the index network, or None.
+        networks: what is applied to every anchor in the end, the latent decoder first.
+    """
+
+    def __init__(
+        self,
+        model: SceneModel,
+        tables: Sequence[Mapping[TableKey, SymbolTable]],
+        predictors: tuple[dict[tuple[int, int, int], Predictor], ...],
+        network: IndexNetwork | None,
+        books: Codebooks | None,
+        grid: HashGrid | None,
+        networks: tuple[Network, ...],
+    ) -> None:
+        self._model, self._predictors = model, predictors
+        self._tables = list(_by_step(tables))
+        self._network, self._books, self._grid, self._networks = network, books, grid, networks
+
+    def total(self, declared: Extent) -> int:
+        """Work for so many tiles and anchors."""
+        layers = range(1, len(self._model.layers) + 1)
+        started = sum(int(count) * self._of_tile(layer) for layer, count in zip(layers, declared.tiles, strict=True))
+        classes = range(self._model.layers[-1].class_count)
+        refined = max(sum(self._of_anchor(layer, kind) for layer in layers) for kind in classes)
+        split = SPLIT * declared.splits
+        return self._once() + started + split + declared.anchors * (refined + self._of_result())
+
+    def _once(self) -> int:
+        records = sum(self._tables[-1].values())
+        bits = sum(level.bits for level in self._grid.levels) if self._grid else 0
+        prepared = 0
+        if self._network is not None and self._books is not None:
+            codewords = sum(self._books.sizes)
+            prepared = codewords * sum(gru.inputs[0].size + gru.recurrent.size for gru in self._network.gru)
+        return records * RECORD + bits * BIT + prepared
+
+    def _of_tile(self, layer: int) -> int:
+        row, steps = self._model.layers[layer - 1], self._steps(layer)
+        passes = self._model.context.passes_log2 + 1
+        predicted = {(stream, step) for stream, _, step in self._predictors[layer - 1]} & steps
+        total = TILE_LAYER + GROUP * self._usable_tables(layer, steps) * (passes if predicted else 1)
+        total += PASS * passes * len(predicted)
+        if row.neural and self._network is not None:
+            clusters = max(len(head.clusters) for head in self._network.heads)
+            total += max(row.stages) * passes * (STAGE_PASS + CLUSTER * clusters)
+        return total
+
+    def _usable_tables(self, layer: int, steps: set[tuple[int, int]]) -> int:
+        """Tables in force that a layer may code with: those of `steps`, of no step, and of offsets."""
+        counts = self._tables[layer - 1].items()
+        return sum(n for key, n in counts if not key[1] or key[0] == Stream.OFFSETS or key in steps)
+
+    def _steps(self, layer: int) -> set[tuple[int, int]]:
+        """(stream, step) of the steps that some class receives in a layer."""
+        rows, before = self._model.layers, self._model.layers[layer - 2] if layer > 1 else LayerRow((), ())
+        steps = set()
+        for index, channel in enumerate(self._model.channels):
+            for kind, after in enumerate(rows[layer - 1].steps):
+                first = before.steps[kind][index] if kind < before.class_count else 0
+                steps |= {(int(channel.stream), step) for step in range(first + 1, after[index] + 1)}
+        return steps
+
+    def _of_anchor(self, layer: int, kind: int) -> int:
+        """Work for an anchor of class `kind` in one layer."""
+        model = self._model
+        row = model.layers[layer - 1]
+        if kind >= row.class_count:
+            return 0
+        known = layer > 1 and kind < model.layers[layer - 2].class_count
+        steps = model.layers[layer - 2].steps[kind] if known else (0,) * len(model.channels)
+        stages = model.layers[layer - 2].stages[kind] if known else 0
+        symbols = sum(c.components * (b - a) for c, a, b in zip(model.channels, steps, row.steps[kind], strict=True))
+        slots = model.slots * (1 if known else 4) if model.profile == Profile.ANCHOR else 0
+        received = {c.stream: (a, b) for c, a, b in zip(model.channels, steps, row.steps[kind], strict=True)}
+        predicted = sum(
+            predictor.multiply_adds + NUMBER * predictor.inputs
+            for (stream, _, step), predictor in self._predictors[layer - 1].items()
+            if received[predictor.stream][0] < step <= received[predictor.stream][1]
+        )
+        # Whether or not anything is received, the anchor is looked at, channel by channel.
+        looked = SYMBOL * (1 + len(model.channels))
+        return looked + SYMBOL * (symbols + slots) + predicted + self._of_indices(row.neural, stages, row.stages[kind])
+
+    def _of_indices(self, neural: bool, before: int, after: int) -> int:
+        if before == after:
+            return 0
+        if not neural or self._network is None:
+            return SYMBOL * (after - before)
+        logits = max(len(head.clusters) + max(head.clusters) if head.two_level else len(head.biases)
+                     for head in self._network.heads)  # fmt: skip
+        return self._network.multiply_adds(after) + (after - before) * (2 * SYMBOL + NUMBER * logits)
+
+    def _of_result(self) -> int:
+        numbers = sum(channel.components for channel in self._model.channels)
+        products, kept = 0, self._networks[0].outputs if self._networks else 0
+        for network in self._networks:
+            products += sum(layer.weights.size for layer in network.layers)
+            numbers += max(layer.weights.shape[0] for layer in network.layers) + network.inputs
+        return PRODUCT * products + NUMBER * numbers + OUTPUT * kept
+
+
+class Contents:
+    """What the Zstandard frames of one file's tables may unfold to together (SPEC §13.2).
+
+    Args:
+        file_length: of the file.
+        limits: what the reader accepts.
+    """
+
+    def __init__(self, file_length: int, limits: Limits) -> None:
+        self._left = FREE_CONTENT + limits.content_per_byte * file_length
+
+    def decompress(self, frame: bytes, limit: int, field: str) -> bytes:
+        """:func:`scarfmt.container.bytefields.decompress`, where no more is left than the frames before did not use.
+
+        Raises:
+            LimitExceeded: ``limit-expansion``.
+        """
+        content = decompress(frame, limit, field, self._left)
+        self._left -= len(content)
+        return content
+
+
+def check_work(work: int, file_length: int, limits: Limits) -> None:
+    """Refuse a file that declares more work than its bytes pay for (SPEC §13.2).
+
+    Raises:
+        LimitExceeded: ``limit-work``.
+    """
+    most = FREE_WORK + limits.work_per_byte * file_length
+    if work > most:
+        message = f"decoding takes {work} multiply-adds, this reader's limit is {most}: raise it if you trust the file"
+        raise LimitExceeded("limit-work", message, field="work")

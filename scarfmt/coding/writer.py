@@ -1,0 +1,262 @@
+"""From a quantised scene to the bytes of a file (SPEC §5-§8). The reference encoder decides, this writes.
+
+A layer's symbols are gathered from all tiles first; the tables fitted to them then code them.
+A layer's TABLES block holds a table only where that is cheaper than going on with an earlier layer's.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.blocks.codebooks import Codebooks, pack_codebooks
+from scarfmt.blocks.hash_grid import pack_grid
+from scarfmt.blocks.index_network import pack_network
+from scarfmt.blocks.layer import pack_layer
+from scarfmt.blocks.mlp import Network, pack_networks
+from scarfmt.blocks.predictors import pack_predictors
+from scarfmt.codecs.channels import coarsen
+from scarfmt.codecs.neural_indices import IndexCoder, index_coder
+from scarfmt.coding.checks_of_scene import check_books, check_content
+from scarfmt.coding.reader import SceneReader
+from scarfmt.coding.tile import NeuralModels, TileContent, first_values, put_layer
+from scarfmt.container.bytefields import compress
+from scarfmt.container.directory import local_bits, tile_frame
+from scarfmt.container.file import Block, HeaderFields, Tile, write_container
+from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.source import BytesSource
+from scarfmt.container.substreams import pack_substreams
+from scarfmt.entropy.symbols import (
+    StaticTables,
+    SymbolCounter,
+    SymbolRecorder,
+    SymbolTable,
+    TableKey,
+    fit_table,
+    pack_table,
+    pack_tables,
+)
+from scarfmt.errors import InvalidInput, ScarError
+from scarfmt.limits import FORMAT_LIMITS
+from scarfmt.neural.grid import HashGrid
+from scarfmt.neural.network import IndexNetwork
+from scarfmt.neural.predictors import Predictor
+from scarfmt.scene.model import SceneModel, first_layers, first_neural_layer
+
+Report = Callable[[str, float], None]
+Ints = NDArray[np.integer[Any]]
+
+
+def silent(_stage: str, _fraction: float) -> None:
+    """A progress report that goes nowhere."""
+
+
+@dataclass(frozen=True)
+class QuantisedScene:
+    """All integers and models of a scene: exactly what a file holds.
+
+    Attributes:
+        fields: header fields.
+        model: channels, layers, classes.
+        tiles, contents: tile table and the content of each, at the last layer.
+        codebooks: None when no stage is used.
+        decoder: latent to SH or feature; None when no stage is used.
+        scene_mlps: opacity, covariance and colour networks of the anchor profile, else empty.
+        metadata: JSON-able annotations, or empty.
+        predictors: per layer (1-based), those whose step first travels in it.
+        network: the index network; needed exactly when a layer's row is neural.
+        grid: the hash grid the network reads, or None.
+    """
+
+    fields: HeaderFields
+    model: SceneModel
+    tiles: tuple[Tile, ...]
+    contents: tuple[TileContent, ...]
+    codebooks: Codebooks | None = None
+    decoder: Network | None = None
+    scene_mlps: tuple[Network, ...] = ()
+    metadata: Mapping[str, Any] = field(default_factory=dict)
+    predictors: Mapping[int, tuple[Predictor, ...]] = field(default_factory=dict)
+    network: IndexNetwork | None = None
+    grid: HashGrid | None = None
+
+    def neural(self, layer: int) -> NeuralModels:
+        """What codes symbols beside static tables in a layer."""
+        found = {p.key: p for number, group in self.predictors.items() if number <= layer for p in group}
+        return NeuralModels(found, self._coder)
+
+    @cached_property
+    def _coder(self) -> IndexCoder | None:
+        if self.network is None or self.codebooks is None:
+            return None
+        return index_coder(self.network, self.codebooks, self.grid)
+
+
+def _model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, SymbolTable]) -> Iterator[Block]:
+    model = scene.model
+    row, opening = model.layers[layer - 1], (model.channels, model.context) if layer == 1 else None
+    yield Block(BlockKind.LAYER, layer, pack_layer(row, opening), count=row.class_count)
+    if tables:
+        yield Block(BlockKind.TABLES, layer, compress(pack_tables(tables)), count=len(tables))
+    books, starts = scene.codebooks, first_layers(model)
+    if books is not None:
+        needed = {n: words for n, words in ((0, books.coarse), (1, books.residual)) if starts[n] == layer}
+        if needed:
+            yield Block(BlockKind.CODEBOOKS, layer, pack_codebooks(needed), count=len(needed))
+    if scene.decoder is not None and starts[2] == layer:
+        yield Block(BlockKind.DECODER_MLP, layer, pack_networks((scene.decoder,)), count=1)
+    if layer == 1 and scene.scene_mlps:
+        yield Block(BlockKind.SCENE_MLP, layer, pack_networks(scene.scene_mlps), count=len(scene.scene_mlps))
+    if scene.network is not None and first_neural_layer(model) == layer:
+        if scene.grid is not None:
+            yield Block(BlockKind.HASH_GRID, layer, pack_grid(scene.grid), count=len(scene.grid.levels))
+        yield Block(BlockKind.ENTROPY_NETWORK, layer, pack_network(scene.network), count=1)
+    if scene.predictors.get(layer):
+        group = scene.predictors[layer]
+        yield Block(BlockKind.PREDICTORS, layer, pack_predictors(group), count=len(group))
+    if layer == 1 and scene.metadata:
+        text = json.dumps(scene.metadata, sort_keys=True, separators=(",", ":"), allow_nan=False)
+        yield Block(BlockKind.METADATA, layer, text.encode())
+
+
+def _fit_tables(counter: SymbolCounter, known: Mapping[TableKey, SymbolTable]) -> dict[TableKey, SymbolTable]:
+    """Tables worth sending in a layer, given those of earlier layers."""
+    sent: dict[TableKey, SymbolTable] = {}
+    for key, (alphabet, counts) in counter.histograms().items():
+        table = fit_table(alphabet, counts)
+        if key in known:
+            own = float((table.table.bits * counts).sum()) + 8 * len(pack_table(key, table))
+            if known[key].cost_of_counts(alphabet, counts) <= own:
+                continue
+        sent[key] = table
+    return sent
+
+
+@dataclass(frozen=True)
+class _RecordedTile:
+    """One layer of one tile before it is coded: how many anchors are new, and the symbols of every stream."""
+
+    new: int
+    streams: dict[Stream, SymbolRecorder]
+
+    def block(self, layer: int, tile: int, tables: Mapping[TableKey, SymbolTable]) -> Block | None:
+        """The TILE block, None where there is nothing to say."""
+        streams = {stream: recorder.code(tables) for stream, recorder in self.streams.items()}
+        if not self.new and not any(streams.values()):
+            return None
+        sizes = {int(stream): len(data) for stream, data in streams.items()}
+        return Block(BlockKind.TILE, layer, pack_substreams(streams), tile=tile, count=self.new, stream_bytes=sizes)
+
+
+def _record_tile(
+    scene: QuantisedScene, layer: int, tile: int, neural: NeuralModels, counter: SymbolCounter
+) -> _RecordedTile:
+    recorders: dict[Stream, SymbolRecorder] = {}
+
+    def recorder(stream: Stream) -> SymbolRecorder:
+        return recorders.setdefault(stream, SymbolRecorder(counter))
+
+    frame = tile_frame(scene.fields, scene.tiles[tile])
+    new = put_layer(scene.model, layer, frame, scene.contents[tile], recorder, neural)
+    for one in recorders.values():
+        one.settle()
+    return _RecordedTile(new, recorders)
+
+
+def _check(scene: QuantisedScene) -> None:
+    try:
+        scene.model.check()
+    except ScarError as error:
+        raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
+    if len(scene.tiles) != len(scene.contents):
+        raise InvalidInput("input-container", "one content per tile is needed", field="contents")
+    check_books(scene.model, scene.codebooks)
+    for tile, content in zip(scene.tiles, scene.contents, strict=True):
+        check_content(scene.model, scene.codebooks, local_bits(scene.fields, tile), content)
+
+
+def _check_models(data: bytes) -> None:
+    # The reader's own rules are the writer's contract.
+    try:
+        SceneReader(BytesSource(data), limits=FORMAT_LIMITS).models()
+    except ScarError as error:
+        raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
+
+
+def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
+    """The bytes of a file. Equal scenes give equal bytes.
+
+    Raises:
+        InvalidInput: ``input-container`` when the scene breaks a rule of SPEC.md, ``input-table`` when a channel
+            takes more different values than a table holds.
+    """
+    _check(scene)
+    layers = len(scene.model.layers)
+    known = StaticTables({})
+    blocks: list[Block] = []
+    for layer in range(1, layers + 1):
+        counter, neural = SymbolCounter(), scene.neural(layer)
+        recorded = []
+        for tile in range(len(scene.tiles)):
+            report("code", (layer - 1 + tile / len(scene.tiles)) / layers)
+            recorded.append(_record_tile(scene, layer, tile, neural, counter))
+        sent = _fit_tables(counter, known)
+        known = StaticTables({**known, **sent})
+        blocks += _model_blocks(scene, layer, sent)
+        coded = (each.block(layer, tile, known) for tile, each in enumerate(recorded))
+        blocks += [block for block in coded if block is not None]
+    data = write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
+    _check_models(data)
+    report("code", 1.0)
+    return data
+
+
+def layer_counts(scene: QuantisedScene) -> list[tuple[int, int]]:
+    """Per layer, cumulative (anchors, Gaussians)."""
+    out = []
+    for layer, row in enumerate(scene.model.layers, start=1):
+        anchors = sum(int((content.classes < row.class_count).sum()) for content in scene.contents)
+        gaussians = anchors
+        if scene.fields.profile == Profile.ANCHOR:
+            shown = ((c.slot_layers > 0) & (c.slot_layers <= layer) for c in scene.contents)
+            gaussians = sum(int(mask.sum()) for mask in shown)
+        out.append((anchors, gaussians))
+    return out
+
+
+def keep_layers(scene: QuantisedScene, layers: int) -> QuantisedScene:
+    """The same scene with only its first `layers` layers, models unchanged.
+
+    ``write_scene(keep_layers(scene, k))`` is byte-equal to truncating ``write_scene(scene)`` (SPEC §14).
+    """
+    model = replace(scene.model, layers=scene.model.layers[:layers])
+    contents = tuple(_content_at(scene.model, model, content) for content in scene.contents)
+    return replace(scene, model=model, contents=contents)
+
+
+def _content_at(full: SceneModel, model: SceneModel, content: TileContent) -> TileContent:
+    layer, last = len(model.layers), len(full.layers)
+    kept = content.classes < model.layers[-1].class_count
+    classes, slot_layers = content.classes[kept], content.slot_layers[kept]
+    slot_layers[slot_layers > layer] = 0
+    values = []
+    for index, channel in enumerate(model.channels):
+        here: Ints = content.values[index][kept]
+        if channel.stream == Stream.OFFSETS:
+            here = here * (slot_layers > 0)[:, :, None]
+        else:
+            now, final = model.steps(layer, index, classes), full.steps(last, index, classes)
+            here = coarsen(here, (final - now)[:, None]) * (now > 0)[:, None]
+        values.append(here.astype(np.int32))
+    received = model.stages(layer, classes)
+    indices = content.indices[kept][:, : model.max_stages]
+    indices = np.where(np.arange(model.max_stages) < received[:, None], indices, 0).astype(np.int16)
+    part = TileContent(content.codes[kept], classes, values, [], indices, slot_layers)
+    part.first = first_values(model, part)
+    return part

@@ -1,0 +1,205 @@
+"""Variable-length integers and bounds-checked reading inside a block payload (SPEC §5.7).
+
+LEB128: seven bits a byte, least significant group first, the top bit set on all but the last byte.
+Signed values are zigzag-mapped first. A varint must be as short as its value allows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+
+from scarfmt.container.zstd_frame import frame_header
+from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
+
+I64 = NDArray[np.int64]
+
+MAX_ZSTD_WINDOW = 8 << 20
+_ZSTD_LEVEL = 19
+# So few integers are read faster one by one.
+_FEW = 12
+
+
+def unsigned_varint(value: int) -> bytes:
+    """LEB128 bytes of `value` >= 0."""
+    if value < 0:
+        raise InvalidInput("input-varint", f"{value} is negative", field="varint")
+    out = bytearray()
+    while value >= 0x80:
+        out.append(value & 0x7F | 0x80)
+        value >>= 7
+    out.append(value)
+    return bytes(out)
+
+
+def signed_varint(value: int) -> bytes:
+    """LEB128 bytes of the zigzag map 0, -1, 1, -2, ... -> 0, 1, 2, 3, ..."""
+    return unsigned_varint(2 * value if value >= 0 else -2 * value - 1)
+
+
+def varints(payload: bytes, bits: int) -> I64 | None:
+    """(n,) int64: all of `payload` as LEB128 integers below 2^bits, at most 56; None if it is not just those."""
+    window = np.frombuffer(payload, np.uint8)
+    ends = np.flatnonzero(window < 0x80)
+    if not len(ends) or int(ends[-1]) != len(window) - 1:
+        return None
+    return _ending_at(window, ends, bits)
+
+
+def _ending_at(window: NDArray[np.uint8], ends: I64, bits: int) -> I64 | None:
+    """(n,) int64 LEB128 integers whose last bytes are those at n >= 1 `ends`; None if one is not below 2^bits."""
+    lengths = np.diff(ends, prepend=-1)
+    if int(lengths.max()) > -(-bits // 7) or bool(((window[ends] == 0) & (lengths > 1)).any()):
+        return None
+    values = np.zeros(len(ends), np.int64)
+    for place in range(int(lengths.max())):
+        there = np.flatnonzero(lengths > place)
+        values[there] |= (window[ends[there] - lengths[there] + 1 + place] & 0x7F).astype(np.int64) << (7 * place)
+    return None if int(values.max()) >> bits else values
+
+
+class ByteReader:
+    """A cursor over one payload that never reads past its end."""
+
+    def __init__(self, data: bytes, field: str) -> None:
+        self._data = data
+        self._field = field
+        self._at = 0
+
+    def take(self, length: int) -> bytes:
+        """The next `length` bytes.
+
+        Raises:
+            Malformed: ``payload-short`` when fewer are left.
+        """
+        if length > len(self._data) - self._at:
+            left = len(self._data) - self._at
+            raise Malformed("payload-short", f"{length} bytes wanted, {left} left in the payload", field=self._field)
+        self._at += length
+        return self._data[self._at - length : self._at]
+
+    @property
+    def position(self) -> int:
+        """Bytes taken so far."""
+        return self._at
+
+    def rewind(self, position: int) -> None:
+        """Go back to an earlier :attr:`position`."""
+        self._at = position
+
+    def rest(self, most: int) -> bytes:
+        """The bytes not yet taken, at most `most` of them, without taking them."""
+        return self._data[self._at : self._at + most]
+
+    def unsigned(self, bits: int) -> int:
+        """A LEB128 integer below 2^bits.
+
+        Raises:
+            Malformed: ``bad-varint`` when it is longer than needed or too large.
+        """
+        value, shift = 0, 0
+        while True:
+            byte = self.take(1)[0]
+            value |= (byte & 0x7F) << shift
+            shift += 7
+            if byte < 0x80:
+                break
+            if shift > bits:
+                raise Malformed("bad-varint", f"integer above {bits} bits (SPEC §5.7)", field=self._field)
+        if value >> bits or (byte == 0 and shift > 7):
+            raise Malformed("bad-varint", f"over-long integer or above {bits} bits (SPEC §5.7)", field=self._field)
+        return value
+
+    def unsigned_array(self, bits: int, count: int) -> I64:
+        """(count,) int64: `count` times :meth:`unsigned`, all at once where they are many; `bits` at most 56."""
+        values = self._at_once(bits, count) if count >= _FEW else None
+        # One by one, too, to refuse the first that is wrong.
+        return np.array([self.unsigned(bits) for _ in range(count)], np.int64) if values is None else values
+
+    def _at_once(self, bits: int, count: int) -> I64 | None:
+        window = np.frombuffer(self.rest(count * -(-bits // 7)), np.uint8)
+        ends = np.flatnonzero(window < 0x80)[:count]
+        values = _ending_at(window, ends, bits) if len(ends) == count else None
+        if values is not None:
+            self.take(int(ends[-1]) + 1)
+        return values
+
+    def signed(self, bits: int) -> int:
+        """A zigzag LEB128 integer whose mapped value is below 2^bits."""
+        mapped = self.unsigned(bits)
+        return mapped >> 1 if mapped % 2 == 0 else -(mapped >> 1) - 1
+
+    def count(self, limit: int) -> int:
+        """A LEB128 count of at most `limit` elements.
+
+        Raises:
+            LimitExceeded: ``count-limit`` above it.
+        """
+        value = self.unsigned(63)
+        if value > limit:
+            raise LimitExceeded("count-limit", f"{value} elements, at most {limit} allowed", field=self._field)
+        return value
+
+    def array(self, dtype: str, count: int) -> NDArray[np.generic]:
+        """`count` little-endian elements of `dtype`, a read-only view."""
+        kind = np.dtype(dtype)
+        return np.frombuffer(self.take(kind.itemsize * count), dtype=kind)
+
+    def finish(self) -> None:
+        """Check that nothing is left.
+
+        Raises:
+            Malformed: ``payload-long`` otherwise.
+        """
+        if self._at != len(self._data):
+            left = len(self._data) - self._at
+            raise Malformed("payload-long", f"{left} bytes after the end of the structure", field=self._field)
+
+
+def compress(payload: bytes) -> bytes:
+    """One zstd frame with content size, without checksum (SPEC §5.8)."""
+    parameters = zstandard.ZstdCompressionParameters.from_level(
+        _ZSTD_LEVEL, source_size=len(payload), write_content_size=True, write_checksum=False, window_log=23
+    )
+    return zstandard.ZstdCompressor(compression_params=parameters).compress(payload)
+
+
+def decompress(frame: bytes, limit: int, field: str, allowance: int | None = None) -> bytes:
+    """The content of exactly one zstd frame (SPEC §5.8).
+
+    Args:
+        limit: most bytes the content may have.
+        allowance: most bytes this reader accepts.
+
+    Raises:
+        LimitExceeded: ``content-limit``; ``limit-expansion`` beyond the allowance.
+        Malformed: ``bad-zstd`` for anything that is not one whole frame with its content size, at least 1, a window
+            of at most 8 MiB, and neither dictionary nor checksum.
+    """
+    header = frame_header(frame, field)
+    size = header.content_size
+    # Size 0 too: zstandard then looks at nothing after the frame header, and no structure here is empty.
+    if not size or header.dictionary:
+        raise Malformed("bad-zstd", "a zstd frame must state its content size, without dictionary", field=field)
+    # The block's CRC-32 covers the same bytes, and a decoder of its own is then simpler.
+    if header.checksum:
+        raise Malformed("bad-zstd", "a zstd frame must not carry a checksum (SPEC §5.8)", field=field)
+    if size > limit:
+        raise LimitExceeded("content-limit", f"{size} bytes of content, at most {limit} allowed", field=field)
+    # Checked here: zstandard applies its own window limit only when it streams.
+    if header.window_size > MAX_ZSTD_WINDOW:
+        message = f"a window of {header.window_size} bytes, at most 8 MiB allowed (SPEC §5.8)"
+        raise Malformed("bad-zstd", message, field=field)
+    # After the rules of the format: what a reader may refuse by itself hides no fault of a frame header.
+    if allowance is not None and size > allowance:
+        message = f"{size} bytes of content from {len(frame)}: raise this reader's limit if you trust the file"
+        raise LimitExceeded("limit-expansion", message, field=field)
+    try:
+        decoder = zstandard.ZstdDecompressor()
+        content = decoder.decompress(frame, max_output_size=size, allow_extra_data=False)
+    except zstandard.ZstdError as error:
+        raise Malformed("bad-zstd", f"not one whole zstd frame: {error}", field=field) from error
+    if len(content) != size:
+        raise Malformed("bad-zstd", f"{len(content)} bytes of content, {size} declared", field=field)
+    return content

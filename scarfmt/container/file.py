@@ -1,0 +1,392 @@
+"""The container: header, tile table, directory and blocks, written and read (SPEC §5).
+
+The layout is in :mod:`scarfmt.container.schema`. Blocks are opaque bytes here. Everything a reader returns has been
+checked: the header when the file is opened, tile table and directory when they are first used, a block when it is read.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from construct import ConstructError
+from numpy.typing import NDArray
+
+from scarfmt.container.directory import (
+    Entry,
+    Table,
+    Tile,
+    block_name,
+    check_directory,
+    check_tiles,
+    entry_from_row,
+    required_flags,
+    sort_keys,
+    tile_table,
+)
+from scarfmt.container.header import Header, HeaderFields, LayerSummary, encode_header, make_header, read_header
+from scarfmt.container.schema import (
+    ENTRY_DTYPE,
+    NO_TILE,
+    READABLE_KINDS,
+    STREAM_COUNT,
+    TILE_DTYPE,
+    BlockKind,
+    Stream,
+    header_length,
+)
+from scarfmt.container.source import ByteSource, BytesSource
+from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
+from scarfmt.limits import DEFAULT_LIMITS, FORMAT_LIMITS, Limits
+
+__all__ = [
+    "Block",
+    "Container",
+    "Entry",
+    "Header",
+    "HeaderFields",
+    "LayerSummary",
+    "Tile",
+    "check_crc",
+    "encode_front",
+    "read_header",
+    "tile_table",
+    "write_container",
+]
+
+COALESCE_BYTES = 1 << 22
+"""Neighbouring blocks are read in one request up to this size."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """A block to write.
+
+    Attributes:
+        kind: block kind, 1..255.
+        layer: layer it belongs to, 1-based.
+        payload: its bytes, at least one.
+        tile: index into the tile table, or None.
+        count: elements; for TILE, the anchors that first appear in it.
+        stream_bytes: for TILE, bytes per stream kind; what they leave of the payload is FRAMING.
+        flags: critical or safe-to-copy; None takes what SPEC §5 prescribes for the kind (0 if nothing).
+    """
+
+    kind: int
+    layer: int
+    payload: bytes
+    tile: int | None = None
+    count: int = 0
+    stream_bytes: dict[int, int] = field(default_factory=dict)
+    flags: int | None = None
+
+
+def _block_key(block: Block) -> tuple[int, int, int]:
+    return block.layer, block.kind, NO_TILE if block.tile is None else block.tile
+
+
+def _directory_row(block: Block) -> tuple[int, ...]:
+    flags = block.flags if block.flags is not None else int(required_flags(block.kind) or 0)
+    layer, kind, tile = _block_key(block)
+    return kind, flags, layer, 0, tile, 0, len(block.payload), block.count, zlib.crc32(block.payload)
+
+
+def _streams_of(block: Block) -> list[int]:
+    streams = [0] * STREAM_COUNT
+    if block.kind != BlockKind.TILE:
+        streams[Stream.MODELS] = len(block.payload)
+        return streams
+    for kind, size in block.stream_bytes.items():
+        streams[Stream(kind)] += size
+    rest = len(block.payload) - sum(streams)
+    if rest < 0 or min(streams) < 0 or streams[Stream.MODELS]:
+        raise InvalidInput(
+            "input-container",
+            f"stream_bytes {block.stream_bytes} do not fit a TILE block of {len(block.payload)} bytes",
+            field="stream_bytes",
+        )
+    streams[Stream.FRAMING] += rest
+    return streams
+
+
+def write_container(
+    fields: HeaderFields,
+    tiles: Sequence[Tile],
+    blocks: Iterable[Block],
+    layer_counts: Sequence[tuple[int, int]],
+) -> bytes:
+    """A whole file. Blocks may come in any order; equal arguments give equal bytes.
+
+    Args:
+        fields: the scene's header fields.
+        tiles: tile table, ascending by Morton range, disjoint.
+        blocks: at most one per (layer, kind, tile).
+        layer_counts: per layer, cumulative (anchors, gaussians).
+
+    Raises:
+        InvalidInput: ``input-container``, quoting the rule of SPEC §5 that the file would break.
+    """
+    ordered = sorted(blocks, key=_block_key)
+    streams = np.zeros((len(layer_counts) + 1, STREAM_COUNT), np.int64)
+    try:
+        for block in ordered:
+            if not 1 <= block.layer <= len(layer_counts):
+                raise InvalidInput("input-container", f"block of layer {block.layer} of {len(layer_counts)}")
+            streams[block.layer] += _streams_of(block)
+        directory = np.array([_directory_row(block) for block in ordered], dtype=ENTRY_DTYPE)
+        front = encode_front(fields, tile_table(tiles), directory, layer_counts, streams[1:].tolist())
+    except (ConstructError, OverflowError, ValueError, struct.error) as error:
+        if isinstance(error, InvalidInput):
+            raise
+        raise InvalidInput("input-container", f"a value does not fit its field: {error}") from error
+    return b"".join([front, *(block.payload for block in ordered)])
+
+
+def encode_front(
+    fields: HeaderFields,
+    tiles: Table,
+    directory: Table,
+    layer_counts: Sequence[tuple[int, int]],
+    stream_bytes: Sequence[Sequence[int]],
+) -> bytes:
+    """Everything before the first block; offsets, lengths and checksums are filled in here.
+
+    Args:
+        fields: the scene's header fields.
+        tiles: (T,) TILE_DTYPE.
+        directory: (E,) ENTRY_DTYPE in file order; `offset` is ignored.
+        layer_counts: per layer, cumulative (anchors, gaussians).
+        stream_bytes: per layer, bytes per stream kind.
+
+    Raises:
+        InvalidInput: ``input-container``, quoting the rule of SPEC §5 that the file would break.
+    """
+    start = header_length(len(layer_counts)) + tiles.nbytes + directory.nbytes
+    ends = start + np.cumsum(directory["length"], dtype=np.int64)
+    directory = directory.copy()
+    directory["offset"] = np.concatenate(([start], ends[:-1]))[: len(directory)]
+    tables = tiles.tobytes() + directory.tobytes()
+    summaries, end = [], start
+    for counts, streams in zip(layer_counts, stream_bytes, strict=True):
+        size = sum(streams)
+        end += size
+        summaries.append(LayerSummary(*counts, size, end, tuple(streams)))
+    header = make_header(fields, summaries, len(tiles), len(directory), zlib.crc32(tables), end)
+    front = encode_header(header) + tables
+    _check_written(front)
+    return front
+
+
+def _check_written(front: bytes) -> None:
+    # The reader's own rules are the writer's contract. Unknown critical kinds are a reader's matter.
+    try:
+        Container.open(BytesSource(front), limits=FORMAT_LIMITS, allow_truncated=True, readable_kinds=range(256)).load()
+    except ScarError as error:
+        raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
+
+
+class Container:
+    """A file opened for reading. Tile table and directory are read, in one request, when first used.
+
+    Attributes:
+        source: where the bytes come from.
+        header: the checked header.
+        limits: what this reader accepts.
+    """
+
+    def __init__(self, source: ByteSource, header: Header, limits: Limits, readable_kinds: frozenset[int]) -> None:
+        self.source = source
+        self.header = header
+        self.limits = limits
+        self._readable = readable_kinds
+
+    @classmethod
+    def open(
+        cls,
+        source: ByteSource,
+        *,
+        limits: Limits = DEFAULT_LIMITS,
+        allow_truncated: bool = False,
+        readable_kinds: Iterable[int] = READABLE_KINDS,
+    ) -> Container:
+        """Read and check the header.
+
+        Args:
+            source: the file.
+            limits: what this reader accepts.
+            allow_truncated: accept a source that ends early; its whole blocks are readable.
+            readable_kinds: block kinds the caller understands; other critical kinds refuse the file.
+
+        Raises:
+            Malformed, Truncated, Unsupported, LimitExceeded: see :func:`read_header`.
+        """
+        header = read_header(source, limits=limits, allow_truncated=allow_truncated)
+        return cls(source, header, limits, frozenset(readable_kinds))
+
+    @cached_property
+    def _tables(self) -> tuple[Table, Table]:
+        header = self.header
+        if self.source.size < header.data_offset:
+            message = f"the file ends before its first block at byte {header.data_offset}"
+            raise Truncated("truncated-directory", message, offset=self.source.size)
+        data = self.source.read(header.header_length, header.data_offset - header.header_length)
+        if zlib.crc32(data) != header.directory_crc32:
+            message = "tile table or directory is damaged: get another copy"
+            raise Malformed("directory-crc-mismatch", message, offset=header.header_length, field="directory_crc32")
+        tiles = np.frombuffer(data, TILE_DTYPE, header.tile_count)
+        directory = np.frombuffer(data, ENTRY_DTYPE, offset=tiles.nbytes)
+        check_tiles(tiles, header)
+        check_directory(directory, header, self.limits, self._readable)
+        return tiles, directory
+
+    def load(self) -> Container:
+        """Read and check tile table and directory now; returns self.
+
+        Raises:
+            Malformed, Truncated, Unsupported, LimitExceeded: as SPEC §12 lists for the two tables.
+        """
+        _ = self._tables
+        return self
+
+    @property
+    def tile_table(self) -> Table:
+        """(T,) TILE_DTYPE."""
+        return self._tables[0]
+
+    @property
+    def directory(self) -> Table:
+        """(E,) ENTRY_DTYPE; its rows are the same blocks as `entries`."""
+        return self._tables[1]
+
+    @cached_property
+    def tiles(self) -> tuple[Tile, ...]:
+        """The tile table as objects."""
+        return tuple(Tile(depth, shift, prefix) for depth, shift, _, prefix in self.tile_table.tolist())
+
+    @cached_property
+    def entries(self) -> tuple[Entry, ...]:
+        """The directory as objects, in file order."""
+        return tuple(map(entry_from_row, self.directory.tolist()))
+
+    @cached_property
+    def _directory_keys(self) -> NDArray[np.uint64]:
+        return sort_keys(self.directory)
+
+    def find(self, kind: int, layer: int, tile: int | None = None) -> Entry | None:
+        """The entry of (kind, layer, tile), or None; `tile` None means a block of no tile."""
+        key = np.uint64(layer << 40 | kind << 32 | (NO_TILE if tile is None else tile))
+        row = int(np.searchsorted(self._directory_keys, key))
+        if row == len(self.directory) or self._directory_keys[row] != key:
+            return None
+        return entry_from_row(self.directory[row].tolist())
+
+    @cached_property
+    def _tile_rows(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Directory rows of TILE blocks by (tile, layer), and where those of each tile start, (T + 1,)."""
+        rows = np.flatnonzero(self.directory["kind"] == BlockKind.TILE)
+        tiles = self.directory["tile"][rows]
+        # Stable: rows ascend by layer.
+        order = np.argsort(tiles, kind="stable")
+        return rows[order], np.searchsorted(tiles[order], np.arange(self.header.tile_count + 1))
+
+    def tile_entries(self, tile: int, layers: int) -> list[Entry | None]:
+        """The TILE block of a tile in each of the first `layers` layers, None where it has none."""
+        rows, starts = self._tile_rows
+        out: list[Entry | None] = [None] * layers
+        for row in rows[starts[tile] : starts[tile + 1]].tolist():
+            entry = entry_from_row(self.directory[row].tolist())
+            if entry.layer <= layers:
+                out[entry.layer - 1] = entry
+        return out
+
+    @property
+    def available_layers(self) -> int:
+        """Number of layers, from the first, whose blocks are all in the source."""
+        return sum(layer.end_offset <= self.source.size for layer in self.header.layers)
+
+    def is_available(self, entry: Entry) -> bool:
+        """Whether the whole block is in the source; always so unless the source is truncated."""
+        return entry.end <= self.source.size
+
+    def read_block(self, entry: Entry, *, verify: bool = True) -> bytes:
+        """The bytes of a block.
+
+        Args:
+            entry: an entry of this container.
+            verify: check the block's CRC-32.
+
+        Raises:
+            Truncated: ``truncated-block`` when the source ends before the block does.
+            Malformed: ``crc-mismatch`` when the block is damaged.
+        """
+        data = self.read_range(entry, 0, entry.length)
+        if verify:
+            check_crc(entry, zlib.crc32(data))
+        return data
+
+    def read_range(self, entry: Entry, start: int, length: int) -> bytes:
+        """`length` bytes of a block from `start` within it, unverified: a CRC-32 covers whole blocks only.
+
+        Raises:
+            Truncated: ``truncated-block`` when the source ends before the range does.
+            Malformed: ``block-range`` when the range leaves the block.
+        """
+        if start < 0 or length < 0 or start + length > entry.length:
+            message = f"{length} bytes at {start} leave a block of {entry.length} bytes"
+            raise Malformed("block-range", message, offset=entry.offset, field=block_name(entry))
+        if entry.offset + start + length > self.source.size:
+            message = f"the file ends at byte {self.source.size}, before the end of the block at {entry.end}"
+            raise Truncated("truncated-block", message, offset=entry.offset, field=block_name(entry))
+        return self.source.read(entry.offset + start, length)
+
+    def read_blocks(self, entries: Iterable[Entry], *, verify: bool = True) -> Iterator[tuple[Entry, bytes]]:
+        """Blocks in the given order; blocks that follow each other in the file share one request.
+
+        Args:
+            entries: entries of this container.
+            verify: check the CRC-32 of each.
+
+        Raises:
+            Truncated, Malformed: as :meth:`read_block`.
+        """
+        for run in _runs(entries):
+            if len(run) == 1 or not self.is_available(run[-1]):
+                yield from ((entry, self.read_block(entry, verify=verify)) for entry in run)
+                continue
+            data = self.source.read(run[0].offset, run[-1].end - run[0].offset)
+            for entry in run:
+                block = data[entry.offset - run[0].offset : entry.end - run[0].offset]
+                if verify:
+                    check_crc(entry, zlib.crc32(block))
+                yield entry, block
+
+
+def _runs(entries: Iterable[Entry]) -> Iterator[list[Entry]]:
+    """Entries grouped into stretches without gaps of at most COALESCE_BYTES (or one entry)."""
+    run: list[Entry] = []
+    for entry in entries:
+        if run and (entry.offset != run[-1].end or entry.end - run[0].offset > COALESCE_BYTES):
+            yield run
+            run = []
+        run.append(entry)
+    if run:
+        yield run
+
+
+def check_crc(entry: Entry, crc32: int) -> None:
+    """Compare the CRC-32 computed over a block with its entry's.
+
+    Raises:
+        Malformed: ``crc-mismatch``.
+    """
+    if crc32 != entry.crc32:
+        raise Malformed(
+            "crc-mismatch",
+            f"the block's CRC-32 is {crc32:08x}, the directory says {entry.crc32:08x}: get another copy",
+            offset=entry.offset,
+            field=block_name(entry),
+        )

@@ -1,0 +1,101 @@
+"""Reading trained scenes from the formats people have them in. The table `FORMATS` is the one list of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+
+from scarfmt.errors import InvalidInput
+from scarfmt.formats import anchor_npz, compressed_ply, inria_ply, sog, splat, spz
+from scarfmt.formats.anchor_npz import save_anchor_npz
+from scarfmt.formats.source import Source
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+
+__all__ = ["FORMATS", "Format", "detect", "load", "save_anchor_npz"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """One input format.
+
+    Attributes:
+        id: what `load(format=...)` and the command line call it.
+        title: for people.
+        extensions: file name endings, lower case; used only where no content test matches.
+        sniff: whether the content is of this format.
+        load: reads it.
+    """
+
+    id: str
+    title: str
+    extensions: tuple[str, ...]
+    sniff: Callable[[Source], bool]
+    load: Callable[[Source], GaussianScene | AnchorModel]
+
+
+FORMATS = (
+    Format("compressed-ply", "PlayCanvas PLY", (".compressed.ply",), compressed_ply.sniff, compressed_ply.load),
+    Format("ply", "INRIA 3D Gaussian splatting PLY", (".ply",), inria_ply.sniff, inria_ply.load),
+    Format("spz", "Niantic SPZ 1 to 4", (".spz",), spz.sniff, spz.load),
+    Format("sog", "PlayCanvas SOG 1 and 2, bundled or meta.json", (".sog", "meta.json"), sog.sniff, sog.load),
+    Format("anchor-npz", "Scaffold-GS style anchor model", (".npz",), anchor_npz.sniff, anchor_npz.load),
+    Format("splat", "antimatter15 .splat", (".splat",), splat.sniff, splat.load),
+)
+
+
+def load(path_or_bytes: str | PathLike[str] | bytes, *, format: str | None = None) -> GaussianScene | AnchorModel:
+    """Read a scene in any supported format.
+
+    Values are as stored: nothing is clamped, and NaN and infinities are kept (see `scarfmt.formats.clean`).
+
+    Args:
+        path_or_bytes: a file, a directory holding an unbundled SOG, or the content of a file.
+        format: id of the format; by default the content decides, then the file name.
+
+    Returns:
+        A GaussianScene, or an AnchorModel for an anchor model.
+
+    Raises:
+        InvalidInput: unknown format (refusal `input-format`), unreadable or damaged.
+        Unsupported: a newer version of a known format.
+        LimitExceeded: more Gaussians than any scene has.
+    """
+    source = _source(path_or_bytes)
+    return _named(format).load(source) if format is not None else detect(source).load(source)
+
+
+def detect(source: Source) -> Format:
+    """The format of an input, by content and then by file name.
+
+    Raises:
+        InvalidInput: none matches (refusal `input-format`).
+    """
+    for candidate in FORMATS:
+        if candidate.sniff(source):
+            return candidate
+    name = "" if source.path is None else source.path.name.lower()
+    for candidate in FORMATS:
+        if name.endswith(candidate.extensions):
+            return candidate
+    hint = " (.splat content has no mark: give its format)" if source.path is None else ""
+    raise InvalidInput("input-format", f"{source.name}: unknown format{hint}; supported: {_supported()}")
+
+
+def _source(path_or_bytes: str | PathLike[str] | bytes) -> Source:
+    if isinstance(path_or_bytes, bytes):
+        return Source(path_or_bytes)
+    path = Path(path_or_bytes)
+    return Source(path / "meta.json" if path.is_dir() else path)
+
+
+def _named(format_id: str) -> Format:
+    for candidate in FORMATS:
+        if candidate.id == format_id:
+            return candidate
+    raise InvalidInput("input-format", f"unknown format {format_id!r}; supported: {_supported()}")
+
+
+def _supported() -> str:
+    return ", ".join(f"{known.id} ({known.title})" for known in FORMATS)

@@ -1,0 +1,78 @@
+"""Deciding what to do with an imported scene that is empty or holds values that are not finite."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.errors import InvalidInput
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+
+
+@overload
+def clean(scene: GaussianScene, drop_invalid: bool = ...) -> tuple[GaussianScene, int]: ...
+@overload
+def clean(scene: AnchorModel, drop_invalid: bool = ...) -> tuple[AnchorModel, int]: ...
+def clean(scene: GaussianScene | AnchorModel, drop_invalid: bool = False) -> tuple[GaussianScene | AnchorModel, int]:
+    """A scene that can be encoded: not empty, and every value finite.
+
+    Args:
+        scene: Gaussians or anchors.
+        drop_invalid: leave out rows with NaN or infinite values instead of refusing the scene.
+
+    Returns:
+        The scene (the same object where nothing was dropped) and the number of rows dropped.
+
+    Raises:
+        InvalidInput: no rows, or none left (refusal `input-empty`); values that are not finite, without
+            `drop_invalid` or in a network's weights (refusal `input-not-finite`).
+    """
+    if len(scene) == 0:
+        raise InvalidInput("input-empty", "the scene holds no Gaussians; there is nothing to encode")
+    if isinstance(scene, AnchorModel):
+        _check_networks(scene)
+    bad = scene.invalid_rows() if isinstance(scene, GaussianScene) else _invalid_anchors(scene)
+    dropped = int(np.count_nonzero(bad))
+    if dropped == 0:
+        return scene, 0
+    if not drop_invalid:
+        raise InvalidInput(
+            "input-not-finite",
+            f"{dropped} of {len(scene)} rows hold NaN or infinite values, the first is row {int(np.argmax(bad))}; "
+            "use --drop-invalid to leave them out",
+        )
+    if dropped == len(scene):
+        raise InvalidInput("input-empty", f"all {dropped} rows hold NaN or infinite values; nothing is left to encode")
+    if isinstance(scene, GaussianScene):
+        return scene.take(~bad), dropped
+    return _take_anchors(scene, ~bad), dropped
+
+
+def _invalid_anchors(model: AnchorModel) -> NDArray[np.bool_]:
+    """(N,) bool: anchors holding a NaN or an infinity."""
+    bad = np.zeros(len(model), np.bool_)
+    for values in (model.anchors, model.features, model.offsets.reshape(len(model), -1), model.log_scaling):
+        bad |= ~np.isfinite(values).all(1)
+    return bad
+
+
+def _take_anchors(model: AnchorModel, keep: NDArray[np.bool_]) -> AnchorModel:
+    return replace(
+        model,
+        anchors=model.anchors[keep],
+        features=model.features[keep],
+        offsets=model.offsets[keep],
+        log_scaling=model.log_scaling[keep],
+        slot_mask=None if model.slot_mask is None else model.slot_mask[keep],
+    )
+
+
+def _check_networks(model: AnchorModel) -> None:
+    """A network's weights belong to every anchor, so they cannot be dropped."""
+    for name, mlp in model.mlps.items():
+        if not all(np.isfinite(values).all() for values in (*mlp.weights, *mlp.biases)):
+            message = "a network holds NaN or infinite weights; train or export the model again"
+            raise InvalidInput("input-not-finite", message, field=f"mlps.{name}")

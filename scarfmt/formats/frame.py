@@ -1,0 +1,43 @@
+"""Changing the handedness and direction of coordinate axes of a whole scene.
+
+A frame is named by where x, y and z point: RDF is right, down, forward (COLMAP, INRIA's PLY), RUB is right,
+up, back (OpenGL, SPZ).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scarfmt.scene.gaussians import F32, GaussianScene
+
+Signs = tuple[int, int, int]
+
+RUB_TO_RDF: Signs = (1, -1, -1)
+
+# Which of x, y, z each basis function of degree 1, 2, 3 is odd in (INRIA's order): e.g. y(3x^2-y^2) is odd in y.
+_ODD_IN = ("y", "z", "x", "xy", "yz", "", "xz", "", "y", "xyz", "y", "z", "x", "z", "x")
+
+
+def flip_axes(scene: GaussianScene, signs: Signs) -> GaussianScene:
+    """The scene as seen in axes of which some point the other way; exact, every flip is its own inverse.
+
+    Args:
+        scene: any scene.
+        signs: 1 to keep an axis, -1 to flip it.
+    """
+    x, y, z = signs
+    # A covariance turns into F R S S' R' F; F R F is a rotation again, about the flipped axis.
+    quaternion_signs = np.array([1, y * z, x * z, x * y], np.float32)
+    return GaussianScene(
+        scene.positions * np.array(signs, np.float64),
+        scene.log_scales,
+        scene.rotations * quaternion_signs,
+        scene.opacity_logits,
+        scene.sh * _sh_signs(signs)[: scene.sh.shape[1], None],
+    )
+
+
+def _sh_signs(signs: Signs) -> F32:
+    by_axis = dict(zip("xyz", signs, strict=True))
+    products = [np.prod([by_axis[axis] for axis in odd]) for odd in ("", *_ODD_IN)]
+    return np.array(products, np.float32)

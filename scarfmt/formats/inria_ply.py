@@ -1,0 +1,85 @@
+"""INRIA's 3D Gaussian splatting PLY, as every trainer writes it: one `vertex` row for each Gaussian.
+
+Properties, of any numeric type, in any order, text or binary; others (normals, say) are ignored:
+
+- ``x y z``: position in world units.
+- ``f_dc_0..2``, ``f_rest_0..``: spherical harmonics, `f_rest` channel-major, 0, 9, 24 or 45 of them.
+- ``opacity``: logit.
+- ``scale_0..2``: natural log. 2D Gaussian scenes have two; the third is then set to log(1e-9), a flat disk.
+- ``rot_0..3``: quaternion w, x, y, z.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from scarfmt.errors import InvalidInput
+from scarfmt.formats import ply
+from scarfmt.formats.dequantise import sh_from_channel_major
+from scarfmt.formats.source import Source
+from scarfmt.scene.gaussians import F32, GaussianScene
+
+FLAT_LOG_SCALE = math.log(1e-9)
+"""Log scale given to the missing third axis of a 2D Gaussian."""
+
+_REST_COUNTS = (0, 9, 24, 45)
+
+
+def sniff(source: Source) -> bool:
+    """Whether the content is a PLY file."""
+    return ply.is_ply(source)
+
+
+def load(source: Source) -> GaussianScene:
+    """Read an INRIA-layout PLY.
+
+    Raises:
+        InvalidInput: damaged, or not a Gaussian scene.
+        LimitExceeded: more rows than any scene has.
+    """
+    header = ply.read_header(source)
+    vertex = header.elements.get("vertex")
+    names = [] if vertex is None else [name for name, kind in vertex.properties.items() if kind != "list"]
+    rest = _required_columns(source, names)
+    rows = ply.read_elements(source, header)["vertex"]
+    scales = ply.columns(rows, [name for name in ("scale_0", "scale_1", "scale_2") if name in names])
+    dc = ply.columns(rows, ["f_dc_0", "f_dc_1", "f_dc_2"])[:, None, :]
+    harmonics = sh_from_channel_major(ply.columns(rows, rest))
+    with np.errstate(over="ignore"):  # doubles beyond float32 become infinities, which a later check reports
+        return GaussianScene(
+            ply.columns(rows, ["x", "y", "z"]).astype(np.float64),
+            _with_third_axis(scales.astype(np.float32)),
+            ply.columns(rows, [f"rot_{i}" for i in range(4)]).astype(np.float32),
+            ply.columns(rows, ["opacity"])[:, 0].astype(np.float32),
+            np.concatenate([dc.astype(np.float32), harmonics], axis=1),
+        )
+
+
+def _required_columns(source: Source, names: list[str]) -> list[str]:
+    """Check that all attributes are there; the f_rest columns in order."""
+    required = ["x", "y", "z", "scale_0", "scale_1", *(f"rot_{i}" for i in range(4)), "opacity"]
+    required += [f"f_dc_{i}" for i in range(3)]
+    missing = [name for name in required if name not in names]
+    if missing:
+        kind = "a point cloud or mesh, not a Gaussian scene" if "scale_0" in missing else "not a complete scene"
+        raise InvalidInput(
+            "input-not-gaussians",
+            f"{source.name}: {kind}: the PLY vertices lack {', '.join(missing)}; give a trained 3D Gaussian scene",
+            field="vertex",
+        )
+    rest = sorted((name for name in names if name.startswith("f_rest_")), key=lambda name: (len(name), name))
+    if len(rest) not in _REST_COUNTS or rest != [f"f_rest_{i}" for i in range(len(rest))]:
+        raise InvalidInput(
+            "input-sh-degree",
+            f"{source.name}: {len(rest)} f_rest properties; expected f_rest_0 on, 0, 9, 24 or 45 of them (degree 0..3)",
+            field="vertex.f_rest",
+        )
+    return rest
+
+
+def _with_third_axis(log_scales: F32) -> F32:
+    if log_scales.shape[1] == 3:
+        return log_scales
+    return np.pad(log_scales, ((0, 0), (0, 1)), constant_values=np.float32(FLAT_LOG_SCALE))

@@ -1,0 +1,96 @@
+"""Dropping the last layers of a file without decoding it (SPEC §14).
+
+The result is byte for byte what the writer makes of the remaining layers alone: same header fields and tile table;
+directory, counts, summaries and checksums recomputed; block bytes copied.
+"""
+
+from __future__ import annotations
+
+import io
+import zlib
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.container.file import Container, Entry, check_crc, encode_front
+from scarfmt.container.schema import READABLE_KINDS, BlockFlag, Stream
+from scarfmt.container.source import ByteSource
+from scarfmt.errors import InvalidInput, Truncated
+from scarfmt.limits import DEFAULT_LIMITS, Limits
+
+COPY_BYTES = 1 << 20
+
+
+def truncate(source: ByteSource, layers: int, *, limits: Limits = DEFAULT_LIMITS) -> bytes:
+    """The file holding only the first `layers` layers. Arguments and errors as :func:`truncate_to`."""
+    buffer = io.BytesIO()
+    truncate_to(source, layers, buffer, limits=limits)
+    return buffer.getvalue()
+
+
+def truncate_to(source: ByteSource, layers: int, target: BinaryIO, *, limits: Limits = DEFAULT_LIMITS) -> int:
+    """Write the file holding only the first `layers` layers, in pieces of at most 1 MiB.
+
+    Blocks are verified while they are copied, so `target` holds an unfinished file when an error is raised. A
+    source cut short is accepted when it holds the layers asked for: the result is then a whole file. Ancillary
+    blocks of unknown kind that are not safe-to-copy are dropped, unless all layers are kept.
+
+    Args:
+        source: the file.
+        layers: layers to keep, 1..layer_count.
+        target: opened for writing in binary mode.
+        limits: what this reader accepts.
+
+    Returns:
+        Bytes written.
+
+    Raises:
+        InvalidInput: ``input-layers`` when the file does not have so many layers.
+        Truncated: ``truncated-block`` when the source ends before those layers do.
+        Malformed, Unsupported, LimitExceeded: what :class:`~scarfmt.container.file.Container` refuses.
+    """
+    container = Container.open(source, limits=limits, allow_truncated=True)
+    header = container.header
+    if not 1 <= layers <= header.layer_count:
+        raise InvalidInput("input-layers", f"{layers} of the {header.layer_count} layers in the file", field="layers")
+    if layers > container.available_layers:
+        message = f"{layers} layers were asked for, but only {container.available_layers} arrived whole"
+        raise Truncated("truncated-block", message, offset=source.size)
+    keep = _kept(container, layers)
+    front = _front(container, layers, keep)
+    target.write(front)
+    entries = [entry for entry, kept in zip(container.entries, keep.tolist(), strict=True) if kept]
+    for entry in entries:
+        _copy(container, entry, target)
+    return len(front) + sum(entry.length for entry in entries)
+
+
+def _kept(container: Container, layers: int) -> NDArray[np.bool_]:
+    """(E,) bool: directory rows that stay. Unknown critical kinds were refused before."""
+    rows = container.directory
+    copyable = np.isin(rows["kind"], sorted(READABLE_KINDS)) | (rows["flags"] & BlockFlag.SAFE_TO_COPY != 0)
+    kept: NDArray[np.bool_] = (rows["layer"] <= layers) & (copyable | (layers == container.header.layer_count))
+    return kept
+
+
+def _front(container: Container, layers: int, keep: NDArray[np.bool_]) -> bytes:
+    rows, header = container.directory, container.header
+    counts, streams = [], []
+    for index, layer in enumerate(header.layers[:layers]):
+        dropped = rows["length"][(rows["layer"] == index + 1) & ~keep].sum(dtype=np.uint64)
+        sizes = list(layer.stream_bytes)
+        # Only blocks outside tiles can be dropped, and those count as MODELS.
+        sizes[Stream.MODELS] -= int(dropped)
+        counts.append((layer.anchor_count, layer.gaussian_count))
+        streams.append(sizes)
+    return encode_front(header.fields, container.tile_table, rows[keep], counts, streams)
+
+
+def _copy(container: Container, entry: Entry, target: BinaryIO) -> None:
+    crc = 0
+    for start in range(0, entry.length, COPY_BYTES):
+        piece = container.read_range(entry, start, min(COPY_BYTES, entry.length - start))
+        crc = zlib.crc32(piece, crc)
+        target.write(piece)
+    check_crc(entry, crc)

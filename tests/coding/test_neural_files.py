@@ -1,0 +1,123 @@
+"""Whole files in which integer networks code symbols (SPEC §10): what is written is read, by whatever path."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from reference_decoder.backends import operations
+from scarfmt.coding.reader import ALL_STREAMS, SceneReader
+from scarfmt.coding.tile import TileContent
+from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
+from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.source import BytesSource
+from scarfmt.errors import InvalidInput, Malformed, ScarError
+from scarfmt.tools.truncate import truncate
+from scarfmt.tools.validate import validate
+from tests.samples.file_surgery import blocks_of, rebuilt
+from tests.samples.neural_scenes import neural_scene, neural_scenes
+
+SUBSETS = st.sets(st.sampled_from(sorted(ALL_STREAMS)))
+
+
+def read(data: bytes, layers: int | None = None, backend: str = "numpy", threads: int = 1) -> list[TileContent]:
+    reader = SceneReader(BytesSource(data), operations=operations(backend))
+    return [content for _, content in reader.tiles(reader.models(layers), threads=threads)]
+
+
+def assert_same(read: list[TileContent], expected: tuple[TileContent, ...]) -> None:
+    for here, there in zip(read, expected, strict=True):
+        assert np.array_equal(here.codes, there.codes)
+        assert np.array_equal(here.indices, there.indices)
+        assert np.array_equal(here.slot_layers, there.slot_layers)
+        assert all(np.array_equal(a, b) for a, b in zip(here.values, there.values, strict=True))
+
+
+@settings(deadline=None, max_examples=15)
+@given(neural_scenes())
+def test_what_networks_coded_comes_back(scene: QuantisedScene) -> None:
+    """Predictors, index network and grid, both profiles, after every layer; and cutting is writing less."""
+    data = write_scene(scene)
+    for layers in range(1, len(scene.model.layers) + 1):
+        kept = keep_layers(scene, layers)
+        assert_same(read(data, layers), kept.contents)
+        assert truncate(BytesSource(data), layers) == write_scene(kept)
+
+
+@settings(deadline=None, max_examples=15)
+@given(neural_scenes(max_anchors=40), st.sampled_from(["torch", "numpy"]), st.integers(1, 4))
+def test_backend_and_threads_change_nothing(scene: QuantisedScene, backend: str, threads: int) -> None:
+    """Torch and NumPy, one thread or more: the same integers."""
+    assert_same(read(write_scene(scene), None, backend, threads), scene.contents)
+
+
+@settings(deadline=None, max_examples=12)
+@given(neural_scenes(max_anchors=40), SUBSETS)
+def test_what_contexts_need_is_decoded_with_what_is_asked_for(scene: QuantisedScene, wanted: set[Stream]) -> None:
+    """A predictor of a late layer may look at what only an early one sends."""
+    reader = SceneReader(BytesSource(write_scene(scene)))
+    for tile, content in reader.tiles(reader.models(), streams=wanted):
+        if Stream.INDICES in wanted:
+            assert np.array_equal(content.indices, scene.contents[tile].indices)
+        for index, channel in enumerate(scene.model.channels):
+            if channel.stream in wanted:
+                assert np.array_equal(content.values[index], scene.contents[tile].values[index])
+
+
+@pytest.mark.parametrize("profile", Profile)
+def test_files_with_networks_are_valid(profile: Profile) -> None:
+    """The validator reads what the writer writes, and counts their blocks."""
+    scene = neural_scene(3, profile)
+    assert scene.network is not None
+    result = validate(BytesSource(write_scene(scene)))
+    assert not [finding for finding in result.findings if finding.severity == "error"]
+
+
+NEURAL = (BlockKind.ENTROPY_NETWORK, BlockKind.HASH_GRID, BlockKind.PREDICTORS, BlockKind.LAYER)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(0, 30), st.sampled_from(NEURAL), st.integers(0, 2**32 - 1))
+def test_damaged_network_blocks_raise_only_our_errors(seed: int, kind: BlockKind, place: int) -> None:
+    """A changed byte behind a correct CRC: another valid network, or a refusal; never anything else."""
+    data = write_scene(neural_scene(seed, anchors=60))
+    blocks = blocks_of(data)
+    hit = [number for number, block in enumerate(blocks) if block.kind == kind]
+    if not hit:
+        return
+    number = hit[place % len(hit)]
+    payload = bytearray(blocks[number].payload)
+    payload[place // 8 % len(payload)] ^= 1 << place % 8
+    blocks[number] = replace(blocks[number], payload=bytes(payload))
+    try:
+        read(rebuilt(data, blocks))
+    except ScarError:
+        return
+
+
+def test_a_layer_of_mode_1_needs_its_network() -> None:
+    """And a network that no layer needs is refused."""
+    scene = neural_scene(3)
+    data = write_scene(scene)
+    without = [block for block in blocks_of(data) if block.kind != BlockKind.ENTROPY_NETWORK]
+    with pytest.raises(Malformed) as caught:
+        SceneReader(BytesSource(rebuilt(data, without))).models()
+    assert caught.value.refusal == "missing-block"
+    rows = tuple(replace(row, neural=False) for row in scene.model.layers)
+    static = write_scene(replace(scene, model=replace(scene.model, layers=rows), network=None, grid=None))
+    network = next(block for block in blocks_of(data) if block.kind == BlockKind.ENTROPY_NETWORK)
+    with pytest.raises(Malformed) as caught:
+        SceneReader(BytesSource(rebuilt(static, [*blocks_of(static), network]))).models()
+    assert caught.value.refusal == "unexpected-block"
+
+
+def test_an_unknown_backend_is_refused() -> None:
+    """With the names there are."""
+    with pytest.raises(InvalidInput) as caught:
+        operations("abacus")
+    assert caught.value.refusal == "input-backend"
+    assert "numpy" in str(caught.value)

@@ -1,0 +1,334 @@
+"""Reading: any layers, tiles and attributes, in any order, are part of the same scene."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scarfmt.blocks.codebooks import pack_codebooks
+from scarfmt.blocks.mlp import Linear, Network, pack_networks
+from scarfmt.coding.reader import ALL_STREAMS, SceneReader
+from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
+from scarfmt.container.bytefields import compress
+from scarfmt.container.file import Block, Container
+from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.source import BytesSource
+from scarfmt.container.substreams import pack_substreams, unpack_table
+from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
+from scarfmt.tools.truncate import truncate
+from tests.samples.file_surgery import ATTRIBUTES, blocks_of, read_everything, rebuilt, same_content, without
+from tests.samples.scene_samples import quantised_scenes, random_scene
+
+
+def opened(data: bytes, *, allow_truncated: bool = False) -> SceneReader:
+    return SceneReader(BytesSource(data), allow_truncated=allow_truncated)
+
+
+@settings(deadline=None, max_examples=25)
+@given(quantised_scenes())
+def test_fewer_layers_are_the_truncated_file(scene: QuantisedScene) -> None:
+    """Decoding k layers of a file, decoding the file cut to k, and the encoder's k layers are one thing."""
+    data = write_scene(scene)
+    reader = opened(data)
+    for layers in range(1, len(scene.model.layers) + 1):
+        cut = opened(truncate(BytesSource(data), layers))
+        models, kept = reader.models(layers), keep_layers(scene, layers)
+        assert models.model == cut.models().model == kept.model
+        assert sorted(models.tables[-1]) == sorted(cut.models().tables[-1])
+        for (_, a), (_, b), c in zip(reader.tiles(models), cut.tiles(cut.models()), kept.contents, strict=True):
+            assert same_content(a, b)
+            assert same_content(a, c)
+
+
+@settings(deadline=None, max_examples=20)
+@given(quantised_scenes(), st.randoms(use_true_random=False), st.integers(2, 5))
+def test_threads_and_tile_order_change_nothing(scene: QuantisedScene, random: object, threads: int) -> None:
+    """Tiles come in the order asked for, also some of them, also twice."""
+    order = [*range(len(scene.tiles)), 0]
+    random.shuffle(order)  # type: ignore[attr-defined]
+    reader = opened(write_scene(scene))
+    models = reader.models()
+    for count in (1, threads):
+        found = list(reader.tiles(models, order, threads=count))
+        assert [tile for tile, _ in found] == order
+        assert all(same_content(content, scene.contents[tile]) for tile, content in found)
+    assert list(reader.tiles(models, [], threads=threads)) == []
+
+
+@settings(deadline=None, max_examples=20)
+@given(quantised_scenes(), st.sets(st.sampled_from(sorted(ATTRIBUTES))))
+def test_attribute_subsets_are_exact(scene: QuantisedScene, streams: set[Stream]) -> None:
+    """What was asked for equals the full decode; positions, classes and masks always come."""
+    reader = opened(write_scene(scene))
+    for tile, content in reader.tiles(reader.models(), streams=streams):
+        full = scene.contents[tile]
+        assert np.array_equal(content.codes, full.codes)
+        assert np.array_equal(content.classes, full.classes)
+        assert np.array_equal(content.slot_layers, full.slot_layers)
+        if Stream.INDICES in streams:
+            assert np.array_equal(content.indices, full.indices)
+        for index, channel in enumerate(scene.model.channels):
+            if channel.stream in streams:
+                assert np.array_equal(content.values[index], full.values[index])
+
+
+def test_subsets_read_less() -> None:
+    """Fewer bytes for fewer layers, tiles or attributes; nothing but the header and tables to open."""
+    data = write_scene(random_scene(8, Profile.ANCHOR, anchors=2000, layers=3, tiles=4))
+
+    def spent(
+        tiles: list[int] | None = None, streams: frozenset[Stream] | None = None, layers: int | None = None
+    ) -> int:
+        source = BytesSource(data)
+        reader = SceneReader(source)
+        models = reader.models(layers)
+        list(reader.tiles(models, tiles) if streams is None else reader.tiles(models, tiles, streams))
+        return source.bytes_read
+
+    whole = spent()
+    assert whole <= len(data) + 4096
+    assert spent(layers=1) < spent(layers=2) < whole
+    assert spent([0]) < spent([0, 1]) < whole
+    assert spent(streams=frozenset()) < spent(streams=frozenset({Stream.SCALE})) < whole
+
+
+@pytest.mark.parametrize("layers", [0, -1, 4])
+def test_layers_that_do_not_exist_are_invalid_input(layers: int) -> None:
+    """The message says which exist."""
+    with pytest.raises(InvalidInput, match=r"1\.\.3") as caught:
+        opened(write_scene(random_scene(1, layers=3))).models(layers)
+    assert caught.value.refusal == "input-layers"
+
+
+@pytest.mark.parametrize("tiles", [[99], [-1], [0, 3]])
+def test_tiles_that_do_not_exist_are_invalid_input(tiles: list[int]) -> None:
+    """At the call, not when the first tile is taken."""
+    reader = opened(write_scene(random_scene(1, tiles=3)))
+    models = reader.models()
+    with pytest.raises(InvalidInput) as caught:
+        reader.tiles(models, tiles)
+    assert caught.value.refusal == "input-tiles"
+
+
+def requests(data: bytes, tiles: list[int] | None = None) -> tuple[int, int]:
+    """Requests for models and for tiles."""
+    source = BytesSource(data)
+    reader = SceneReader(source)
+    opening = source.reads
+    models = reader.models()
+    between = source.reads
+    list(reader.tiles(models, tiles))
+    return between - opening, source.reads - between
+
+
+def test_a_layer_is_one_request_for_its_models_and_one_for_its_tiles() -> None:
+    """A URL costs a round trip a request: their number must not grow with that of the tiles."""
+    data = write_scene(random_scene(8, Profile.ANCHOR, anchors=900, layers=3, tiles=40))
+    assert requests(data) == (3, 3)
+    # Tiles far from each other are read by themselves: nothing between them is transferred.
+    assert requests(data, [1]) == (3, 3)
+    assert requests(data, [1, 20, 39]) == (3, 9)
+
+
+def test_read_ahead_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tiles are read in batches of so many bytes, or one by one where one has more."""
+    scene = random_scene(8, Profile.ANCHOR, anchors=900, layers=3, tiles=40)
+    data = write_scene(scene)
+    entries = [e for e in Container.open(BytesSource(data)).entries if e.kind == BlockKind.TILE]
+    total, largest = sum(e.length for e in entries), 0
+    fetch = BytesSource._fetch
+
+    def measured(self: BytesSource, offset: int, length: int) -> bytes:
+        nonlocal largest
+        if offset >= entries[0].offset:
+            largest = max(largest, length)
+        return fetch(self, offset, length)
+
+    monkeypatch.setattr(BytesSource, "_fetch", measured)
+    for bound in (total // 4, 1):
+        monkeypatch.setattr("scarfmt.coding.reader.PREFETCH_BYTES", bound)
+        largest = 0
+        found = [content for _, content in opened(data).tiles(opened(data).models())]
+        assert all(map(same_content, found, scene.contents))
+        assert 0 < largest <= max(bound, *(e.length for e in entries))
+
+
+def test_damage_to_one_tile_does_not_keep_back_those_before_it() -> None:
+    """They are read in one request, but verified one by one."""
+    data = write_scene(random_scene(8, anchors=900, layers=1, tiles=5))
+    last = Container.open(BytesSource(data)).find(BlockKind.TILE, 1, 4)
+    assert last is not None
+    damaged = bytearray(data)
+    damaged[last.offset] ^= 1
+    reader = opened(bytes(damaged))
+    tiles = reader.tiles(reader.models())
+    assert [next(tiles)[0] for _ in range(4)] == [0, 1, 2, 3]
+    with pytest.raises(Malformed) as caught:
+        next(tiles)
+    assert (caught.value.refusal, caught.value.offset) == ("crc-mismatch", last.offset)
+
+
+# ------------------------------------------------------------------------------------------------ broken files
+
+
+def latent_scene() -> QuantisedScene:
+    """A scene whose second codebook comes in a later layer than its first."""
+    for seed in itertools.count():
+        scene = random_scene(seed, Profile.EXPLICIT, anchors=60, layers=3)
+        most = [max(row.stages) for row in scene.model.layers]
+        if most[0] == 1 and most[-1] > 1:
+            return scene
+    raise AssertionError
+
+
+SCENE = latent_scene()
+DATA = write_scene(SCENE)
+
+
+def refusal_of(data: bytes) -> ScarError:
+    with pytest.raises(ScarError) as caught:
+        read_everything(data)
+    return caught.value
+
+
+@pytest.mark.parametrize(
+    ("kind", "layer", "refusal"),
+    [
+        (BlockKind.LAYER, 1, "missing-block"),
+        (BlockKind.LAYER, 3, "missing-block"),
+        (BlockKind.CODEBOOKS, 1, "missing-block"),
+        (BlockKind.DECODER_MLP, 1, "missing-block"),
+        (BlockKind.TABLES, 1, "missing-table"),
+    ],
+)
+def test_a_missing_model_block_is_named(kind: BlockKind, layer: int, refusal: str) -> None:
+    """A well-formed container that lacks what its layers need."""
+    error = refusal_of(without(DATA, lambda block: (block.kind, block.layer) == (kind, layer)))
+    assert isinstance(error, Malformed)
+    assert error.refusal == refusal
+    if refusal == "missing-block":
+        assert kind.name in str(error)
+
+
+def test_a_missing_second_codebook_is_refused() -> None:
+    """Only when the layer that needs it is asked for."""
+    data = without(DATA, lambda block: block.kind == BlockKind.CODEBOOKS and block.layer > 1)
+    assert refusal_of(data).refusal == "missing-block"
+    opened(data).models(1)
+
+
+def replaced(kind: BlockKind, change: Callable[[bytes], bytes], layer: int = 1) -> bytes:
+    """The file with the payload of one model block changed."""
+
+    def altered(block: Block) -> Block:
+        chosen = block.kind == kind and block.layer == layer
+        return replace(block, payload=change(block.payload)) if chosen else block
+
+    return rebuilt(DATA, map(altered, blocks_of(DATA)))
+
+
+def _network(inputs: int) -> Network:
+    return Network((Linear.quantised(np.ones((3, inputs)), np.zeros(3)),))
+
+
+def _books(*numbers: int, dimension: int, size: int = 20) -> bytes:
+    return pack_codebooks({number: np.ones((size, dimension), np.int64) for number in numbers})
+
+
+def _dimension() -> int:
+    assert SCENE.codebooks is not None
+    return SCENE.codebooks.dimension
+
+
+BAD_MODELS = {
+    "wrong book": (BlockKind.CODEBOOKS, lambda _: _books(1, dimension=_dimension()), "bad-codebook"),
+    "both books, then one again": (BlockKind.CODEBOOKS, lambda _: _books(0, 1, dimension=_dimension()), "bad-codebook"),
+    "other dimension": (BlockKind.CODEBOOKS, lambda _: _books(0, dimension=_dimension() + 1), "bad-"),
+    "small book": (BlockKind.CODEBOOKS, lambda _: _books(0, dimension=_dimension(), size=1), "bad-index"),
+    "narrow decoder": (BlockKind.DECODER_MLP, lambda _: pack_networks((_network(_dimension() - 1),)), "bad-mlp"),
+    "two decoders": (BlockKind.DECODER_MLP, lambda _: pack_networks((_network(_dimension()),) * 2), "bad-mlp"),
+    "no decoder": (BlockKind.DECODER_MLP, lambda _: pack_networks(()), "bad-mlp"),
+    "empty tables": (BlockKind.TABLES, lambda _: compress(b"\0"), "missing-table"),
+    "garbage tables": (BlockKind.TABLES, lambda _: b"garbage", "bad-zstd"),
+    "layer cut": (BlockKind.LAYER, lambda payload: payload[:-1], "payload-short"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_MODELS)
+def test_models_that_do_not_fit_together_are_refused(name: str) -> None:
+    """Each sound by itself, wrong for this file."""
+    kind, change, refusal = BAD_MODELS[name]
+    error = refusal_of(replaced(kind, change))
+    assert isinstance(error, Malformed)
+    assert error.refusal.startswith(refusal)
+
+
+def test_errors_inside_a_block_say_where_the_block_is() -> None:
+    """The codecs know no offsets; the reader adds that of the block."""
+    data = replaced(BlockKind.LAYER, lambda payload: payload + b"\0", layer=2)
+    entry = Container.open(BytesSource(data)).find(BlockKind.LAYER, 2)
+    assert entry is not None
+    error = refusal_of(data)
+    assert (error.refusal, error.offset) == ("payload-long", entry.offset)
+
+
+def test_damage_is_noticed_whether_a_block_is_read_whole_or_in_part() -> None:
+    """The block's checksum in one case, the sub-stream's in the other; damage elsewhere does not matter."""
+    container = Container.open(BytesSource(DATA))
+    entry = next(e for e in container.entries if e.kind == BlockKind.TILE and e.length > 60)
+    damaged = bytearray(DATA)
+    damaged[entry.end - 1] ^= 1
+    reader = opened(bytes(damaged))
+    models = reader.models()
+    with pytest.raises(Malformed) as whole:
+        list(reader.tiles(models))
+    assert whole.value.refusal == "crc-mismatch"
+    outcomes = set()
+    for stream in ATTRIBUTES:
+        try:
+            list(reader.tiles(models, streams={stream}))
+        except Malformed as error:
+            outcomes.add(error.refusal)
+        else:
+            outcomes.add("")
+    assert outcomes == {"", "crc-mismatch"}
+
+
+def test_a_file_cut_in_its_first_layer_has_nothing_to_decode() -> None:
+    """It can be opened, and says so."""
+    container = Container.open(BytesSource(DATA))
+    data = DATA[: container.header.layers[0].end_offset - 1]
+    with pytest.raises(Truncated) as strict:
+        opened(data)
+    assert strict.value.refusal == "truncated-file"
+    reader = opened(data, allow_truncated=True)
+    assert reader.layers == 0
+    with pytest.raises(Truncated) as caught:
+        reader.models()
+    assert caught.value.refusal == "truncated-block"
+
+
+@pytest.mark.parametrize("streams", [ALL_STREAMS, frozenset({Stream.SCALE})])
+def test_a_sub_stream_that_nothing_reads_is_refused(streams: frozenset[Stream]) -> None:
+    """Whatever was asked for: else two readers would disagree about the file."""
+    done = False
+
+    def smuggle(block: Block) -> Block:
+        nonlocal done
+        if block.kind != BlockKind.TILE or done:
+            return block
+        done = True
+        table = unpack_table(block.payload, len(block.payload))
+        parts = {kind: block.payload[part.start :][: part.length] for kind, part in table.items()}
+        return replace(block, payload=pack_substreams({**parts, Stream.MASKS: b"data"}))
+
+    reader = opened(rebuilt(DATA, [smuggle(block) for block in blocks_of(DATA)]))
+    with pytest.raises(Malformed, match="MASKS") as caught:
+        list(reader.tiles(reader.models(), streams=streams))
+    assert caught.value.refusal == "bad-substream-table"

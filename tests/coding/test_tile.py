@@ -1,0 +1,219 @@
+"""One tile, layer by layer: what a decoder holds after each, and which streams it needs for that."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scarfmt.codecs.channels import coarsen
+from scarfmt.coding.tile import TileContent, first_values, get_layer, needed_streams, put_layer
+from scarfmt.coding.writer import QuantisedScene, keep_layers
+from scarfmt.container.directory import TileFrame, tile_frame
+from scarfmt.container.schema import Profile, Stream
+from scarfmt.entropy.symbols import SymbolCounter, SymbolReader, SymbolTable, SymbolWriter, TableKey, fit_table
+from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
+from tests.samples.codec_samples import refuses
+from tests.samples.file_surgery import ATTRIBUTES, arrays_of, same_content
+from tests.samples.scene_samples import quantised_scenes, random_scene
+
+Tables = dict[TableKey, SymbolTable]
+Coded = tuple[int, dict[Stream, bytes], Tables]
+
+
+def code_layer(scene: QuantisedScene, layer: int, tile: int) -> Coded:
+    """New anchors, streams and tables of one layer of one tile."""
+    frame, content = tile_frame(scene.fields, scene.tiles[tile]), scene.contents[tile]
+    counter = SymbolCounter()
+    put_layer(scene.model, layer, frame, content, lambda _: counter)
+    tables = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
+    writers: dict[Stream, SymbolWriter] = {}
+    new = put_layer(scene.model, layer, frame, content, lambda s: writers.setdefault(s, SymbolWriter(tables)))
+    return new, {stream: writer.finish() for stream, writer in writers.items()}, tables
+
+
+def read_layer(
+    scene: QuantisedScene,
+    layer: int,
+    tile: int,
+    content: TileContent,
+    wanted: Collection[Stream],
+    opened: set[Stream] | None = None,
+) -> TileContent:
+    new, streams, tables = code_layer(scene, layer, tile)
+
+    def open_stream(stream: Stream) -> SymbolReader:
+        if opened is not None:
+            opened.add(stream)
+        return SymbolReader(streams.get(stream, b""), tables)
+
+    frame = tile_frame(scene.fields, scene.tiles[tile])
+    sizes = scene.codebooks.sizes if scene.codebooks else (0, 0)
+    content = with_room(scene.model, content, new)
+    get_layer(scene.model, layer, frame, content, new, open_stream, wanted, sizes)
+    return content
+
+
+def with_room(model: SceneModel, content: TileContent, new: int) -> TileContent:
+    """The same anchors at the start of a larger tile."""
+    larger = TileContent.empty(model, len(content) + new)
+    for target, source in zip(arrays_of(larger.head(len(content))), arrays_of(content), strict=True):
+        target[...] = source
+    return larger
+
+
+@settings(deadline=None, max_examples=25)
+@given(quantised_scenes(max_anchors=40))
+def test_after_each_layer_a_decoder_holds_what_keeping_layers_gives(scene: QuantisedScene) -> None:
+    """Every intermediate state is exact, not only the last."""
+    for tile in range(len(scene.tiles)):
+        content = TileContent.empty(scene.model)
+        for layer in range(1, len(scene.model.layers) + 1):
+            content = read_layer(scene, layer, tile, content, ATTRIBUTES)
+            kept = keep_layers(scene, layer)
+            stages = kept.model.max_stages
+            assert not content.indices[:, stages:].any()
+            here = replace(content, indices=content.indices[:, :stages])
+            assert same_content(here, kept.contents[tile])
+
+
+@settings(deadline=None, max_examples=25)
+@given(quantised_scenes(max_anchors=40, max_layers=3), st.sets(st.sampled_from(sorted(ATTRIBUTES))))
+def test_leaving_attributes_out_changes_no_other(scene: QuantisedScene, wanted: set[Stream]) -> None:
+    """Others stay 0 unless a context needs them, and only streams that are needed are opened."""
+    needed = needed_streams(scene.model, wanted)
+    for tile, full in enumerate(scene.contents):
+        opened: set[Stream] = set()
+        content = TileContent.empty(scene.model)
+        for layer in range(1, len(scene.model.layers) + 1):
+            content = read_layer(scene, layer, tile, content, wanted, opened)
+        assert opened <= needed | {Stream.POSITIONS, Stream.CLASSES, Stream.MASKS} | (wanted & {Stream.INDICES})
+        assert np.array_equal(content.codes, full.codes)
+        assert np.array_equal(content.slot_layers, full.slot_layers)
+        assert np.array_equal(content.indices, full.indices if Stream.INDICES in wanted else full.indices * 0)
+        for index, channel in enumerate(scene.model.channels):
+            expected = full.values[index] if channel.stream in needed else full.values[index] * 0
+            assert np.array_equal(content.values[index], expected)
+
+
+def chained() -> SceneModel:
+    """COLOUR's contexts come from OPACITY, whose come from SCALE; ROTATION stands alone."""
+
+    def one(stream: Stream, source: int | None = None) -> Channel:
+        return Channel(stream, (0.5,), (ContextRule() if source is None else ContextRule(True, source, 0),))
+
+    channels = (one(Stream.SCALE), one(Stream.ROTATION), one(Stream.OPACITY, 0), one(Stream.COLOUR, 2))
+    return SceneModel(Profile.EXPLICIT, 1, channels, (LayerRow((0,), ((1, 1, 1, 1),)),))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "needed"),
+    [
+        (set(), set()),
+        ({Stream.COLOUR}, {Stream.SCALE, Stream.OPACITY, Stream.COLOUR}),
+        ({Stream.OPACITY, Stream.ROTATION}, {Stream.SCALE, Stream.ROTATION, Stream.OPACITY}),
+        ({Stream.SCALE, Stream.INDICES}, {Stream.SCALE}),
+    ],
+)
+def test_sources_of_sources_are_needed(wanted: set[Stream], needed: set[Stream]) -> None:
+    """A chain of contexts is followed to its start, and no further."""
+    assert needed_streams(chained(), wanted) == needed
+
+
+def test_first_values_are_the_coarsest_rounding() -> None:
+    """0 where a class never has the channel."""
+    rows = (LayerRow((0, 0, 0), ((1, 0, 1, 1), (3, 1, 0, 1), (0, 2, 1, 1))),)
+    model = replace(chained(), layers=rows)
+    content = TileContent.empty(model, 3)
+    content.classes = np.arange(3)
+    for values in content.values:
+        values[:, 0] = [14, -14, 4]
+    first = [array[:, 0].tolist() for array in first_values(model, content)]
+    assert first[0] == [14, int(coarsen(np.array([-14]), 2)[0]), 0]
+    assert first[1] == [0, -14, 1]
+    assert first[2] == [14, 0, 4]
+
+
+def reading(
+    new: int, streams: Mapping[Stream, bytes] | None = None, tables: Mapping[TableKey, SymbolTable] | None = None
+) -> TileContent:
+    """Layer 1 of a tile of :func:`chained`, from crafted streams."""
+
+    def open_stream(stream: Stream) -> SymbolReader:
+        return SymbolReader((streams or {}).get(stream, b""), tables or {})
+
+    model = chained()
+    content = TileContent.empty(model, new)
+    get_layer(model, 1, TileFrame(4), content, new, open_stream, ATTRIBUTES, (0, 0))
+    return content
+
+
+def test_streams_must_hold_what_the_directory_announces() -> None:
+    """Anchors without their positions, streams without anchors, streams that go on."""
+    assert len(reading(0)) == 0
+    refuses("missing-table", lambda: reading(1))
+    refuses("missing-table", lambda: reading(2))
+    some = b"\1\2\3\4"
+    refuses("rans-seal", lambda: reading(0, {Stream.SCALE: some}))
+    refuses("rans-seal", lambda: reading(0, {Stream.INDICES: some}))
+    refuses("rans-length", lambda: reading(0, {Stream.COLOUR: b"12345"}))
+    scene = random_scene(1, Profile.EXPLICIT, anchors=40, layers=1, tiles=1)
+    _, streams, tables = code_layer(scene, 1, 0)
+    frame, model = tile_frame(scene.fields, scene.tiles[0]), scene.model
+
+    def more(stream: Stream) -> SymbolReader:
+        return SymbolReader(some + streams[stream] if stream == Stream.SCALE else streams.get(stream, b""), tables)
+
+    sizes = scene.codebooks.sizes if scene.codebooks else (0, 0)
+    refuses("rans-seal", lambda: get_layer(model, 1, frame, TileContent.empty(model, 40), 40, more, ATTRIBUTES, sizes))
+
+
+def test_the_head_of_a_tile_is_the_tile_itself() -> None:
+    """A layer is read into a view of the arrays that hold all layers."""
+    whole = random_scene(1, Profile.ANCHOR, anchors=30, tiles=1).contents[0]
+    head = whole.head(12)
+    assert len(head) == 12
+    for part, array in zip(arrays_of(head), arrays_of(whole), strict=True):
+        assert part.shape[1:] == array.shape[1:]
+        assert part.size == 0 or np.shares_memory(part, array)
+    head.classes[:] = 7
+    assert (whole.classes == 7).sum() == 12
+
+
+def test_a_position_residual_beyond_its_cell_is_refused_in_the_layer_that_sends_it() -> None:
+    """Even where a later layer brings it back: a cut file must not break a rule that the whole one keeps."""
+    channels = (Channel(Stream.POSITION_RESIDUAL, (0.3,) * 3, (ContextRule(),) * 3),)
+    rows = (LayerRow((0,), ((1,),)), LayerRow((0,), ((2,),)))
+    model = SceneModel(Profile.EXPLICIT, 1, channels, rows)
+    content = TileContent.empty(model, 1)
+    content.values[0][:] = 10  # 10 * 0.1 = 1 after both steps, but 3 * 0.3 = 0.9 after the first
+    content.first = first_values(model, content)
+    assert decoded(model, content).values[0].tolist() == [[10, 10, 10]]
+    content.values[0][0] = [0, 11, 0]  # 11 * 0.1 is out; after the first step it is 4 * 0.3 = 1.2
+    content.first = first_values(model, content)
+    refuses("value-range", lambda: decoded(model, content, layers=1))
+
+
+def decoded(model: SceneModel, content: TileContent, layers: int = 2) -> TileContent:
+    """The tile of one anchor after coding and decoding, without what a writer checks."""
+    out = TileContent.empty(model, 1)
+    for layer in range(1, layers + 1):
+        counter = SymbolCounter()
+        put_layer(model, layer, TileFrame(4), content, lambda _, counter=counter: counter)
+        tables = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
+        writers: dict[Stream, SymbolWriter] = {}
+        new = put_layer(
+            model, layer, TileFrame(4), content, lambda s, w=writers, t=tables: w.setdefault(s, SymbolWriter(t))
+        )
+        streams = {stream: writer.finish() for stream, writer in writers.items()}
+
+
+        def opened(stream: Stream, data: dict[Stream, bytes] = streams, known: Tables = tables) -> SymbolReader:
+            return SymbolReader(data.get(stream, b""), known)
+
+        get_layer(model, layer, TileFrame(4), out, new, opened, ATTRIBUTES, (0, 0))
+    return out

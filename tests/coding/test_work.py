@@ -1,0 +1,81 @@
+"""Declared work: counted before a tile is decoded, far above what real files need, and what bounds made-up ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from fuzz.bombs import many_steps, small_tiles, wide_decoder
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.scenes import random_scene
+from reference_decoder.decode import decode
+from scarfmt.coding.reader import SceneReader
+from scarfmt.coding.work import Contents, extent
+from scarfmt.coding.writer import QuantisedScene, write_scene
+from scarfmt.container.bytefields import compress
+from scarfmt.container.schema import Profile
+from scarfmt.container.source import BytesSource
+from scarfmt.errors import LimitExceeded
+from scarfmt.limits import FORMAT_LIMITS, FREE_WORK, Limits
+from scarfmt.tools.truncate import truncate
+from scarfmt.tools.validate import validate
+
+
+def work_of(data: bytes, layers: int | None = None) -> int:
+    """Declared work of a file's first layers."""
+    reader = SceneReader(BytesSource(data), limits=FORMAT_LIMITS)
+    models, container = reader.models(layers), reader.container
+    bits, count = reader.header.fields.lattice_bits, len(models.model.layers)
+    return models.work.total(extent(container.directory, container.tile_table, bits, count))
+
+
+@pytest.mark.parametrize("profile", Profile)
+@pytest.mark.parametrize("make", [random_scene, neural_scene])
+def test_scenes_are_far_below_the_limit(profile: Profile, make: Callable[..., QuantisedScene]) -> None:
+    """Random scenes, and with each layer there is more to do."""
+    data = write_scene(make(5, profile, anchors=300, layers=3, tiles=3))
+    works = [work_of(data, layers) for layers in (1, 2, 3)]
+    assert 0 < works[0] < works[1] < works[2] < FREE_WORK / 2
+
+
+@pytest.mark.parametrize(
+    "make", [lambda: small_tiles(400, 16), lambda: wide_decoder(15_000, 0), lambda: many_steps(60_000, 0)]
+)
+def test_small_files_of_much_work_are_refused(make: Callable[[], bytes]) -> None:
+    """By decode and by validate, but not where the caller trusts the file; cutting layers off needs no decoding."""
+    data = make()
+    with pytest.raises(LimitExceeded) as caught:
+        decode(data)
+    assert caught.value.refusal == "limit-work"
+    assert [f.refusal for f in validate(BytesSource(data)).findings] == ["limit-work"]
+    assert SceneReader(BytesSource(data), limits=FORMAT_LIMITS).models()
+    assert truncate(BytesSource(data), 1)
+
+
+def test_the_limit_grows_with_the_file() -> None:
+    """It is compared with the work exactly."""
+    data = write_scene(random_scene(1, anchors=9))
+    assert work_of(data) < FREE_WORK
+    deep = many_steps(20_000, 0)
+    least = -(-(work_of(deep) - FREE_WORK) // len(deep))
+    SceneReader(BytesSource(deep), limits=Limits(work_per_byte=least)).models()
+    with pytest.raises(LimitExceeded):
+        SceneReader(BytesSource(deep), limits=Limits(work_per_byte=least - 1)).models()
+
+
+def test_empty_tiles_and_layers_cost_little() -> None:
+    """A tile without anchors counts for nothing."""
+    few, many = (work_of(small_tiles(20, 2, 3 if n else 0)) for n in (1, 0))
+    assert many < few / 10
+
+
+def test_contents_are_added_up() -> None:
+    """Frames share one allowance."""
+    contents = Contents(0, Limits())
+    frame = compress(bytes(np.zeros(600_000, np.uint8)))
+    assert len(contents.decompress(frame, 1 << 30, "tables")) == 600_000
+    with pytest.raises(LimitExceeded) as caught:
+        contents.decompress(frame, 1 << 30, "tables")
+    assert caught.value.refusal == "limit-expansion"

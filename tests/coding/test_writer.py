@@ -1,0 +1,153 @@
+"""Writing: deterministic, complete, and prefixes of layers are files of their own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scarfmt.coding.tile import TileContent, first_values
+from scarfmt.coding.writer import QuantisedScene, keep_layers, layer_counts, write_scene
+from scarfmt.container.bytefields import decompress
+from scarfmt.container.file import Container
+from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.source import BytesSource
+from scarfmt.entropy.symbols import unpack_tables
+from scarfmt.errors import InvalidInput
+from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel, first_layers
+from scarfmt.tools.truncate import truncate
+from tests.samples.file_surgery import blocks_of, read_everything, same_content
+from tests.samples.scene_samples import quantised_scenes, random_scene
+
+
+@settings(deadline=None, max_examples=40)
+@given(quantised_scenes())
+def test_scenes_come_back_and_equal_scenes_give_equal_bytes(scene: QuantisedScene) -> None:
+    """Both profiles; tiles without anchors, scenes without anchors, layers that add nothing."""
+    data = write_scene(scene)
+    found = read_everything(data)
+    assert len(found) == len(scene.contents)
+    assert all(map(same_content, found, scene.contents))
+    again = QuantisedScene(
+        scene.fields,
+        scene.model,
+        scene.tiles,
+        tuple(found),
+        scene.codebooks,
+        scene.decoder,
+        scene.scene_mlps,
+        dict(reversed(list(scene.metadata.items()))),
+    )
+    assert write_scene(again) == data
+
+
+@settings(deadline=None, max_examples=30)
+@given(quantised_scenes(max_layers=6), st.data())
+def test_truncating_equals_encoding_fewer_layers(scene: QuantisedScene, data: st.DataObject) -> None:
+    """SPEC §14 for whole scenes, byte for byte; and keeping layers in two goes is keeping them at once."""
+    layers = len(scene.model.layers)
+    kept = data.draw(st.integers(1, layers))
+    fewer = keep_layers(scene, kept)
+    assert truncate(BytesSource(write_scene(scene)), kept) == write_scene(fewer)
+    via = data.draw(st.integers(kept, layers))
+    assert write_scene(keep_layers(keep_layers(scene, via), kept)) == write_scene(fewer)
+
+
+@settings(deadline=None, max_examples=12)
+@given(quantised_scenes())
+def test_keeping_all_layers_changes_nothing_and_harms_nothing(scene: QuantisedScene) -> None:
+    """The scene given is not written to."""
+    before = write_scene(scene)
+    for layers in range(1, len(scene.model.layers) + 1):
+        kept = keep_layers(scene, layers)
+    assert write_scene(kept) == before == write_scene(scene)
+
+
+@pytest.mark.parametrize("profile", Profile)
+def test_a_large_single_tile_comes_back(profile: Profile) -> None:
+    """Thousands of anchors, where tables of every node size are in use."""
+    scene = random_scene(11, profile, anchors=6000, tiles=1, layers=2)
+    (found,) = read_everything(write_scene(scene))
+    assert same_content(found, scene.contents[0])
+
+
+def test_header_counts_are_what_the_layers_hold() -> None:
+    """Anchors and Gaussians after each layer, cumulative; masks decide in the anchor profile."""
+    for profile in Profile:
+        scene = random_scene(3, profile, anchors=300, layers=4)
+        header = Container.open(BytesSource(write_scene(scene))).header
+        assert [(s.anchor_count, s.gaussian_count) for s in header.layers] == layer_counts(scene)
+        for number, (anchors, gaussians) in enumerate(layer_counts(scene), start=1):
+            kept = keep_layers(scene, number).contents
+            assert anchors == sum(map(len, kept))
+            shown = sum(int((c.slot_layers > 0).sum()) for c in kept)
+            assert gaussians == (shown if profile == Profile.ANCHOR else anchors)
+
+
+def repeated_layer(scene: QuantisedScene) -> QuantisedScene:
+    """The scene with its last layer row once more: a layer in which nothing happens."""
+    return replace(scene, model=replace(scene.model, layers=(*scene.model.layers, scene.model.layers[-1])))
+
+
+def test_a_layer_that_adds_nothing_has_no_tiles_and_no_tables() -> None:
+    """Only its LAYER block, in both profiles unless masks have room to grow."""
+    scene = repeated_layer(random_scene(4, Profile.EXPLICIT, layers=2))
+    data = write_scene(scene)
+    last = [block.kind for block in blocks_of(data) if block.layer == 3]
+    assert last == [BlockKind.LAYER]
+    assert all(map(same_content, read_everything(data), scene.contents))
+
+
+def test_tables_are_sent_again_only_when_that_is_cheaper() -> None:
+    """A later layer of the same statistics goes on with the tables it has; one of its own statistics does not."""
+    rng = np.random.default_rng(5)
+    base = random_scene(5, Profile.EXPLICIT, anchors=0, layers=1, tiles=1)
+    scale = Channel(Stream.SCALE, (0.5,) * 3, (ContextRule(False),) * 3)
+    model = SceneModel(Profile.EXPLICIT, 1, (scale,), (LayerRow((0,), ((1,),)), LayerRow((0, 0), ((1,), (1,)))))
+    content = TileContent.empty(model, 4000)
+    content.classes[2000:] = 1
+    content.values[0] = rng.choice(5, (4000, 3), p=[0.4, 0.3, 0.15, 0.1, 0.05]).astype(np.int32)
+    scales = []
+    for shift in (0, 50):
+        content.values[0][2000:] += shift
+        content.first = first_values(model, content)
+        scene = QuantisedScene(base.fields, model, base.tiles, (content,))
+        blocks = {(b.kind, b.layer): b.payload for b in blocks_of(write_scene(scene))}
+        later = blocks.get((BlockKind.TABLES, 2))
+        sent = unpack_tables(decompress(later, 1 << 20, "tables")) if later else {}
+        scales.append(sum(key.stream == Stream.SCALE for key in sent))
+    assert scales == [0, 3]
+
+
+def test_models_travel_in_the_layer_that_first_needs_them() -> None:
+    """Codebooks and decoder cost a preview nothing."""
+    for seed in range(12):
+        scene = random_scene(seed, Profile.EXPLICIT, anchors=50, layers=4)
+        coarse, residual, decoder = first_layers(scene.model)[:3]
+        blocks = {(block.kind, block.layer): block.count for block in blocks_of(write_scene(scene))}
+        books = sorted(layer for kind, layer in blocks if kind == BlockKind.CODEBOOKS)
+        assert books == sorted({layer for layer in (coarse, residual) if layer is not None})
+        assert [layer for kind, layer in blocks if kind == BlockKind.DECODER_MLP] == ([decoder] if decoder else [])
+
+
+def test_progress_is_reported_from_start_to_end() -> None:
+    """Fractions never fall, and end at 1."""
+    seen: list[float] = []
+    write_scene(random_scene(1, layers=3), lambda _stage, fraction: seen.append(fraction))
+    assert seen == sorted(seen)
+    assert (seen[0], seen[-1]) == (0.0, 1.0)
+
+
+def test_scenes_that_do_not_fit_together_are_not_written() -> None:
+    """A content too few, a model that takes something back, a metadata value JSON does not know."""
+    scene = random_scene(2, layers=2)
+    with pytest.raises(InvalidInput) as caught:
+        write_scene(replace(scene, contents=scene.contents[:-1]))
+    assert caught.value.refusal == "input-container"
+    rows = scene.model.layers
+    model = replace(scene.model, layers=(*rows, replace(rows[-1], stages=(9,) * rows[-1].class_count)))
+    with pytest.raises(InvalidInput, match="bad-layer-table"):
+        write_scene(replace(scene, model=model))

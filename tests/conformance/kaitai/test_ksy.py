@@ -1,0 +1,114 @@
+"""The Kaitai description of the container agrees with the reference reader on every vector."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+from kaitaistruct import KaitaiStructError
+
+import conformance
+from conformance.kaitai.kaitai_scar import Scar
+from scarfmt.blocks.layer import unpack_layer
+from scarfmt.container.file import Container
+from scarfmt.container.schema import BlockKind
+from scarfmt.container.source import BytesSource
+from scarfmt.container.substreams import unpack_table
+from scarfmt.errors import ScarError
+from scarfmt.limits import FORMAT_LIMITS
+from scarfmt.scene.model import DecodedContext
+
+SUITE = Path(conformance.__file__).parent
+VECTORS = sorted(path.parent for path in (SUITE / "vectors").glob("**/expect.json"))
+EXPRESSED = {
+    "bad-signature", "damaged-signature", "unsupported-version", "bad-header-length", "bad-file-length", "bad-profile",
+    "bad-sh-degree", "bad-layer-count", "bad-slots", "bad-lattice-bits", "bad-coordinate-frame", "bad-colour-space",
+    "bad-source-count", "tile-depth", "tile-shift", "entry-kind", "truncated-header", "truncated-directory",
+    "limit-tiles", "limit-entries", "entry-length",
+}  # fmt: skip
+"""Refusals whose rules the description holds, all of them or nearly."""
+PARTLY = {"bad-file-length", "entry-length", "bad-signature", "damaged-signature"}
+"""Of those, the ones that are also given for relations between fields."""
+
+
+def _names(folder):
+    return str(folder.relative_to(SUITE / "vectors"))
+
+
+def _file(folder):
+    expect = json.loads((folder / "expect.json").read_text())
+    return (folder / "input.scar").read_bytes(), expect
+
+
+def test_the_compiled_parser_is_that_of_the_description():
+    digest = hashlib.sha256((SUITE / "kaitai" / "scar.ksy").read_bytes()).hexdigest()
+    compiled = (SUITE / "kaitai" / "kaitai_scar.py").read_text()
+    assert digest in compiled.splitlines()[0], "conformance/kaitai/scar.ksy was changed: run `make ksy`"
+
+
+def _value(number):
+    return getattr(number, "value", number)
+
+
+def _check_front(parsed, container):
+    fields, header = container.header.fields, parsed.header
+    assert header.header_length == container.header.header_length
+    assert header.file_length == container.header.file_length
+    assert (_value(header.profile), header.sh_degree, header.slots) == (fields.profile, fields.sh_degree, fields.slots)
+    assert (header.lattice_bits, tuple(header.origin), header.voxel) == (
+        fields.lattice_bits, fields.origin, fields.voxel,
+    )  # fmt: skip
+    assert header.source_count == fields.source_count
+    assert [
+        (row.anchor_count, row.gaussian_count, row.byte_count, row.end_offset, tuple(row.stream_bytes))
+        for row in parsed.layers
+    ] == [
+        (row.anchor_count, row.gaussian_count, row.byte_count, row.end_offset, tuple(row.stream_bytes))
+        for row in container.header.layers
+    ]
+    assert [(t.depth, t.shift, t.prefix) for t in parsed.tiles] == [
+        (t.depth, t.shift, t.prefix) for t in container.tiles
+    ]
+    assert [(_value(e.kind), e.flags, e.layer, e.offset, e.length, e.count, e.crc32) for e in parsed.entries] == [
+        (e.kind, e.flags, e.layer, e.offset, e.length, e.count, e.crc32) for e in container.entries
+    ]
+
+
+def _check_bodies(parsed, container):
+    opening = ((), DecodedContext())
+    for theirs, entry in zip(parsed.entries, container.entries, strict=True):
+        block = container.read_block(entry)
+        if entry.kind == BlockKind.TILE:
+            ours = {int(kind): (part.length, part.crc32) for kind, part in unpack_table(block, len(block)).items()}
+            assert {_value(r.stream): (r.length, r.crc32) for r in theirs.body.records} == ours
+            assert sum(4 * len(stream.words) for stream in theirs.body.substreams) == sum(n for n, _ in ours.values())
+        elif entry.kind == BlockKind.LAYER:
+            row, opening = unpack_layer(block, layer=entry.layer, opening=opening)
+            body = theirs.body
+            assert [(c.stages, tuple(c.steps)) for c in body.classes] == list(zip(row.stages, row.steps, strict=True))
+            if entry.layer == 1:
+                lows = [[rule.low.signed_value for rule in channel.rules] for channel in body.channels]
+                assert lows == [[rule.low for rule in channel.rules] for channel in opening[0]]
+        elif entry.kind == BlockKind.HASH_GRID:
+            assert len(theirs.body.levels) == len(theirs.body.streams) == entry.count
+        else:
+            assert theirs.body.bytes == block
+
+
+@pytest.mark.parametrize("folder", VECTORS, ids=_names)
+def test_kaitai_and_the_reference_reader_agree(folder):
+    data, expect = _file(folder)
+    try:
+        container = Container.open(BytesSource(data), limits=FORMAT_LIMITS).load()
+    except ScarError as error:
+        container = None
+        opened = error.refusal
+    if container is None:
+        if opened in EXPRESSED - PARTLY:
+            with pytest.raises((KaitaiStructError, EOFError)):
+                Scar.from_bytes(data)
+        return
+    parsed = Scar.from_bytes(data)
+    _check_front(parsed, container)
+    if expect["result"] == "decoded":
+        _check_bodies(parsed, container)

@@ -1,0 +1,145 @@
+"""Questions as commands, answers as untrusted bytes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scarfmt_conformance.protocol import (
+    STAGES,
+    Capabilities,
+    Fault,
+    Question,
+    Refusal,
+    Values,
+    command,
+    filled,
+    parse,
+    printable,
+    template,
+)
+
+from scarfmt.errors import InvalidInput
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=8,
+)
+KEYS = st.sampled_from(["stages", "refused", "offset", "message", "capabilities", "protocol", "decoder", "versions"])
+
+
+def test_a_command_is_split_as_a_shell_would_and_filled_without_one() -> None:
+    """Names with spaces, quotes and even places in them stay whole."""
+    words = template("'my decoder' --in={file} {k}/{layers} {s} {stage} {other}")
+    question = Question(Path("/a b/{stage};$(x).scar"), 2, "all")
+    expected = ["my decoder", "--in=/a b/{stage};$(x).scar", "2/2", "all", "all", "{other}"]
+    assert filled(words, question) == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "missing"),
+    [("x", "{file}, {layers}, {stage}"), ("x {file} {k}", "{stage}"), ("x {layers} {s}", "{file}")],
+)
+def test_a_command_without_a_place_is_refused(text: str, missing: str) -> None:
+    with pytest.raises(InvalidInput, match="has no") as caught:
+        template(text)
+    assert caught.value.refusal == "input-options"
+    assert caught.value.message.endswith(missing)
+
+
+@pytest.mark.parametrize("text", ["", "  ", "x 'open"])
+def test_a_command_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        command(text)
+    assert caught.value.refusal == "input-options"
+
+
+def test_answers_are_told_apart() -> None:
+    assert parse(b' {"stages": {"values": 1}}\n') == Values({"values": 1})
+    assert parse(b'{"refused": "bad-table", "offset": 9, "message": "why"}') == Refusal("bad-table", "why (byte 9)")
+    assert parse(b'{"refused": "bad-table", "offset": null}') == Refusal("bad-table", "")
+    assert parse(b'{"refused": "bad-table", "offset": {}, "message": []}') == Refusal("bad-table", "")
+
+
+def claims(**changed: Any) -> bytes:
+    good = {"protocol": "scar-conformance 2", "decoder": "d 1", "versions": ["0.1"], "profiles": [], "stages": []}
+    return json.dumps({"capabilities": {**good, **changed}}).encode()
+
+
+def test_capabilities_keep_the_stages_known_in_their_order() -> None:
+    answer = parse(claims(stages=["values", "container", "a later stage"], profiles=["explicit"]))
+    assert answer == Capabilities("d 1", frozenset({"0.1"}), frozenset({"explicit"}), ("container", "values"))
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"protocol": "scar-conformance 1"}, "protocol"),
+        ({"stages": "values"}, "stages"),
+        ({"versions": [0.1]}, "versions"),
+        ({"profiles": None}, "profiles"),
+    ],
+)
+def test_wrong_capabilities_are_a_fault_that_says_which(changed: dict[str, Any], reason: str) -> None:
+    answer = parse(claims(**changed))
+    assert isinstance(answer, Fault)
+    assert reason in answer.message
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "printed nothing"),
+        (b" \n", "printed nothing"),
+        (b"{}\n", "not an object with stages, refused or capabilities"),
+        (b"[1]", "not an object with"),
+        (b'{"refused": "x-y"}\n{"refused": "x-y"}\n', "not one JSON value"),
+        (b'{"refused": "x-y", "stages": {}}', "not an object with"),
+        (b'{"refused": 5}', "refused is not a string"),
+        (b'{"stages": []}', "stages is not an object"),
+        (b'{"capabilities": {}}', "protocol"),
+    ],
+)
+def test_other_output_is_a_fault_that_says_why(data: bytes, reason: str) -> None:
+    answer = parse(data)
+    assert isinstance(answer, Fault)
+    assert (answer.kind, reason in answer.message) == ("answer", True)
+
+
+@given(st.binary(max_size=60) | JSON.map(lambda value: json.dumps(value).encode()))
+def test_no_output_breaks_the_parser(data: bytes) -> None:
+    assert isinstance(parse(data), Values | Refusal | Capabilities | Fault)
+
+
+@given(st.dictionaries(KEYS, JSON, min_size=1), st.dictionaries(KEYS, JSON))
+def test_no_object_breaks_the_parser(value: dict[str, Any], claimed: dict[str, Any]) -> None:
+    """And whatever text is taken over can be printed, and written as XML."""
+    for found in (value, {**value, "capabilities": {"protocol": "scar-conformance 2", **claimed}}):
+        answer = parse(json.dumps(found).encode())
+        texts = [getattr(answer, name, "") for name in ("id", "message", "decoder")]
+        assert all(text.isprintable() for text in texts)
+
+
+@pytest.mark.parametrize("digits", [5_000, 300])
+def test_huge_numbers_are_no_trouble(digits: int) -> None:
+    """Python refuses to parse some integers, and to print others."""
+    data = b'{"refused": "x-y", "offset": ' + b"9" * digits + b"}"
+    assert isinstance(parse(data), Fault if digits > 4300 else Refusal)
+
+
+@given(st.text(), st.integers(0, 50), st.booleans())
+def test_printable_text_is_harmless_and_short(text: str, limit: int, lines: bool) -> None:
+    shown = printable(text, limit, lines)
+    assert len(shown) <= limit + 3
+    assert all(c.isprintable() or (lines and c == "\n") for c in shown)
+    assert shown.encode().decode() == shown
+
+
+def test_stages_end_with_metadata() -> None:
+    """What no decoder may look at unasked comes last."""
+    assert STAGES[-1] == "metadata"

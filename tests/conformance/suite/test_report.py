@@ -1,0 +1,133 @@
+"""The same score for people, programs and CI servers."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+from scarfmt_conformance import report
+from scarfmt_conformance.compare import Difference
+from scarfmt_conformance.manifest import Suite, Vector
+from scarfmt_conformance.protocol import Capabilities
+from scarfmt_conformance.runner import FAILED, PASSED, SKIPPED, Failure, Result, Run
+
+
+def vector(id_: str, *rules: str) -> Vector:
+    class_ = id_.partition("/")[0]
+    place = Path("/suite") / id_
+    features = frozenset({"f"})
+    return Vector(
+        id_, class_, place / "input.scar", place / "expect.json", 9, "ab", "anchor", features, rules, "decoded"
+    )
+
+
+def scored() -> Run:
+    found = tuple(Difference("indices", name, "differs", "<u2 (2)", "<u2 (3)") for name in "abcdefghij")
+    failure = Failure("values", "stage indices, array a: differs", 2, found, errors="one\n<two> & ]]>\nthree")
+    claims = Capabilities("mine 1", frozenset({"0.1"}), frozenset({"anchor"}), ("models", "indices"))
+    results = [
+        Result(vector("valid/a"), "p", PASSED, questions=2, seconds=1.5, peak_bytes=50 << 20, stages={"models": True}),
+        Result(
+            vector("valid/b", "R-10.5-1", "R-11-1", "odd"),
+            "a <purpose>",
+            FAILED,
+            failure=failure,
+            questions=1,
+            seconds=0.5,
+            stages={"models": True, "indices": False},
+        ),
+        Result(vector("edge/c"), "p", SKIPPED, "the anchor profile is not claimed"),
+    ]
+    return Run(Suite(Path("/suite"), "0.1", ()), claims, None, results, 2.25, restarts=1)
+
+
+def refused_to_talk() -> Run:
+    return Run(Suite(Path("/suite"), "0.1", ()), None, Failure("timeout", "capabilities: no answer", errors="why"))
+
+
+def test_the_tables_count_by_class_and_stage() -> None:
+    lines = [line.split() for line in report.score_text(scored()).splitlines()]
+    assert lines == [
+        ["class", "passed", "failed", "skipped"],
+        ["valid", "1", "1", "0"],
+        ["edge", "0", "0", "1"],
+        ["all", "1", "1", "1"],
+        [],
+        ["stage", "agrees", "differs"],
+        ["models", "2", "0"],
+        ["indices", "0", "1"],
+    ]
+    assert report.score_text(refused_to_talk()).split() == ["class", "passed", "failed", "skipped", "all", *"000"]
+
+
+def test_a_failure_says_where_what_and_which_rules() -> None:
+    text = report.failure_text(scored().results[1])
+    head, *details = text.splitlines()
+    assert head == "FAILED valid/b, layer 2: stage indices, array a: differs"
+    assert [line.split() for line in details[:3]] == [
+        ["purpose", "a", "<purpose>"],
+        ["expected", "<u2", "(2)"],
+        ["got", "<u2", "(3)"],
+    ]
+    assert "indices b, indices c, indices d, indices e, indices f, indices g and 3 more" in text
+    assert "R-10.5-1 (SPEC.md §10.5), R-11-1 (SPEC.md §11), odd" in text
+    assert "/suite/valid/b/input.scar" in text
+    assert text.endswith("three")
+
+
+def test_a_refusal_shows_both_ids() -> None:
+    failure = Failure("refusal", "refused with another id", 0, (), "bad-table", "bad-trit: why")
+    text = report.failure_text(Result(vector("invalid/a"), outcome=FAILED, failure=failure))
+    assert [line.split(maxsplit=1) for line in text.splitlines()[1:3]] == [
+        ["expected", "bad-table"],
+        ["got", "bad-trit: why"],
+    ]
+
+
+def test_the_summary_is_one_line() -> None:
+    line = report.summary_text(scored())
+    assert line == "mine 1: 1 passed, 1 failed, 1 skipped; 2.2 s; at most 50 MiB; 1 restarts"
+    assert report.skips_text(scored()) == "skipped 1: the anchor profile is not claimed"
+
+
+def test_the_json_report_holds_everything() -> None:
+    value = json.loads(json.dumps(report.as_json(scored(), ["mine", "{file}"])))
+    assert value["format"] == "scar-conformance-report 1"
+    assert value["passed"] is False
+    assert value["counts"] == {"passed": 1, "failed": 1, "skipped": 1}
+    assert value["stages"]["indices"] == {"agrees": 0, "differs": 1}
+    assert [entry["outcome"] for entry in value["vectors"]] == ["passed", "failed", "skipped"]
+    failure = value["vectors"][1]["failure"]
+    assert failure["differences"][0] == {
+        "stage": "indices",
+        "array": "a",
+        "message": "differs",
+        "expected": "<u2 (2)",
+        "got": "<u2 (3)",
+    }
+    assert (failure["purpose"], failure["layer"]) == ("a <purpose>", 2)
+    assert json.loads(json.dumps(report.as_json(refused_to_talk(), [])))["handshake"]["kind"] == "timeout"
+
+
+def test_junit_xml_parses_and_counts() -> None:
+    root = ElementTree.fromstring(report.junit(scored()))
+    assert root.tag == "testsuites"
+    assert {key: root.get(key) for key in ("tests", "failures", "skipped")} == {
+        "tests": "4",
+        "failures": "1",
+        "skipped": "1",
+    }
+    assert [suite.get("name") for suite in root] == ["capabilities", "valid", "edge"]
+    case = root.find(".//testcase[@name='valid/b']")
+    assert case is not None
+    failure = case.find("failure")
+    assert failure is not None
+    assert failure.get("message") == "stage indices, array a: differs"
+    assert "<two> & ]]>" in (failure.text or "")
+
+
+def test_junit_xml_fails_a_decoder_that_does_not_talk() -> None:
+    root = ElementTree.fromstring(report.junit(refused_to_talk()))
+    assert (root.get("tests"), root.get("failures")) == ("1", "1")
+    assert root.find(".//testcase[@name='capabilities']/failure") is not None

@@ -1,0 +1,404 @@
+"""What is asked about which vector, what passes, and what a failure says (conformance/PROTOCOL.md)."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from scarfmt_conformance.protocol import STAGES, Capabilities, Decoder, Fault, Question, Refusal, Reply, Values
+from scarfmt_conformance.runner import FAILED, PASSED, SKIPPED, Options, Result, Run, refusals_held_to, run
+
+from scarfmt.errors import InvalidInput
+from tests.conformance.suite.conftest import Json, SuiteWriter, array, only, score, stages
+
+CLAIMS = Capabilities("stub", frozenset({"0.1"}), frozenset({"explicit", "anchor"}), STAGES)
+OBJECT = Values({"metadata": {"metadata": {"a": 1}}})
+
+
+class Stub:
+    """A decoder in this process that writes down what it is asked."""
+
+    restarts = 0
+
+    def __init__(self, answer: Callable[[Question], Any], claims: Any = CLAIMS):
+        self.asked: list[tuple[int, str]] = []
+        self.files: list[Path] = []
+        self._answer, self._claims = answer, claims
+
+    def ask(self, question: Question) -> Reply:
+        if question.stage == "capabilities":
+            return Reply(self._claims, 0.0, None, "")
+        self.asked.append((question.layers, question.stage))
+        self.files.append(question.file)
+        return Reply(self._answer(question), 0.0, None, "said this")
+
+    def close(self) -> Fault | None:
+        return None
+
+
+def ask(suite: SuiteWriter, stub: Stub, options: Options | None = None) -> Run:
+    loaded = suite.load()
+
+    def connect(_stop: threading.Event) -> Decoder:
+        return stub
+
+    return run(loaded, loaded.vectors, connect, options or Options())
+
+
+def claiming(*names: str, **changed: Any) -> Capabilities:
+    fields = {"decoder": "stub", "versions": frozenset({"0.1"}), "profiles": CLAIMS.profiles, **changed}
+    return Capabilities(stages=names, **fields)
+
+
+def two_layers() -> list[Json]:
+    last = stages(position=array()) | {"container": {"container": {"header": {"minor": "1"}}}}
+    return [{"layer": 1, "stages": stages(position=array())}, {"layer": 2, "stages": last}]
+
+
+def right(_question: Question) -> Values:
+    return Values(two_layers()[1]["stages"])
+
+
+# ------------------------------------------------------------------------------------------------ decoded
+
+
+def test_each_layer_is_asked_for_and_metadata_where_pinned(suite: SuiteWriter) -> None:
+    suite.decoded("valid/plain", layers=two_layers())
+    suite.decoded("valid/with", layers=two_layers(), metadata={"a": 1})
+    stub = Stub(lambda question: OBJECT if question.stage == "metadata" else right(question))
+    assert ask(suite, stub).passed
+    assert stub.asked == [(1, "all"), (2, "all")] * 2 + [(0, "metadata")]
+
+
+def test_a_file_without_metadata_has_none(suite: SuiteWriter) -> None:
+    """Null that is pinned is compared."""
+    suite.decoded("valid/none", metadata=None)
+    stub = Stub(lambda question: OBJECT if question.stage == "metadata" else right(question))
+    result = only(ask(suite, stub))
+    assert result.stages == {"values": True, "metadata": False}
+
+
+def test_the_last_layer_alone_can_be_asked_for(suite: SuiteWriter) -> None:
+    suite.decoded("valid/a", layers=two_layers())
+    stub = Stub(right)
+    assert ask(suite, stub, Options(last_layer=True)).passed
+    assert stub.asked == [(2, "all")]
+
+
+def test_the_first_stage_that_differs_is_named_with_all_others(suite: SuiteWriter) -> None:
+    wrong = stages(position=array("cd" * 32)) | {"container": {"container": {"header": {"minor": "2"}}}}
+    suite.decoded("valid/a", layers=two_layers())
+    result = only(ask(suite, Stub(lambda question: Values(wrong) if question.layers == 2 else right(question))))
+    assert result.failure is not None
+    assert result.failure.kind == "values"
+    assert result.failure.message == "stage container, field header.minor: differs"
+    assert result.failure.layer == 2
+    assert result.failure.errors == "said this"
+    assert [found.stage for found in result.failure.differences] == ["container", "values"]
+    assert result.stages == {"container": False, "values": False}
+
+
+def test_a_vector_ends_with_its_first_failure(suite: SuiteWriter) -> None:
+    """Sixteen layers must not take sixteen time limits."""
+    suite.decoded("valid/a", layers=two_layers(), metadata=None)
+    stub = Stub(lambda _question: Fault("timeout", "no answer"))
+    result = only(ask(suite, stub))
+    assert (result.outcome, result.questions, stub.asked) == (FAILED, 1, [(1, "all")])
+
+
+def test_a_valid_file_must_not_be_refused(suite: SuiteWriter) -> None:
+    suite.decoded("valid/a")
+    failure = only(ask(suite, Stub(lambda _question: Refusal("bad-table", "no (byte 7)")))).failure
+    assert failure is not None
+    assert (failure.kind, failure.got) == ("refused", "bad-table: no (byte 7)")
+
+
+# ------------------------------------------------------------------------------------------------ refused
+
+
+@pytest.mark.parametrize(
+    ("answer", "kind"),
+    [
+        (Refusal("bad-table", ""), None),
+        (Refusal("bad-trit", "why"), "refusal"),
+        (Values({}), "accepted"),
+        (CLAIMS, "answer"),
+        (Fault("status", "exit status 1"), "status"),
+    ],
+)
+def test_only_the_id_of_a_refusal_counts(suite: SuiteWriter, answer: Any, kind: str | None) -> None:
+    suite.refused("invalid/a")
+    failure = only(ask(suite, Stub(lambda _question: answer))).failure
+    assert (failure and failure.kind) == kind
+    if failure is not None and kind != "status":
+        assert failure.expected == "bad-table"
+
+
+def test_bad_metadata_is_asked_for_as_such(suite: SuiteWriter) -> None:
+    suite.refused("invalid/m", refusal="bad-metadata", stage="metadata")
+    stub = Stub(lambda _question: Refusal("bad-metadata", ""))
+    assert ask(suite, stub).passed
+    assert stub.asked == [(0, "metadata")]
+
+
+# ------------------------------------------------------------------------------------------------ either
+
+
+@pytest.mark.parametrize(
+    ("answer", "pinned", "outcome"),
+    [
+        (Refusal("limit-tiles", ""), True, PASSED),
+        (Refusal("entry-count", ""), False, PASSED),
+        (Refusal("bad-table", ""), True, FAILED),
+        (right(Question(Path(), 0, "all")), True, PASSED),
+        (right(Question(Path(), 0, "all")), False, FAILED),
+        (Values({"values": {"arrays": {}}}), True, FAILED),
+    ],
+)
+def test_either_a_refusal_or_the_values(suite: SuiteWriter, answer: Any, pinned: bool, outcome: str) -> None:
+    """The values only where they are pinned."""
+    layers = {"layers": two_layers()} if pinned else {}
+    suite.add("either/a", {}, result="either", refusals=["limit-tiles", "entry-count"], **layers)
+    stub = Stub(lambda _question: answer)
+    assert only(ask(suite, stub)).outcome == outcome
+    assert stub.asked == [(0, "all")]
+
+
+@pytest.mark.parametrize(
+    ("answer", "pinned", "outcome"),
+    [
+        (OBJECT, True, PASSED),
+        (OBJECT, False, FAILED),
+        (Refusal("bad-metadata", ""), True, PASSED),
+        (Refusal("bad-metadata", ""), False, PASSED),
+        (Refusal("bad-table", ""), True, FAILED),
+        (Values({"metadata": {"metadata": [1]}}), True, FAILED),
+        (Values({}), True, FAILED),
+    ],
+)
+def test_metadata_that_parsers_differ_about(suite: SuiteWriter, answer: Any, pinned: bool, outcome: str) -> None:
+    """Whatever object where the rest is sound, but no crash; a decode that does not ask for it is not disturbed."""
+    layers = {"layers": two_layers()} if pinned else {}
+    suite.add("either/m", {}, result="either", refusals=["bad-metadata"], **layers)
+    stub = Stub(lambda question: answer if question.stage == "metadata" else right(question))
+    assert only(ask(suite, stub)).outcome == outcome
+    assert stub.asked == ([(0, "all")] if pinned else []) + [(0, "metadata")]
+
+
+# ------------------------------------------------------------------------------------------------ what is claimed
+
+
+@pytest.mark.parametrize(
+    ("claimed", "asked"),
+    [
+        (("container",), {"invalid/container"}),
+        (("container", "metadata"), {"invalid/container", "invalid/metadata"}),
+        (("models",), {"invalid/container", "invalid/models"}),
+        (("context",), {"invalid/container", "invalid/models", "invalid/tiles"}),
+        (("values", "metadata"), {"invalid/container", "invalid/models", "invalid/tiles", "invalid/metadata"}),
+        ((), set()),
+    ],
+)
+def test_a_decoder_is_held_to_the_refusals_of_the_stages_it_claims(
+    suite: SuiteWriter, claimed: tuple[str, ...], asked: set[str]
+) -> None:
+    for stage in ("container", "models", "tiles", "metadata"):
+        suite.refused(f"invalid/{stage}", stage=stage)
+    results = ask(suite, Stub(lambda _question: Refusal("bad-table", ""), claiming(*claimed))).results
+    assert {result.vector.id for result in results if result.outcome == PASSED} == asked
+    assert all(result.outcome in (PASSED, SKIPPED) for result in results)
+
+
+def test_refusals_of_later_stages_come_with_them() -> None:
+    assert [refusals_held_to([stage]) for stage in STAGES] == [1, 2, 3, 3, 3, 3, 3, 3, 3, 0]
+
+
+def test_stages_selected_are_as_if_no_others_were_claimed(suite: SuiteWriter) -> None:
+    suite.decoded("valid/a", layers=two_layers())
+    suite.decoded("valid/b")
+    suite.refused("invalid/tiles")
+    stub = Stub(right)
+    first, second, third = ask(suite, stub, Options(stages=("container",))).results
+    assert (first.outcome, first.stages) == (PASSED, {"container": True})
+    assert (second.outcome, second.reason) == (SKIPPED, "nothing pinned is of a stage claimed")
+    assert third.outcome == SKIPPED
+    assert stub.asked == [(2, "all")]
+
+
+def test_stages_not_claimed_are_not_missed(suite: SuiteWriter) -> None:
+    suite.decoded("valid/a", layers=two_layers(), metadata={"a": 1})
+    stub = Stub(lambda _question: Values(stages(position=array())), claiming("values"))
+    result = only(ask(suite, stub))
+    assert (result.outcome, result.stages) == (PASSED, {"values": True})
+
+
+@pytest.mark.parametrize(
+    ("claims", "reason"),
+    [
+        (claiming("values", profiles=frozenset({"anchor"})), "the explicit profile is not claimed"),
+        (claiming("values", versions=frozenset({"0.2"})), "version 0.1 is not claimed"),
+    ],
+)
+def test_other_profiles_and_versions_are_skipped(suite: SuiteWriter, claims: Capabilities, reason: str) -> None:
+    """A run in which everything was skipped has not passed."""
+    suite.decoded("valid/a")
+    results = ask(suite, Stub(right, claims))
+    assert (only(results).outcome, only(results).reason) == (SKIPPED, reason)
+    assert not results.passed
+
+
+def test_a_file_of_no_profile_is_for_all(suite: SuiteWriter) -> None:
+    suite.refused("invalid/a", profile=None)
+    stub = Stub(lambda _question: Refusal("bad-table", ""), claiming("values", profiles=frozenset()))
+    assert ask(suite, stub).passed
+
+
+@pytest.mark.parametrize("answer", [Fault("timeout", "no answer"), Refusal("bad-table", ""), Values({})])
+def test_without_capabilities_nothing_is_asked(suite: SuiteWriter, answer: Any) -> None:
+    suite.decoded("valid/a")
+    stub = Stub(right, answer)
+    results = ask(suite, stub)
+    assert results.handshake is not None
+    assert results.handshake.message.startswith("capabilities: ")
+    assert not results.passed
+    assert stub.asked == []
+
+
+def test_the_worked_file_is_the_first_question(suite: SuiteWriter) -> None:
+    suite.decoded("valid/a")
+    worked = suite.decoded("worked")
+    first: list[Path] = []
+
+    class First(Stub):
+        def ask(self, question: Question) -> Reply:
+            first.append(question.file)
+            return super().ask(question)
+
+    ask(suite, First(right))
+    assert first[0] == worked / "input.scar"
+
+
+# ------------------------------------------------------------------------------------------------ files
+
+
+def test_a_file_is_extended_by_zeros_without_filling_the_disk(suite: SuiteWriter, ask_by_session: bool) -> None:
+    """A decoder sees the length; the copy is gone afterwards."""
+    folder = suite.refused("invalid/long", {"answers": {"all 0": "size"}}, refusal="size-5000000", extend_to=5_000_000)
+    assert only(score(suite, ask_by_session)).outcome == PASSED
+    assert (folder / "input.scar").stat().st_size < 1000
+
+
+def test_extended_files_are_removed(suite: SuiteWriter, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    suite.refused("invalid/long", extend_to=1 << 40)
+    stub = Stub(lambda question: Refusal("bad-table", "") if question.file.stat().st_size == 1 << 40 else Values({}))
+    assert ask(suite, stub).passed
+    assert not stub.files[0].exists()
+    assert not list(tmp_path.glob("scar-conformance-*"))
+
+
+def test_a_file_that_cannot_be_that_long_is_skipped(suite: SuiteWriter) -> None:
+    """2^62 bytes are beyond any file system: no fault of the decoder."""
+    suite.refused("invalid/huge", extend_to=1 << 62)
+    result = only(ask(suite, Stub(right)))
+    assert result.outcome == SKIPPED
+    assert "no file of" in result.reason
+
+
+def test_a_damaged_suite_is_found_before_anything_is_asked(suite: SuiteWriter) -> None:
+    suite.decoded("valid/a")
+    folder = suite.decoded("valid/b")
+    loaded = suite.load()
+    (folder / "input.scar").write_bytes(b"other")
+    stub = Stub(right)
+    with pytest.raises(InvalidInput, match="valid/b"):
+        run(loaded, loaded.vectors, lambda _stop: stub, Options())
+    assert stub.asked == []
+
+
+# ------------------------------------------------------------------------------------------------ together
+
+
+@pytest.mark.parametrize("jobs", [1, 3, 50])
+def test_results_are_in_the_order_of_the_vectors(suite: SuiteWriter, ask_by_session: bool, jobs: int) -> None:
+    """However many decoders work, each vector is asked about once."""
+    ids = [f"valid/v{number}" for number in range(7)]
+    for id_ in ids:
+        suite.decoded(id_, {"misbehave": "crash"} if id_ == "valid/v3" else None)
+    results = score(suite, ask_by_session, Options(jobs=jobs)).results
+    assert [result.vector.id for result in results] == ids
+    assert [result.outcome == FAILED for result in results] == [id_ == "valid/v3" for id_ in ids]
+
+
+def test_every_result_is_reported_once(suite: SuiteWriter) -> None:
+    for number in range(5):
+        suite.decoded(f"valid/v{number}")
+    loaded, told = suite.load(), []
+    run(
+        loaded, loaded.vectors, lambda _stop: Stub(right), Options(jobs=3), lambda result: told.append(result.vector.id)
+    )
+    assert sorted(told) == [f"valid/v{number}" for number in range(5)]
+
+
+def test_fail_fast_asks_no_more(suite: SuiteWriter) -> None:
+    for name in ("a", "b", "c"):
+        suite.decoded(f"valid/{name}")
+    stub = Stub(lambda _question: Fault("status", "exit status 1"))
+    results = ask(suite, stub, Options(fail_fast=True))
+    assert len(stub.asked) == 1
+    assert [result.outcome for result in results.results] == [FAILED, SKIPPED, SKIPPED]
+    assert "first failure" in results.results[2].reason
+
+
+@pytest.mark.parametrize("error", [InvalidInput("input-suite", "broken"), KeyboardInterrupt()])
+def test_an_error_in_one_thread_ends_all(suite: SuiteWriter, error: BaseException) -> None:
+    """And is raised, not swallowed."""
+    for number in range(20):
+        suite.decoded(f"valid/v{number}")
+    loaded = suite.load()
+    events: list[threading.Event] = []
+
+    def report(result: Result) -> None:
+        if result.vector.id == "valid/v1":
+            raise error
+
+    def connect(stop: threading.Event) -> Decoder:
+        events.append(stop)
+        return Stub(right)
+
+    with pytest.raises(type(error)):
+        run(loaded, loaded.vectors, connect, Options(jobs=4), report)
+    assert all(event.is_set() for event in events)
+
+
+def test_what_goes_wrong_after_an_answer_is_held_against_that_answer(suite: SuiteWriter) -> None:
+    """The reply to the next question brings the news."""
+
+    class Late(Stub):
+        def ask(self, question: Question) -> Reply:
+            reply = super().ask(question)
+            late = Fault("status", "killed by SIGSEGV after its answer") if len(self.asked) == 2 else None
+            return Reply(reply.answer, 0.0, None, "", before=late)
+
+    for name in ("a", "b", "c"):
+        suite.decoded(f"valid/{name}")
+    results = ask(suite, Late(right)).results
+    assert [result.outcome for result in results] == [FAILED, PASSED, PASSED]
+    assert results[0].failure is not None
+    assert "SIGSEGV" in results[0].failure.message
+
+
+def test_claims_of_the_fake_decoder_reach_the_score(
+    suite: SuiteWriter, monkeypatch: pytest.MonkeyPatch, ask_by_session: bool
+) -> None:
+    suite.decoded("valid/a")
+    monkeypatch.setenv("FAKE_CLAIMS", json.dumps({"decoder": "mine 2\x1b", "profiles": ["anchor"]}))
+    results = score(suite, ask_by_session)
+    assert results.capabilities is not None
+    assert results.capabilities.decoder == "mine 2\ufffd"
+    assert only(results).outcome == SKIPPED

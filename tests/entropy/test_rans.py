@@ -1,0 +1,270 @@
+"""rANS: the two decoders are one definition, tables follow the exact formula, streams are canonical."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from scarfmt.entropy.rans import (
+    MAX_ALPHABET,
+    TOTAL,
+    FrequencyTable,
+    PureRansDecoder,
+    RansDecoder,
+    RansEncoder,
+    SymbolSource,
+    uniform_table,
+)
+from scarfmt.errors import InvalidInput, Malformed
+
+Groups = list[tuple[FrequencyTable, list[int]]]
+
+WEIGHTS = st.lists(st.integers(0, 1 << 24), min_size=1, max_size=40).filter(any)
+TABLES = st.one_of(
+    st.builds(lambda weights: FrequencyTable.from_weights(np.array(weights)), WEIGHTS),
+    st.sampled_from([1, 2, 3, 16, 4095, 4096]).map(uniform_table),
+)
+
+
+@st.composite
+def symbol_groups(draw: st.DrawFn) -> Groups:
+    """A few tables with symbols to code by each."""
+    tables = draw(st.lists(TABLES, max_size=4))
+    return [(t, draw(st.lists(st.integers(0, len(t) - 1), max_size=30))) for t in tables]
+
+
+def encoded(groups: Groups) -> bytes:
+    encoder = RansEncoder()
+    for table, symbols in groups:
+        encoder.encode(np.array(symbols, np.int32), table)
+    return encoder.finish()
+
+
+def outcome(decoder: SymbolSource, groups: Groups) -> tuple[list[list[int]], str]:
+    """What a decoder makes of a stream: symbols, and the refusal of its seal or ``""``."""
+    symbols = [decoder.decode(table, len(like)).tolist() for table, like in groups]
+    try:
+        decoder.finish()
+    except Malformed as error:
+        return symbols, error.refusal
+    return symbols, ""
+
+
+@settings(deadline=None, max_examples=150)
+@given(symbol_groups())
+def test_both_decoders_return_what_was_coded(groups: Groups) -> None:
+    """Round trip, sealed, of mixed tables."""
+    data = encoded(groups)
+    wanted = [symbols for _, symbols in groups]
+    assert outcome(RansDecoder(data), groups) == outcome(PureRansDecoder(data), groups) == (wanted, "")
+
+
+@settings(deadline=None, max_examples=300)
+@given(symbol_groups(), st.lists(st.integers(0, 2**32 - 1), max_size=12), st.integers(1, 2**32 - 1))
+def test_both_decoders_agree_on_garbage_and_accept_only_canonical_streams(
+    groups: Groups, words: list[int], last: int
+) -> None:
+    """Any bytes give both the same symbols and refusal; an accepted stream is what the encoder makes of them."""
+    for stream in ([], [*words, last], [last]):
+        data = np.array(stream, "<u4").tobytes()
+        fast = outcome(RansDecoder(data), groups)
+        assert fast == outcome(PureRansDecoder(data), groups)
+        symbols, refusal = fast
+        if not refusal:
+            assert encoded([(table, part) for (table, _), part in zip(groups, symbols, strict=True)]) == data
+
+
+@pytest.mark.parametrize("decoder", [RansDecoder, PureRansDecoder])
+@pytest.mark.parametrize(
+    ("data", "refusal"),
+    [
+        (b"\0", "rans-length"),
+        (b"12345", "rans-length"),
+        (bytes(4), "rans-last-word"),
+        (b"1234\0\0\0\0", "rans-last-word"),
+    ],
+)
+def test_streams_that_are_not_words_are_refused(decoder: type, data: bytes, refusal: str) -> None:
+    """Both decoders refuse before decoding, for the same reason."""
+    with pytest.raises(Malformed) as caught:
+        decoder(data)
+    assert caught.value.refusal == refusal
+
+
+@pytest.mark.parametrize("size", [2, 16, 4096])
+def test_no_flipped_bit_goes_without_effect(size: int) -> None:
+    """A damaged stream breaks the seal or gives other symbols: nothing in a stream is without meaning.
+
+    With uniform tables a flip usually changes one symbol and keeps the seal: only the CRC catches it.
+    """
+    rng = np.random.default_rng(size)
+    symbols = rng.integers(0, size, 60).tolist()
+    groups: Groups = [(uniform_table(size), symbols)]
+    data = encoded(groups)
+    accepted = 0
+    for bit in range(8 * len(data)):
+        flipped = bytearray(data)
+        flipped[bit // 8] ^= 1 << bit % 8
+        if bit // 8 >= len(data) - 4 and not any(flipped[-4:]):
+            continue
+        found = outcome(RansDecoder(bytes(flipped)), groups)
+        assert found != ([symbols], "")
+        accepted += not found[1]
+    assert accepted, "the seal alone is no integrity check, and no code may rely on it"
+
+
+def test_the_seal_catches_flips_under_skewed_tables() -> None:
+    """Where frequencies are not powers of two, a flip disturbs every later symbol and the end state."""
+    rng = np.random.default_rng(7)
+    table = FrequencyTable.from_weights(np.array([700, 201, 90, 31, 7, 1]))
+    missed = total = 0
+    for _ in range(20):
+        symbols = rng.choice(6, 100, p=table.frequencies / TOTAL).tolist()
+        groups: Groups = [(table, symbols)]
+        data = encoded(groups)
+        for bit in range(8 * len(data) - 32):
+            flipped = bytearray(data)
+            flipped[bit // 8] ^= 1 << bit % 8
+            total += 1
+            missed += not outcome(RansDecoder(bytes(flipped)), groups)[1]
+    assert total > 1000
+    assert missed * 1000 <= total
+
+
+@st.composite
+def symbol_rows(draw: st.DrawFn) -> list[tuple[list[int], NDArray[np.float64]]]:
+    """Groups of symbols with a table each, as rows of frequencies minus 1."""
+    groups = []
+    for size in draw(st.lists(st.sampled_from([1, 2, 3, 40, 4096]), max_size=3)):
+        rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+        symbols = draw(st.lists(st.integers(0, size - 1), max_size=8))
+        skew = draw(st.sampled_from([1, 20, 300]))
+        rows = [FrequencyTable.from_weights((rng.random(size) ** skew * 65536).astype(np.int64) + 1) for _ in symbols]
+        frequencies = np.array([row.frequencies for row in rows], np.float64).reshape(len(symbols), size)
+        groups.append((symbols, frequencies - 1))
+    return groups
+
+
+@settings(deadline=None, max_examples=150)
+@given(symbol_rows(), symbol_groups())
+def test_rows_are_tables_of_one_symbol_each(rows: list[tuple[list[int], NDArray[np.float64]]], groups: Groups) -> None:
+    """Both decoders return the symbols; the bytes are those of a table a symbol; tables and rows mix."""
+    by_rows, by_tables = RansEncoder(), RansEncoder()
+    for symbols, weights in rows:
+        by_rows.encode_rows(np.array(symbols, np.int64), weights)
+        for symbol, row in zip(symbols, weights, strict=True):
+            by_tables.encode(np.array([symbol]), FrequencyTable(row.astype(np.int64) + 1))
+    for table, symbols in groups:
+        by_rows.encode(np.array(symbols, np.int32), table)
+        by_tables.encode(np.array(symbols, np.int32), table)
+    data = by_rows.finish()
+    assert data == by_tables.finish()
+    for decoder in (RansDecoder(data), PureRansDecoder(data)):
+        assert [decoder.decode_rows(weights).tolist() for _, weights in rows] == [symbols for symbols, _ in rows]
+        assert outcome(decoder, groups) == ([symbols for _, symbols in groups], "")
+
+
+@settings(deadline=None)
+@given(symbol_rows(), st.lists(st.integers(0, 2**32 - 1), max_size=12), st.integers(1, 2**32 - 1))
+def test_both_decoders_agree_on_rows_of_garbage(
+    rows: list[tuple[list[int], NDArray[np.float64]]], words: list[int], last: int
+) -> None:
+    """Any words give both the same symbols and the same end."""
+    data = np.array([*words, last], "<u4").tobytes()
+    fast, pure = RansDecoder(data), PureRansDecoder(data)
+    for _, weights in rows:
+        assert fast.decode_rows(weights).tolist() == pure.decode_rows(weights).tolist()
+    assert outcome(fast, []) == outcome(pure, [])
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        [[TOTAL - 2, 1]],
+        [[TOTAL - 1, -1]],
+        [[TOTAL - 2.5, 0.5]],
+        [[TOTAL - 2, 0], [TOTAL - 2, 0]],
+        [TOTAL - 2, 0],
+        [[]],
+        [[np.nan, 0]],
+    ],
+    ids=str,
+)
+def test_rows_that_are_no_tables_are_refused(rows: object) -> None:
+    """A wrong sum, a negative or broken number, a wrong shape."""
+    with pytest.raises(InvalidInput) as caught:
+        RansEncoder().encode_rows(np.array([0]), np.array(rows, np.float64))
+    assert caught.value.refusal == "input-table"
+
+
+@pytest.mark.parametrize("symbol", [-1, 2])
+def test_symbols_outside_a_row_are_not_coded(symbol: int) -> None:
+    """As for tables."""
+    with pytest.raises(InvalidInput) as caught:
+        RansEncoder().encode_rows(np.array([symbol]), np.array([[TOTAL - 2.0, 0]]))
+    assert caught.value.refusal == "input-symbol"
+
+
+def test_an_alphabet_of_one_symbol_codes_nothing() -> None:
+    """However many symbols: no bytes, and the seal holds."""
+    one = uniform_table(1)
+    assert one.frequencies.tolist() == [TOTAL]
+    groups: Groups = [(one, [0] * 1000)]
+    assert encoded(groups) == b""
+    assert outcome(RansDecoder(b""), groups) == outcome(PureRansDecoder(b""), groups) == ([[0] * 1000], "")
+
+
+@settings(deadline=None, max_examples=200)
+@given(WEIGHTS)
+@example([1, (1 << 39) - 2])
+@example([(1 << 39) - 2, 1])
+@example([(1 << 39) - 1])
+@example([0] * (MAX_ALPHABET - 1) + [(1 << 39) - 1])
+@example([(1 << 27) - 1] * MAX_ALPHABET)
+@example([1, 0])
+def test_frequencies_are_the_exact_formula(weights: list[int]) -> None:
+    """c_i = floor(C_i * (2^24 - n) / C_n) + i in unbounded integers (SPEC §8.1), and nothing has frequency 0."""
+    n, total = len(weights), sum(weights)
+    prefix = [sum(weights[:i]) for i in range(n + 1)] if n < 100 else [0, *np.cumsum(weights).tolist()]
+    cumulative = [c * (TOTAL - n) // total + i for i, c in enumerate(prefix)]
+    table = FrequencyTable.from_weights(np.array(weights))
+    assert table.cumulative.tolist() == cumulative
+    assert int(table.frequencies.min()) >= 1
+    assert cumulative[-1] == TOTAL
+
+
+@pytest.mark.parametrize(
+    "weights", [[], [0], [0, 0], [-1, 5], [1 << 39], [1 << 38, 1 << 38], [1] * (MAX_ALPHABET + 1)], ids=str
+)
+def test_weights_that_make_no_table_are_refused(weights: list[int]) -> None:
+    """Empty, all zero, negative, a sum from 2^39 on, too many."""
+    with pytest.raises(InvalidInput) as caught:
+        FrequencyTable.from_weights(np.array(weights, np.int64))
+    assert caught.value.refusal == "input-table"
+
+
+@pytest.mark.parametrize("frequencies", [[], [0, TOTAL], [TOTAL - 1], [1, TOTAL], [-1, TOTAL + 1]], ids=str)
+def test_frequencies_that_break_the_rule_are_refused(frequencies: list[int]) -> None:
+    """Each at least 1, the sum exactly 2^24."""
+    with pytest.raises(InvalidInput) as caught:
+        FrequencyTable(np.array(frequencies, np.int64))
+    assert caught.value.refusal == "input-table"
+
+
+@pytest.mark.parametrize("symbol", [-1, 3])
+def test_symbols_outside_the_alphabet_are_not_coded(symbol: int) -> None:
+    """The encoder refuses what no decoder could return."""
+    with pytest.raises(InvalidInput) as caught:
+        RansEncoder().encode(np.array([0, symbol]), uniform_table(3))
+    assert caught.value.refusal == "input-symbol"
+
+
+def test_cost_is_that_of_the_stream() -> None:
+    """The bits a table promises are the bits it takes, to the word at the end."""
+    table = FrequencyTable.from_weights(np.array([60, 30, 9, 1]))
+    symbols = np.random.default_rng(3).choice(4, 20000, p=table.frequencies / TOTAL)
+    bits = float(table.bits[symbols].sum())
+    assert abs(8 * len(encoded([(table, symbols.tolist())])) - bits) <= 64

@@ -1,0 +1,98 @@
+"""Choosing the importer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from scarfmt.errors import InvalidInput
+from scarfmt.formats import FORMATS, detect, load
+from scarfmt.formats.source import Source
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from tests.formats.scene_files import EXAMPLES, sog_files
+
+MARKED = {name: data for name, data in EXAMPLES.items() if name != "splat"}
+
+
+@pytest.mark.parametrize("name", MARKED)
+def test_content_decides_over_a_wrong_file_name(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene.splat"
+    path.write_bytes(MARKED[name])
+    assert detect(Source(path)).id == name.split()[0]
+
+
+def test_file_name_decides_where_content_has_no_mark(tmp_path: Path) -> None:
+    path = tmp_path / "Scene.SPLAT"
+    path.write_bytes(EXAMPLES["splat"])
+    assert len(load(path)) == 4
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_bytes_and_path_give_the_same_scene(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene"
+    path.write_bytes(EXAMPLES[name])
+    known = name.split()[0]
+    from_path, from_bytes = load(path, format=known), load(EXAMPLES[name], format=known)
+    assert type(from_path) is type(from_bytes)
+    assert len(from_path) == len(from_bytes) > 0
+    if isinstance(from_path, GaussianScene) and isinstance(from_bytes, GaussianScene):
+        assert (from_path.sh == from_bytes.sh).all()
+        assert (from_path.positions == from_bytes.positions).all()
+
+
+@pytest.mark.parametrize("given", [b"", b"hello, this is no scene", b"\x00" * 64, b"\x1f\x8b\x08nonsense", b"{}"])
+def test_unknown_content_is_refused_with_the_list_of_formats(given: bytes) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        load(given)
+    assert caught.value.refusal == "input-format"
+    assert all(known.id in caught.value.message for known in FORMATS)
+
+
+def test_unknown_format_id_is_refused_with_the_list_of_formats() -> None:
+    with pytest.raises(InvalidInput, match=r"ksplat.*compressed-ply.*spz") as caught:
+        load(b"", format="ksplat")
+    assert caught.value.refusal == "input-format"
+
+
+def test_missing_file_is_an_input_error(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        load(tmp_path / "absent.ply")
+    assert caught.value.refusal == "input-unreadable"
+
+
+def test_directory_of_an_unbundled_sog(tmp_path: Path) -> None:
+    for name, data in sog_files().items():
+        (tmp_path / name).write_bytes(data)
+    assert len(load(tmp_path)) == len(load(tmp_path / "meta.json")) == 6
+
+
+@pytest.mark.scene
+@pytest.mark.parametrize(
+    ("name", "count", "degree"),
+    [
+        ("flowers.ply", 542104, 2),
+        ("plush-on-bed.ply", 249960, 3),
+        ("plush-dog.ply", 15105, 3),
+        ("fruit-drops.ply", 4721, 3),
+        ("flower-tile.ply", 14051, 3),
+        ("biker.spz", 152746, 0),
+        ("biker.compressed.ply", 152746, 0),
+        ("plant.splat", 113648, 0),
+        ("angel.sog", 71359, 0),
+        ("massa.sog", 58649, 0),
+    ],
+)
+def test_real_scenes_have_their_published_counts(shared_data: Path, name: str, count: int, degree: int) -> None:
+    scene = load(shared_data / "splats" / name)
+    assert isinstance(scene, GaussianScene)
+    assert (len(scene), scene.sh_degree) == (count, degree)
+    assert not scene.invalid_rows().any()
+
+
+@pytest.mark.scene
+def test_real_anchor_model(shared_data: Path) -> None:
+    model = load(shared_data / "anchors" / "plush-on-bed.npz")
+    assert isinstance(model, AnchorModel)
+    assert (len(model), model.slots, model.features.shape[1]) == (38489, 10, 50)
+    assert set(model.mlps) == {"opacity", "cov", "color"}

@@ -1,0 +1,179 @@
+"""PlayCanvas SOG."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scarfmt.errors import InvalidInput, LimitExceeded, Unsupported
+from scarfmt.formats import load
+from scarfmt.scene.gaussians import GaussianScene
+from tests.formats.scene_files import sog_files, unit_quaternions, webp, zipped
+
+
+def read(files: dict[str, bytes]) -> GaussianScene:
+    scene = load(zipped(files))
+    assert isinstance(scene, GaussianScene)
+    return scene
+
+
+def with_meta(**changes: object) -> dict[str, bytes]:
+    files = sog_files()
+    meta = json.loads(files["meta.json"])
+    files["meta.json"] = json.dumps(meta | changes).encode()
+    return files
+
+
+@pytest.mark.parametrize("bands", [0, 1, 2, 3])
+def test_version_2_fields(bands: int) -> None:
+    scene = read(sog_files(6, bands=bands))
+    row = np.arange(6)
+    logarithmic = -1 + 2 * row / 65535
+    np.testing.assert_allclose(scene.positions[:, 0], -(np.exp(-logarithmic) - 1), rtol=1e-9)
+    np.testing.assert_allclose(scene.positions[:, 1], np.exp(2) - 1, rtol=1e-9)
+    np.testing.assert_allclose(scene.positions[:, 2], np.exp(-1 + 4 * 0x8000 / 65535) - 1, rtol=1e-9)
+    np.testing.assert_array_equal(scene.log_scales, np.float32([[i / 8 - 4, -2, 0] for i in row]))
+    np.testing.assert_array_equal(scene.sh[:, 0], np.float32([[0, 1, i / 8 - 4] for i in row]))
+    np.testing.assert_allclose(scene.rotations, unit_quaternions(6), atol=0.01)
+    alpha = np.clip(255 - row, 0.5, 254.5) / 255
+    np.testing.assert_allclose(scene.opacity_logits, np.log(alpha / (1 - alpha)), rtol=1e-5)
+    assert scene.sh_degree == bands
+    for coefficient in range(scene.sh.shape[1] - 1):
+        np.testing.assert_array_equal(scene.sh[:, 1 + coefficient, 0], np.float32((63 - row) / 8 - 4))
+        np.testing.assert_array_equal(scene.sh[:, 1 + coefficient, 1], np.float32(coefficient / 8 - 4))
+
+
+def test_version_1_has_ranges_and_logits() -> None:
+    scene = read(sog_files(6, version=1))
+    row = np.arange(6)
+    np.testing.assert_allclose(
+        scene.log_scales, [[-9 + 9 * byte / 255 for byte in (i, 16, 32)] for i in row], rtol=1e-6
+    )
+    np.testing.assert_allclose(scene.opacity_logits, 5 - 10 * row / 255, rtol=1e-6)
+    np.testing.assert_allclose(scene.sh[:, 1, 0], -1 + 2 * (63 - row) / 255, rtol=1e-6)
+
+
+def test_empty_scene_is_read_as_empty() -> None:
+    assert len(read(sog_files(0))) == 0
+
+
+def test_labels_may_be_listed_first() -> None:
+    """The manual once listed labels before centroids; the names decide."""
+    files = sog_files()
+    expected = read(files)
+    meta = json.loads(files["meta.json"])
+    meta["shN"]["files"].reverse()
+    np.testing.assert_array_equal(read(files | {"meta.json": json.dumps(meta).encode()}).sh, expected.sh)
+
+
+def test_bundle_inside_a_folder_and_deflated() -> None:
+    assert len(load(zipped(sog_files(), zipfile.ZIP_DEFLATED, prefix="scene/"))) == 6
+
+
+def test_file_names_cannot_lead_out_of_the_directory(tmp_path: Path) -> None:
+    inside = tmp_path / "scene"
+    inside.mkdir()
+    files = sog_files()
+    (tmp_path / "scales.webp").write_bytes(files.pop("scales.webp"))
+    meta = json.loads(files["meta.json"])
+    meta["scales"]["files"] = ["../scales.webp"]
+    for name, data in (files | {"meta.json": json.dumps(meta).encode()}).items():
+        (inside / name).write_bytes(data)
+    with pytest.raises(InvalidInput) as caught:
+        load(inside)
+    assert caught.value.refusal == "input-unreadable"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"count": -1},
+        {"count": True},
+        {"count": 7.5},
+        {"count": None},
+        {"means": None},
+        {"means": {"mins": [0, 0], "maxs": [1, 1, 1], "files": ["means_l.webp", "means_u.webp"]}},
+        {"means": {"mins": [0, 0, "1"], "maxs": [1, 1, 1], "files": ["means_l.webp", "means_u.webp"]}},
+        {"means": {"mins": [0, 0, 10**400], "maxs": [1, 1, 1], "files": ["means_l.webp", "means_u.webp"]}},
+        {"scales": {"codebook": [0.0] * 255, "files": ["scales.webp"]}},
+        {"scales": {"codebook": [0.0] * 256, "files": ["absent.webp"]}},
+        {"scales": {"codebook": [0.0] * 256, "files": [7]}},
+        {"scales": {"codebook": [0.0] * 256, "files": []}},
+        {"quats": {"files": ["\0"]}},
+        {"quats": {"files": ["meta.json"]}},
+        {"quats": {"files": ["scales.webp", "sh0.webp"]}, "count": 3},
+        {"count": 100},
+        {"shN": {"codebook": [0.0] * 256, "bands": 2, "files": ["shN_centroids.webp", "shN_labels.webp"]}},
+        {"shN": {"codebook": [0.0] * 256, "files": ["scales.webp", "shN_labels.webp"]}},
+    ],
+)
+def test_metadata_that_does_not_fit_is_refused(changes: dict[str, object]) -> None:
+    files = with_meta(**changes)
+    if changes.get("count") == 3:
+        files["scales.webp"] = webp(np.zeros((2, 4, 4), np.uint8))
+    with pytest.raises(InvalidInput):
+        load(zipped(files))
+
+
+@pytest.mark.parametrize("version", [3, "2", None])
+def test_other_versions_are_unsupported(version: object) -> None:
+    with pytest.raises(Unsupported):
+        load(zipped(with_meta(version=version)))
+
+
+def test_meta_that_is_not_json_is_refused() -> None:
+    for meta in (b"{", b"[]", b"[" * 100_000, b"\xff\xfe"):
+        with pytest.raises((InvalidInput, Unsupported)):
+            load(zipped(sog_files() | {"meta.json": meta}))
+
+
+def test_label_beyond_the_palette_is_refused() -> None:
+    files = sog_files()
+    files["shN_labels.webp"] = webp(np.full((3, 4, 4), 255, np.uint8))
+    with pytest.raises(InvalidInput, match="label 65535"):
+        load(zipped(files))
+
+
+def test_image_far_larger_than_the_scene_is_refused_before_it_is_decoded() -> None:
+    files = sog_files()
+    files["scales.webp"] = webp(np.zeros((1200, 1200, 4), np.uint8))
+    with pytest.raises(InvalidInput, match="1440000 pixels"):
+        load(zipped(files))
+
+
+def test_count_too_large_for_the_file_is_refused() -> None:
+    with pytest.raises((InvalidInput, LimitExceeded)):
+        load(zipped(with_meta(count=2**40)))
+
+
+def test_meta_json_from_memory_asks_for_its_path() -> None:
+    with pytest.raises(InvalidInput) as caught:
+        load(sog_files()["meta.json"])
+    assert caught.value.refusal == "input-incomplete"
+
+
+@pytest.mark.scene
+def test_real_statues_have_normals_along_their_thin_axis(shared_data: Path) -> None:
+    """Guards the quaternion's component order: thin axes lie along the local surface normal, on average."""
+    spatial = pytest.importorskip("scipy.spatial")
+    scene = load(shared_data / "splats" / "angel.sog")
+    assert isinstance(scene, GaussianScene)
+    chosen = np.random.default_rng(0).choice(len(scene), 1500, replace=False)
+    _, near = spatial.cKDTree(scene.positions).query(scene.positions[chosen], k=24)
+    around = scene.positions[near] - scene.positions[near].mean(1, keepdims=True)
+    normals = np.linalg.eigh(around.transpose(0, 2, 1) @ around)[1][:, :, 0]
+    w, x, y, z = scene.rotations[chosen].astype(float).T
+    axes = np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], 1),
+            np.stack([2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], 1),
+            np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], 1),
+        ],
+        axis=1,
+    )
+    thin = axes[np.arange(len(chosen)), scene.log_scales[chosen].argmin(1)]
+    assert np.abs((thin * normals).sum(1)).mean() > 0.7  # 0.5 for random directions, 0.67 for x, y, z, w order

@@ -1,0 +1,36 @@
+"""antimatter15's .splat."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+
+from scarfmt.errors import InvalidInput
+from scarfmt.formats import load
+from scarfmt.scene.gaussians import GaussianScene
+from tests.formats.scene_files import splat
+
+
+def test_fields() -> None:
+    scene = load(splat(4), format="splat")
+    assert isinstance(scene, GaussianScene)
+    np.testing.assert_array_equal(scene.positions, [[i, -i, 0.5] for i in range(4)])
+    np.testing.assert_allclose(scene.log_scales, [[0, 1, -1]] * 4, atol=1e-6)
+    np.testing.assert_array_equal(scene.rotations, np.float32([[127 / 128, 0, -1, -0.5]] * 4))
+    np.testing.assert_allclose(0.5 + scene.sh[:, 0] * 0.28209479177387814, [[0, 1, 0.2]] * 4, atol=1e-6)
+    assert scene.opacity_logits[1] == -scene.opacity_logits[0] == pytest.approx(np.log(254.5 / 0.5), rel=1e-6)
+
+
+def test_scale_without_logarithm_is_not_clamped() -> None:
+    row = struct.pack("<6f", 0, 0, 0, 0.0, -1.0, 1.0) + bytes(8)
+    scene = load(row, format="splat")
+    assert isinstance(scene, GaussianScene)
+    assert scene.log_scales[0, 0] == -np.inf
+    assert np.isnan(scene.log_scales[0, 1])
+
+
+def test_partial_row_is_refused() -> None:
+    with pytest.raises(InvalidInput, match="32-byte"):
+        load(splat(2)[:-1], format="splat")

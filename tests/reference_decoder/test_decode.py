@@ -1,0 +1,197 @@
+"""Decoding: partial decodes are parts of the whole, bit by bit, and read only what they need."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from reference_decoder.decode import ATTRIBUTES, Decoded, decode, iter_tiles
+from scarfmt.blocks.layer import pack_layer
+from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
+from scarfmt.container.file import Container
+from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.source import BytesSource
+from scarfmt.container.substreams import MAX_TABLE_SIZE
+from scarfmt.errors import InvalidInput, Malformed, Truncated
+from scarfmt.tools.truncate import truncate
+from tests.samples.file_surgery import blocks_of, rebuilt
+from tests.samples.scene_samples import quantised_scenes, random_scene
+
+
+def assert_equal(a: Decoded, b: Decoded) -> None:
+    """The same bits in every array."""
+    pairs = [(a.tiles, b.tiles), (a.classes, b.classes), (a.positions, b.positions), (a.indices, b.indices)]
+    pairs += [(a.slots, b.slots), *((a.values[stream], b.values[stream]) for stream in a.values)]
+    assert a.values.keys() == b.values.keys()
+    for x, y in pairs:
+        assert (x is None) == (y is None)
+        if x is not None and y is not None:
+            assert (x.dtype, x.shape, x.tobytes()) == (y.dtype, y.shape, y.tobytes())
+
+
+@settings(deadline=None, max_examples=12)
+@given(quantised_scenes())
+def test_truncated_file_decodes_to_the_first_layers_of_the_whole(scene: QuantisedScene) -> None:
+    data = write_scene(scene)
+    for layers in range(1, len(scene.model.layers) + 1):
+        short = truncate(BytesSource(data), layers)
+        whole = decode(data, layers=layers)
+        assert whole.layers == layers
+        assert_equal(decode(short), whole)
+        assert_equal(decode(write_scene(keep_layers(scene, layers))), whole)
+
+
+@settings(deadline=None, max_examples=12)
+@given(quantised_scenes(), st.integers(2, 4))
+def test_threads_and_streaming_change_nothing(scene: QuantisedScene, threads: int) -> None:
+    data = write_scene(scene)
+    whole = decode(data)
+    assert_equal(decode(data, threads=threads), whole)
+    parts = list(iter_tiles(data, threads=threads))
+    assert all(len(part) for part in parts)
+    assert [int(part.tiles[0]) for part in parts] == np.unique(whole.tiles).tolist()
+    for part in parts:
+        assert_equal(part, whole.take(whole.tiles == part.tiles[0]))
+
+
+@settings(deadline=None, max_examples=12)
+@given(quantised_scenes())
+def test_tiles_come_in_the_order_asked_for(scene: QuantisedScene) -> None:
+    data = write_scene(scene)
+    whole = decode(data)
+    wanted = list(range(len(scene.tiles)))[::-1]
+    for tiles in (wanted, wanted[:1]):
+        order = np.concatenate([np.flatnonzero(whole.tiles == tile) for tile in tiles])
+        assert_equal(decode(data, tiles=tiles), whole.take(order))
+
+
+@settings(deadline=None, max_examples=20)
+@given(quantised_scenes(), st.lists(st.floats(-2, 5), min_size=6, max_size=6))
+def test_box_is_the_anchors_of_the_whole_inside_it(scene: QuantisedScene, numbers: list[float]) -> None:
+    data = write_scene(scene)
+    whole = decode(data)
+    assert whole.positions is not None
+    low, high = np.minimum(numbers[:3], numbers[3:]), np.maximum(numbers[:3], numbers[3:])
+    inside = ((whole.positions >= low) & (whole.positions <= high)).all(axis=1)
+    assert_equal(decode(data, box=(low, high)), whole.take(inside))
+
+
+def test_box_round_one_anchor_finds_it_also_at_the_edge_of_its_tile() -> None:
+    """Tile boxes must hold their anchors whatever the residuals and shifts: a degenerate box is the hardest."""
+    for seed in range(5):
+        data = write_scene(random_scene(seed, anchors=60))
+        whole = decode(data)
+        assert whole.positions is not None
+        for point in whole.positions[::7]:
+            found = decode(data, box=(point, point))
+            assert_equal(found, whole.take((whole.positions == point).all(axis=1)))
+
+
+def test_culled_tiles_are_not_read() -> None:
+    data = write_scene(random_scene(3, anchors=900, tiles=30))
+    whole = decode(data)
+    assert whole.positions is not None
+    point = whole.positions[0]
+    source, nothing = BytesSource(data), BytesSource(data)
+    decode(source, box=(point, point))
+    decode(nothing, box=(point + 1e9, point + 2e9))
+    everything = BytesSource(data)
+    decode(everything)
+    assert nothing.bytes_read < source.bytes_read < everything.bytes_read
+    # Header, tables and models only.
+    entries = Container.open(BytesSource(data)).entries
+    tile_bytes = sum(entry.length for entry in entries if entry.kind == BlockKind.TILE)
+    assert nothing.bytes_read == everything.bytes_read - tile_bytes
+
+
+@pytest.mark.parametrize("profile", list(Profile))
+@pytest.mark.parametrize("names", [{"positions", "opacity"}, {"scales"}, set(), {"latents"}])
+def test_attributes_are_those_of_the_whole_and_others_are_not_read(profile: Profile, names: set[str]) -> None:
+    for seed in range(6):
+        data = write_scene(random_scene(seed, profile, anchors=3000))
+        source, everything = BytesSource(data), BytesSource(data)
+        whole, part = decode(everything), decode(source, attributes=names)
+        assert source.bytes_read < everything.bytes_read
+        assert (part.positions is None) == ("positions" not in names)
+        streams = {ATTRIBUTES[name] for name in names} | ({Stream.LATENT} if "latents" in names else set())
+        assert set(part.values) == streams & set(whole.values)
+        for stream, values in part.values.items():
+            assert values.tobytes() == whole.values[stream].tobytes()
+        if part.positions is not None and whole.positions is not None:
+            assert part.positions.tobytes() == whole.positions.tobytes()
+        assert part.classes.tobytes() == whole.classes.tobytes()
+
+
+def test_latents_left_out_are_bytes_not_transferred() -> None:
+    """The point of sub-streams: a point cloud costs no spherical harmonics."""
+    data = write_scene(random_scene(2, anchors=4000, sh_degree=3))
+    container = Container.open(BytesSource(data))
+    indices = sum(layer.stream_bytes[Stream.INDICES] for layer in container.header.layers)
+    blocks = sum(entry.kind == BlockKind.TILE for entry in container.entries)
+    source = BytesSource(data)
+    decode(source, attributes=set(ATTRIBUTES) - {"latents"})
+    assert indices > 4000
+    assert source.bytes_read <= len(data) - indices + blocks * MAX_TABLE_SIZE
+
+
+def test_scene_of_a_partial_decode_says_what_is_missing() -> None:
+    part = decode(write_scene(random_scene(1)), attributes={"positions", "opacity"})
+    with pytest.raises(InvalidInput, match="rotations") as caught:
+        _ = part.scene
+    assert caught.value.refusal == "input-attributes"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "refusal"),
+    [
+        ({"layers": 0}, "input-layers"),
+        ({"layers": 4}, "input-layers"),
+        ({"tiles": [3]}, "input-tiles"),
+        ({"tiles": [-1]}, "input-tiles"),
+        ({"box": ((0, 0), (1, 1))}, "input-box"),
+        ({"box": ((0, 0, 1), (1, 1, 0))}, "input-box"),
+        ({"box": ((0, 0, 0), (1, 1, float("nan")))}, "input-box"),
+        ({"attributes": ["color"]}, "input-attributes"),
+    ],
+)
+def test_arguments_that_do_not_fit_are_refused(arguments: dict[str, object], refusal: str) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        decode(write_scene(random_scene(0)), **arguments)  # type: ignore[arg-type]
+    assert caught.value.refusal == refusal
+
+
+def test_cut_file_is_refused_or_decodes_its_whole_layers() -> None:
+    data = write_scene(random_scene(4, anchors=500))
+    with pytest.raises(Truncated):
+        decode(data[:-1])
+    part = decode(data[:-1], allow_truncated=True)
+    assert_equal(part, decode(data, layers=2))
+
+
+def test_position_far_outside_its_tile_is_refused() -> None:
+    """Culling by tile boxes is right only if residuals cannot carry an anchor away: a forged step tries to."""
+    scene = next(s for s in (random_scene(seed) for seed in range(50)) if _has_residual(s))
+    model = scene.model
+    channels = (replace(model.channels[0], step=(400.0,) * 3), *model.channels[1:])
+    payload = pack_layer(model.layers[0], (channels, model.context))
+    data = rebuilt(
+        write_scene(scene),
+        [
+            replace(block, payload=payload) if (block.kind, block.layer) == (BlockKind.LAYER, 1) else block
+            for block in blocks_of(write_scene(scene))
+        ],
+    )
+    with pytest.raises(Malformed) as caught:
+        decode(data)
+    assert caught.value.refusal == "value-range"
+
+
+def _has_residual(scene: QuantisedScene) -> bool:
+    for index, channel in enumerate(scene.model.channels):
+        if channel.stream == Stream.POSITION_RESIDUAL:
+            return any(bool(content.values[index].any()) for content in scene.contents)
+    return False

@@ -1,0 +1,83 @@
+"""Rate-distortion allocation takes what pays, never takes back, and aligns steps."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from reference_encoder.decide.allocate import aligned_steps, classify, entropy_bits, hull_choice
+from reference_encoder.decide.rdo import choose_values
+
+
+@given(
+    st.lists(st.floats(0.1, 100), min_size=1, max_size=8),
+    st.lists(st.floats(0, 50), min_size=1, max_size=8),
+    st.floats(1e-3, 1e3),
+    st.floats(1, 100),
+)
+def test_hull_choice_never_takes_back(costs: list[float], gains: list[float], rate: float, factor: float) -> None:
+    """A smaller lambda never chooses fewer increments."""
+    size = min(len(costs), len(gains))
+    bits = np.concatenate([[0], np.cumsum(costs[:size])])
+    error = 400 - np.concatenate([[0], np.cumsum(gains[:size])])
+    assert hull_choice(bits, error, rate) <= hull_choice(bits, error, rate / factor)
+
+
+def test_hull_choice_is_the_minimum() -> None:
+    """At a given lambda no other index has a smaller error + lambda * bits."""
+    draw = np.random.default_rng(0)
+    for _ in range(200):
+        bits = np.concatenate([[0], np.cumsum(draw.random(6))])
+        error = np.concatenate([[5], 5 - np.cumsum(draw.random(6) * 0.8)])
+        rate = float(draw.random() * 3 + 0.01)
+        chosen = hull_choice(bits, error, rate)
+        assert error[chosen] + rate * bits[chosen] <= (error + rate * bits).min() + 1e-9
+
+
+def test_classify_orders_by_importance_and_drops_the_invisible() -> None:
+    """Class 0 is the most important; what does not pay for its bits is dropped; no class is empty."""
+    importance = np.array([1e3, 1.0, 0.99, 30.0, 1e-9, 0.0])
+    classes, count = classify(importance, 1e-3, 40, 8)
+    assert classes[0] == 0
+    assert classes[0] <= classes[3] <= classes[1] == classes[2]
+    assert classes[4] == classes[5] == -1
+    assert set(classes[classes >= 0]) == set(range(count))
+
+
+def test_classify_keeps_something() -> None:
+    """A scene nobody sees still keeps its most visible anchor."""
+    classes, count = classify(np.zeros(5), 1e-3, 40, 8)
+    assert count == 1
+    assert (classes >= 0).any()
+
+
+def test_entropy_matches_counts() -> None:
+    """Four equally likely symbols cost two bits each, plus the tables."""
+    symbols = np.tile(np.arange(4), 1000)
+    assert entropy_bits(symbols, np.zeros(4000, np.int64)) == 8000 + 4 * 8.0
+    assert entropy_bits(symbols, symbols) == 4 * 8.0
+
+
+def test_aligned_steps_hit_the_best_step() -> None:
+    """With equal sensitivities some refinement of the first step is exactly the high-rate optimum."""
+    sensitivity = np.full((100, 1), 2.5)
+    (step,) = aligned_steps((0.9,), sensitivity, np.zeros(100, np.int64), 1, 1e-4)
+    best = np.sqrt(6 * 1e-4 / np.log(2) / 2.5)
+    turns = np.log(step / best) / np.log(3)
+    assert abs(turns - round(turns)) < 1e-9
+    assert 0.9 / 3**0.51 < step < 0.9 * 3**0.51
+
+
+@given(seed=st.integers(0, 1000), rate=st.sampled_from([0.0, 1e-3, 0.1, 10.0]))
+def test_rounding_never_raises_the_lagrangian(seed: int, rate: float) -> None:
+    """Chosen integers are next to the value, are nearest when bits are free, and cost no more in the end."""
+    draw = np.random.default_rng(seed)
+    scaled = draw.laplace(0, 1, (500, 2))
+    weight = draw.random((500, 2)) + 0.1
+    chosen = choose_values(scaled, weight, draw.integers(0, 3, 500), rate)
+    assert np.abs(chosen - scaled).max() <= 1
+    if rate == 0:
+        assert np.array_equal(chosen, np.rint(scaled))
+    elif rate == 10.0:
+        assert np.abs(chosen).sum() < np.abs(np.rint(scaled)).sum()

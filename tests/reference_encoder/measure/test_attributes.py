@@ -1,0 +1,40 @@
+"""Attributes keep what a renderer sees, and context choice finds what predicts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from reference_encoder.decide.contexts import choose_rules
+from reference_encoder.measure.attributes import MIN_LOG_OPACITY, from_scene
+from scarfmt.container.schema import Stream
+from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.model import NO_SOURCE
+
+
+def test_extremes_stay_finite() -> None:
+    """Logits of +-400, scales of e^+-90 and zero quaternions give finite attributes."""
+    scene = GaussianScene(
+        np.zeros((4, 3)),
+        np.array([[-90, 0, 90]] * 4, np.float32),
+        np.zeros((4, 4), np.float32),
+        np.array([400, -400, 0, 30], np.float32),
+        np.zeros((4, 4, 3), np.float32),
+    )
+    attributes = from_scene(scene)
+    for values in (attributes.log_scales, attributes.rotation, attributes.log_opacity, attributes.colour):
+        assert np.isfinite(values).all()
+    assert abs(attributes.log_opacity[0, 0]) < 1e-12
+    assert attributes.log_opacity[1, 0] == MIN_LOG_OPACITY
+    assert (np.diff(attributes.log_scales, axis=1) <= 0).all()
+
+
+def test_contexts_find_the_predictor() -> None:
+    """A component that copies another is coded with it as context; noise is coded without one."""
+    draw = np.random.default_rng(1)
+    scale = draw.integers(-5, 6, (20_000, 1))
+    copied = scale + draw.integers(0, 2, (20_000, 1))
+    noise = draw.integers(-5, 6, (20_000, 1))
+    classes = np.zeros(20_000, np.int64)
+    rules = choose_rules([Stream.SCALE, Stream.OPACITY, Stream.COLOUR], [scale, copied, noise], classes)
+    assert (rules[1][0].source_channel, rules[1][0].source_component) == (0, 0)
+    assert rules[2][0].source_channel == NO_SOURCE

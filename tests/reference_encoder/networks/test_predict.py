@@ -1,0 +1,135 @@
+"""Choosing predictors: they pay by real coding, never where nothing can be told, and the same every time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from reference_encoder.networks.predict import Sample, choose_predictors, coded_bits, expected_bits
+from reference_encoder.networks.predictor_net import Effort, FloatNet, float_contexts, quantised, train
+from scarfmt.blocks.predictors import pack_predictors
+from scarfmt.coding.tile import NeuralModels, TileContent, first_values, put_layer
+from scarfmt.container.directory import TileFrame
+from scarfmt.container.schema import Profile, Stream
+from scarfmt.entropy.symbols import SymbolCounter, fit_table, pack_table
+from scarfmt.neural.predictors import Predictor, check_predictors
+from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
+from scarfmt.scene.morton import deinterleave
+
+BITS = 6
+
+
+def scene(seed: int, smooth: bool) -> tuple[SceneModel, list[TileContent]]:
+    """Two tiles, one attribute, two layers; the attribute smooth over space, or pure noise."""
+    rng = np.random.default_rng(seed)
+    channels = tuple(
+        Channel(stream, (1.0,) * size, (ContextRule(),) * size)
+        for stream, size in ((Stream.POSITION_RESIDUAL, 3), (Stream.OPACITY, 1))
+    )
+    rows = LayerRow((0,), ((0, 1),)), LayerRow((0, 0), ((0, 2), (0, 2)))
+    model = SceneModel(Profile.EXPLICIT, 1, channels, rows, DecodedContext(1, (24, 3)))
+    tiles = []
+    for tile in range(2):
+        count = 2500
+        content = TileContent.empty(model, count)
+        codes = rng.integers(0, 8**BITS, count).astype(np.uint64)
+        content.classes = np.sort(rng.integers(0, 2, count))
+        content.codes = codes[np.lexsort((codes, content.classes))]
+        place = deinterleave(content.codes) / 2**BITS
+        field = 20 * np.sin(4 * place[:, :1] + tile) if smooth else rng.uniform(-20, 20, (count, 1))
+        content.values[1] = np.rint(field + rng.normal(0, 0.3, (count, 1))).astype(np.int32)
+        content.first = first_values(model, content)
+        tiles.append(content)
+    return model, tiles
+
+
+def bits_of(model: SceneModel, tiles: list[TileContent], chosen: dict[int, tuple[Predictor, ...]]) -> float:
+    """Bits of everything coded, with tables and networks."""
+    force: dict[tuple[int, int, int], Predictor] = {}
+    bits, counter = 0.0, SymbolCounter()
+    for layer in range(1, len(model.layers) + 1):
+        force.update({predictor.key: predictor for predictor in chosen.get(layer, ())})
+        for content in tiles:
+            put_layer(model, layer, TileFrame(BITS), content, lambda _: counter, NeuralModels(force))
+    for key, (alphabet, counts) in counter.histograms().items():
+        table = fit_table(alphabet, counts)
+        bits += table.cost_of_counts(alphabet, counts) + 8 * len(pack_table(key, table))
+    return bits + sum(8 * len(pack_predictors(group)) for group in chosen.values())
+
+
+def test_predictors_pay_where_neighbours_are_alike() -> None:
+    """A smooth field is coded in far fewer bits, and the choice is one that a reader takes."""
+    model, tiles = scene(1, smooth=True)
+    chosen = choose_predictors(model, tiles, [BITS, BITS], seed=3, effort=1)
+    assert set(chosen) == {1, 2}
+    for layer, group in chosen.items():
+        check_predictors(model, layer, group)
+    assert bits_of(model, tiles, chosen) < 0.9 * bits_of(model, tiles, {})
+
+
+def test_noise_never_costs_more() -> None:
+    """Nothing can be told of it: what is chosen, if anything, is tiny and saves tables."""
+    model, tiles = scene(2, smooth=False)
+    chosen = choose_predictors(model, tiles, [BITS, BITS], effort=1)
+    assert sum(len(pack_predictors(group)) for group in chosen.values()) < 100
+    assert bits_of(model, tiles, chosen) <= bits_of(model, tiles, {})
+
+
+def test_the_choice_depends_on_the_seed_alone() -> None:
+    """Not on how many threads torch may use, nor on what was random before."""
+    model, tiles = scene(1, smooth=True)
+    found, threads = [], torch.get_num_threads()
+    for number in (1, 2):
+        torch.set_num_threads(number)
+        torch.manual_seed(number)
+        chosen = choose_predictors(model, tiles, [BITS, BITS], seed=5, effort=1)
+        found.append([pack_predictors(chosen[layer]) for layer in sorted(chosen)])
+        assert torch.get_num_threads() == number
+    torch.set_num_threads(threads)
+    assert found[0] == found[1]
+
+
+def test_quantised_networks_give_nearly_the_contexts_of_the_exact_one() -> None:
+    """8-bit weights move few anchors, and none far."""
+    rng = np.random.default_rng(0)
+    x = rng.integers(-200, 201, (4000, 24)).astype(np.int16)
+    net = FloatNet(
+        rng.normal(0, 0.01, (6, 24)),
+        rng.normal(0, 1, 6),
+        rng.normal(0, 0.002, (2, 24)),
+        rng.normal(0, 0.5, (2, 6)),
+        rng.normal(0, 1, 2),
+    )
+    outputs, buckets = net.outputs(x.astype(np.float64)), (8, 4)
+    predictor = quantised(net, x, outputs, (Stream.SCALE, 0, 2), buckets)
+    predictor.check()
+    want, found = float_contexts(outputs, buckets), predictor.contexts(x.astype(np.float32))
+    assert np.mean(want == found) > 0.8
+    assert np.abs(want // 4 - found // 4).max() <= 1
+
+
+@pytest.mark.parametrize("total", [4000, 10**9])
+def test_weights_cost_more_where_they_serve_few(total: int) -> None:
+    """Inputs that tell nothing are not looked at when few symbols would pay for it."""
+    rng = np.random.default_rng(1)
+    x = rng.integers(-100, 101, (4000, 20)).astype(np.int16)
+    trits = np.clip(np.rint(x[:, 0] / 60 + rng.normal(0, 0.3, 4000)), -1, 1).astype(np.int64)
+    net = train(x, trits, True, total, Effort(4, 250), seed=0)
+    assert net.direct[0, 0] != 0
+    idle = np.count_nonzero(net.direct[:, 1:]) + np.count_nonzero(net.weights[:, 1:])
+    assert (idle < 20) == (total == 4000)
+
+
+def test_expected_bits_of_small_samples_are_right_on_average() -> None:
+    """The entropy of a small sample's histogram is too low: what is estimated for the whole must not be."""
+    rng = np.random.default_rng(2)
+    contexts = rng.integers(0, 4, 100_000)
+    symbols = rng.binomial(6, 0.2 + 0.15 * contexts).astype(np.int64)
+    whole = coded_bits([np.bincount(symbols[contexts == c]) for c in range(4)], len(symbols))
+    nothing, group = np.zeros((500, 1), np.int16), np.array([500])
+    found = [
+        expected_bits(part, Sample(nothing, drawn, group, len(symbols)))
+        for part, drawn in zip(contexts.reshape(-1, 500), symbols.reshape(-1, 500), strict=True)
+    ]
+    assert np.mean(found) == pytest.approx(whole, rel=0.004)

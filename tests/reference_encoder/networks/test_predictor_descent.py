@@ -1,0 +1,102 @@
+"""The compiled descent: it finds laws that are known, leaves out what tells nothing, and repeats itself exactly."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from reference_encoder.networks.predictor_descent import Parameters, descend, one_cycle
+
+COUNT, WIDTH, UNITS = 6000, 6, 4
+F32 = NDArray[np.float32]
+
+
+def start(seed: int) -> Parameters:
+    """Random hidden units, and an output of 0."""
+    draw = np.random.default_rng(seed)
+    first, second = draw.normal(0, 0.4, (WIDTH, UNITS)), draw.normal(0, 0.05, (UNITS, 2))
+    shapes = first, np.zeros(UNITS), np.zeros((WIDTH, 2)), second, np.zeros(2)
+    return Parameters(*(part.astype(np.float32) for part in shapes))
+
+
+def outputs(found: Parameters, x: F32) -> NDArray[np.float64]:
+    """(n, 2) of the network."""
+    hidden = np.maximum(x @ found.first + found.bias, 0)
+    return np.asarray(x @ found.direct + hidden @ found.second + found.offset, np.float64)
+
+
+def inputs(seed: int) -> F32:
+    return np.random.default_rng(seed).normal(0, 1, (COUNT, WIDTH)).astype(np.float32)
+
+
+def logistic_targets(x: F32) -> F32:
+    """Whole numbers round 5 |x0| + 3 x1, wider where x2 is large."""
+    law = np.random.default_rng(9).logistic(5 * np.abs(x[:, 0]) + 3 * x[:, 1], np.exp(0.5 + 0.5 * x[:, 2]))
+    return np.rint(law).astype(np.float32)
+
+
+def test_mean_and_spread_of_a_logistic_law_are_found() -> None:
+    """A bend needs the hidden units, a slope does not, and the second output tells the spread."""
+    x = inputs(1)
+    found = outputs(descend(start(2), x, logistic_targets(x), False, 0.0, 600, 3), x)
+    assert np.abs(found[:, 0] - 5 * np.abs(x[:, 0]) - 3 * x[:, 1]).mean() < 0.7
+    assert np.abs(found[:, 1] - 0.5 - 0.5 * x[:, 2]).mean() < 0.25
+
+
+def test_log_odds_of_ternary_steps_are_found() -> None:
+    """P(+1) / P(-1) = exp(2 one), P(0) weighs exp(two): as `reference_encoder.networks.predictor_net` cuts them."""
+    x = inputs(4)
+    one, two = 1.5 * x[:, 0], 1 + x[:, 1]
+    weights = np.exp(np.stack([-one, two, one], axis=1))
+    edges = np.cumsum(weights / weights.sum(axis=1, keepdims=True), axis=1)
+    drawn = (np.random.default_rng(5).random((COUNT, 1)) > edges).sum(axis=1) - 1
+    found = outputs(descend(start(6), x, drawn.astype(np.float32), True, 0.0, 600, 7), x)
+    assert np.abs(found[:, 0] - one).mean() < 0.2
+    assert np.abs(found[:, 1] - two).mean() < 0.2
+
+
+def test_what_weights_cost_keeps_idle_ones_small() -> None:
+    """Inputs that tell nothing lose their weights, the law is still found."""
+    x = inputs(1)
+    free, dear = (descend(start(2), x, logistic_targets(x), False, cost, 600, 3) for cost in (0.0, 0.01))
+    assert np.abs(dear.direct[3:]).max() < 0.5 * np.abs(free.direct[3:]).max()
+    assert np.abs(dear.first[3:]).max() < 0.5 * np.abs(free.first[3:]).max()
+    assert np.abs(outputs(dear, x)[:, 0] - 5 * np.abs(x[:, 0]) - 3 * x[:, 1]).mean() < 1
+
+
+@pytest.mark.parametrize("ternary", [False, True])
+def test_the_same_seed_gives_the_same_network_whatever_else_runs(ternary: bool) -> None:
+    """Beside another descent on another thread, too; another seed gives another one."""
+    x = inputs(8)
+    targets = np.sign(x[:, 0]).astype(np.float32)
+
+    def run(seed: int) -> Parameters:
+        return descend(start(1), x, targets, ternary, 0.001, 60, seed)
+
+    alone = run(3)
+    with ThreadPoolExecutor(2) as pool:
+        pair = list(pool.map(run, (3, 4)))
+    for name in ("first", "bias", "direct", "second", "offset"):
+        assert np.array_equal(getattr(alone, name), getattr(pair[0], name))
+    assert not np.array_equal(alone.first, pair[1].first)
+
+
+def test_fewer_rows_than_a_batch_are_enough() -> None:
+    """They are met more than once a step."""
+    x = inputs(1)[:50]
+    found = descend(start(2), x, logistic_targets(x), False, 0.0, 50, 3)
+    assert np.isfinite(outputs(found, x)).all()
+
+
+def test_one_cycle_rises_and_falls() -> None:
+    """Slow, fast after about a seventh, and almost nothing at the end; momentum goes the other way."""
+    rates, momenta = one_cycle(200)
+    top = int(rates.argmax())
+    assert 20 <= top <= 40
+    assert (np.diff(rates[: top + 1]) > 0).all()
+    assert (np.diff(rates[top:]) < 0).all()
+    assert rates[-1] < 1e-4 * rates[0] * 1.01
+    assert momenta[top] == momenta.min()

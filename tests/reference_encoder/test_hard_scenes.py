@@ -1,0 +1,182 @@
+"""Scenes that break naive codecs go through encode and decode, finite and in place."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from reference_decoder.decode import decode
+from reference_encoder.encode import EncodeOptions, encode
+from scarfmt.container.source import BytesSource
+from scarfmt.errors import InvalidInput
+from scarfmt.formats.clean import clean
+from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.tools.validate import validate
+
+
+def cloud(count: int, degree: int = 0, seed: int = 0, spread: float = 1.0) -> GaussianScene:
+    """A ball of small opaque Gaussians."""
+    draw = np.random.default_rng(seed)
+    return GaussianScene(
+        draw.normal(size=(count, 3)) * spread,
+        np.log(spread * draw.uniform(0.02, 0.1, (count, 3))).astype(np.float32),
+        draw.normal(size=(count, 4)).astype(np.float32),
+        draw.normal(2, 1, count).astype(np.float32),
+        draw.normal(0, 0.4, (count, (degree + 1) ** 2, 3)).astype(np.float32),
+    )
+
+
+def changed(scene: GaussianScene, **fields: object) -> GaussianScene:
+    """`scene` with some arrays replaced."""
+    from dataclasses import replace
+
+    return replace(scene, **fields)  # type: ignore[arg-type]
+
+
+def _one() -> GaussianScene:
+    return cloud(1)
+
+
+def _all_in_one_point() -> GaussianScene:
+    return changed(cloud(300), positions=np.full((300, 3), 0.25))
+
+
+def _identical() -> GaussianScene:
+    return cloud(1).take(np.zeros(500, np.int64))
+
+
+def _coplanar() -> GaussianScene:
+    scene = cloud(400)
+    return changed(scene, positions=scene.positions * np.array([1.0, 1.0, 0.0]))
+
+
+def _collinear() -> GaussianScene:
+    scene = cloud(400)
+    return changed(scene, positions=scene.positions * np.array([0.0, 1.0, 0.0]))
+
+
+def _tiny() -> GaussianScene:
+    return cloud(300, spread=1e-12)
+
+
+def _far() -> GaussianScene:
+    scene = cloud(300)
+    return changed(scene, positions=scene.positions + 1e6)
+
+
+def _outliers() -> GaussianScene:
+    scene = cloud(400)
+    positions = scene.positions.copy()
+    positions[:8] *= 1e4
+    return changed(scene, positions=positions)
+
+
+def _hard_opacities() -> GaussianScene:
+    scene = cloud(400)
+    return changed(scene, opacity_logits=np.where(np.arange(400) % 2, 400, -400).astype(np.float32))
+
+
+def _bad_quaternions() -> GaussianScene:
+    scene = cloud(400)
+    rotations = scene.rotations.copy()
+    rotations[::4] = 0
+    rotations[1::4] *= -1e-20
+    rotations[2::4] *= 1e20
+    return changed(scene, rotations=rotations)
+
+
+def _flat() -> GaussianScene:
+    scene = cloud(400)
+    log_scales = scene.log_scales.copy()
+    log_scales[:, 2] = np.log(1e-20)
+    return changed(scene, log_scales=log_scales)
+
+
+def _duplicates() -> GaussianScene:
+    scene = cloud(200)
+    return scene.take(np.repeat(np.arange(200), 3))
+
+
+SCENES = {
+    "one": _one,
+    "all-in-one-point": _all_in_one_point,
+    "identical": _identical,
+    "coplanar": _coplanar,
+    "collinear": _collinear,
+    "tiny": _tiny,
+    "far": _far,
+    "outliers": _outliers,
+    "hard-opacities": _hard_opacities,
+    "bad-quaternions": _bad_quaternions,
+    "flat": _flat,
+    "duplicates": _duplicates,
+}
+QUICK = EncodeOptions(effort=1, layers=3, quality=50)
+
+
+def core_error(scene: GaussianScene, decoded: GaussianScene) -> float:
+    """Largest distance from a decoded Gaussian to the nearest source one."""
+    gaps = np.linalg.norm(decoded.positions[:, None] - scene.positions[None], axis=2)
+    return float(gaps.min(axis=1).max())
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_hard_scene_survives(name: str) -> None:
+    """Every layer decodes to finite Gaussians that lie at source positions, and the file is valid."""
+    scene = SCENES[name]()
+    data = encode(scene, QUICK)
+    assert not validate(BytesSource(data)).findings
+    decoded = decode(data).scene
+    assert 1 <= len(decoded) <= len(scene)
+    assert not decoded.invalid_rows().any()
+    extent = float(np.percentile(np.ptp(scene.positions, axis=0), 100)) if name != "outliers" else 8.0
+    size = float(np.exp(np.median(scene.log_scales[:, :2])))
+    assert core_error(scene, decoded) <= 0.02 * extent + size
+    assert np.abs(np.linalg.norm(decoded.rotations, axis=1) - 1).max() < 1e-5
+
+
+def test_flat_scale_is_kept() -> None:
+    """A scale of 1e-20 comes back as a scale nobody can see, not as a blob."""
+    decoded = decode(encode(_flat(), QUICK)).scene
+    assert decoded.log_scales.min(axis=1).max() < -8
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_every_sh_degree(degree: int) -> None:
+    """Degrees 0..3 come back as the same degree, colours near the source's."""
+    scene = cloud(600, degree, seed=degree)
+    decoded = decode(encode(scene, QUICK)).scene
+    assert decoded.sh_degree == degree
+    near = np.linalg.norm(decoded.positions[:, None] - scene.positions[None], axis=2).argmin(axis=1)
+    assert np.median(np.abs(decoded.sh[:, 0] - scene.sh[near, 0])) < 0.1
+
+
+def test_zero_rest_coefficients_cost_nothing() -> None:
+    """A degree-3 scene whose rest coefficients are all zero carries no codebook, decoder or index."""
+    scene = cloud(500, 3)
+    scene.sh[:, 1:] = 0
+    from scarfmt.tools.inspection import inspect
+
+    data = encode(scene, QUICK)
+    streams = inspect(BytesSource(data))["layers"]
+    assert all(layer["streams"]["indices"] == 0 and layer["streams"]["latent"] == 0 for layer in streams)
+    assert decode(data).scene.sh_degree == 3
+
+
+def test_empty_scene_is_refused() -> None:
+    """Nothing to encode is said clearly."""
+    with pytest.raises(InvalidInput, match="input-empty"):
+        encode(cloud(3).take(np.zeros(0, np.int64)), QUICK)
+
+
+def test_not_finite_is_refused_or_dropped() -> None:
+    """NaN and infinity are refused with count and first index, or dropped and counted."""
+    scene = cloud(50)
+    scene.positions[7, 1] = np.nan
+    scene.opacity_logits[9] = np.inf
+    with pytest.raises(InvalidInput, match=r"input-not-finite.*2.*7"):
+        clean(scene)
+    kept, dropped = clean(scene, drop_invalid=True)
+    assert dropped == 2
+    assert len(kept) == 48
+    assert len(decode(encode(kept, QUICK)).scene) > 30

@@ -1,0 +1,161 @@
+"""Small containers, strategies for random ones, and byte surgery, shared by the container tests."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+from hypothesis import strategies as st
+
+from scarfmt.container.file import Block, HeaderFields, Tile, write_container
+from scarfmt.container.schema import (
+    CHECKSUM_SIZE,
+    FILE_HEADER_SIZE,
+    STRUCTURES,
+    BlockFlag,
+    BlockKind,
+    ColourSpace,
+    CoordinateFrame,
+    Profile,
+    Stream,
+    field_table,
+)
+from scarfmt.limits import MAX_FILE_LENGTH
+
+FIELDS = HeaderFields(Profile.EXPLICIT, 3, 1, 24, (-1.5, 0.0, 2.25), 0.001, 120, CoordinateFrame.RDF, ColourSpace.SRGB)
+TILES = [Tile(1, 2, 0), Tile(2, 3, 8), Tile(1, 2, 5)]
+COUNTS = [(10, 10), (25, 25), (100, 100)]
+PRIVATE_SAFE, PRIVATE_UNSAFE = 200, 201
+
+
+def sample_blocks() -> list[Block]:
+    """Blocks of three layers, in file order."""
+    return [
+        Block(BlockKind.LAYER, 1, b"first layer"),
+        Block(BlockKind.CODEBOOKS, 1, b"codewords"),
+        Block(BlockKind.TILE, 1, b"tile zero", 0, 7, {Stream.POSITIONS: 4, Stream.INDICES: 2}),
+        Block(BlockKind.TILE, 1, b"tile two", 2, 3, {Stream.POSITIONS: 3}),
+        Block(BlockKind.METADATA, 1, b'{"title": "sample"}'),
+        Block(BlockKind.LAYER, 2, b"second layer"),
+        Block(BlockKind.TILE, 2, b"more of zero", 0, 0, {Stream.INDICES: 12}),
+        Block(BlockKind.TILE, 2, b"one appears", 1, 15, {Stream.SCALE: 5}),
+        Block(BlockKind.LAYER, 3, b"third"),
+        Block(BlockKind.TILE, 3, b"one again", 1, 75, {Stream.COLOUR: 9}),
+        Block(PRIVATE_SAFE, 3, b"private", 1, 4, flags=BlockFlag.SAFE_TO_COPY),
+    ]
+
+
+def sample_file(layers: int = 3) -> bytes:
+    """The container of the first `layers` layers of :func:`sample_blocks`."""
+    blocks = [block for block in sample_blocks() if block.layer <= layers]
+    return write_container(FIELDS, TILES, blocks, COUNTS[:layers])
+
+
+def table_start(data: bytes, name: str) -> int:
+    """Absolute offset of a table of `data`."""
+    header_length, tiles = int.from_bytes(data[12:16], "little"), int.from_bytes(data[32:36], "little")
+    return {
+        "FILE_HEADER": 0,
+        "LAYER_SUMMARY": FILE_HEADER_SIZE,
+        "TILE_RECORD": header_length,
+        "DIRECTORY_ENTRY": header_length + 12 * tiles,
+    }[name]
+
+
+def locate(data: bytes, name: str, row: int, field: str, index: int = 0) -> tuple[int, str]:
+    """Absolute offset and struct code of a (possibly array) field in row `row` of table `name`."""
+    place = next(f for f in field_table(STRUCTURES[name]) if f.name == field)
+    code = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "f64": "d"}[place.type.split("[")[0]]
+    start = table_start(data, name) + row * STRUCTURES[name].sizeof() + place.offset
+    return start + index * struct.calcsize("<" + code), "<" + code
+
+
+def get(data: bytes, name: str, row: int, field: str, index: int = 0) -> int:
+    """A field's value."""
+    offset, code = locate(data, name, row, field, index)
+    return struct.unpack_from(code, data, offset)[0]
+
+
+def edit(data: bytes, name: str, row: int, field: str, value: float, index: int = 0) -> bytes:
+    """`data` with one field changed and both checksums of the front made right again."""
+    offset, code = locate(data, name, row, field, index)
+    changed = bytearray(data)
+    struct.pack_into(code, changed, offset, value)
+    return refit(bytes(changed), int.from_bytes(data[12:16], "little"), table_start(data, "DIRECTORY_ENTRY"))
+
+
+def refit(data: bytes, header_length: int, directory: int) -> bytes:
+    """`data` with directory and header CRC-32 recomputed for a header and directory at these places."""
+    changed = bytearray(data)
+    entries = int.from_bytes(data[36:40], "little")
+    changed[96:100] = zlib.crc32(changed[header_length : directory + 32 * entries]).to_bytes(4, "little")
+    end = header_length - CHECKSUM_SIZE
+    changed[end:header_length] = zlib.crc32(changed[:end]).to_bytes(4, "little")
+    return bytes(changed)
+
+
+def swap_rows(data: bytes, name: str, first: int, second: int) -> bytes:
+    """`data` with two rows of a table exchanged, checksums right."""
+    size, start = STRUCTURES[name].sizeof(), table_start(data, name)
+    a, b = start + first * size, start + second * size
+    changed = bytearray(data)
+    changed[a : a + size], changed[b : b + size] = data[b : b + size], data[a : a + size]
+    return refit(bytes(changed), int.from_bytes(data[12:16], "little"), table_start(data, "DIRECTORY_ENTRY"))
+
+
+@st.composite
+def containers(draw: st.DrawFn) -> tuple[HeaderFields, list[Tile], list[Block], list[tuple[int, int]]]:
+    """Arguments of write_container that it must accept."""
+    profile = draw(st.sampled_from(Profile))
+    slots = draw(st.integers(1, 32)) if profile else 1
+    coordinate = st.floats(-1e307, 1e307)
+    fields = HeaderFields(
+        profile,
+        0 if profile else draw(st.integers(0, 3)),
+        slots,
+        draw(st.integers(21, 32)),
+        draw(st.tuples(coordinate, coordinate, coordinate)),
+        draw(st.floats(5e-324, 1e297)),
+        draw(st.integers(0, MAX_FILE_LENGTH)),
+    )
+    layers = draw(st.integers(1, 16))
+    tiles = draw(tile_tables(fields.lattice_bits))
+    blocks = draw(block_lists(layers, len(tiles)))
+    counts, anchors, gaussians = [], 0, 0
+    for layer in range(1, layers + 1):
+        anchors += sum(b.count for b in blocks if b.kind == BlockKind.TILE and b.layer == layer)
+        gaussians = draw(st.integers(gaussians, anchors * slots)) if profile else anchors
+        counts.append((anchors, gaussians))
+    return fields, tiles, blocks, counts
+
+
+@st.composite
+def tile_tables(draw: st.DrawFn, lattice_bits: int) -> list[Tile]:
+    """Disjoint cubes in Morton order, of mixed depths."""
+    tiles: list[Tile] = []
+    end = 0
+    for depth in draw(st.lists(st.integers(1, 21), max_size=6)):
+        unit = 1 << 3 * (21 - depth)
+        prefix = -(-end // unit) + draw(st.integers(0, 3))
+        if prefix >= 8**depth:
+            break
+        shift = draw(st.integers(max(0, lattice_bits - depth - 21), min(31, lattice_bits - depth)))
+        tiles.append(Tile(depth, shift, prefix))
+        end = (prefix + 1) * unit
+    return tiles
+
+
+@st.composite
+def block_lists(draw: st.DrawFn, layers: int, tiles: int) -> list[Block]:
+    """Blocks of unique (layer, kind, tile), in any order."""
+    payload = st.binary(min_size=1, max_size=12)
+    layer = st.integers(1, layers)
+    models = st.builds(Block, st.integers(1, 15), layer, payload, count=st.integers(0, 2**32 - 1))
+    private = st.builds(Block, st.integers(128, 255), layer, payload, flags=st.sampled_from([0, 2]))
+    metadata = st.builds(Block, st.just(64), st.just(1), payload)
+    kinds = [models, private, metadata]
+    if tiles:
+        index = st.integers(0, tiles - 1)
+        kinds.append(st.builds(Block, st.just(16), layer, payload, index, st.integers(0, 65536), st.just({3: 1})))
+        kinds.append(st.builds(Block, st.integers(128, 255), layer, payload, index, flags=st.sampled_from([0, 2])))
+    return draw(st.lists(st.one_of(kinds), max_size=12, unique_by=lambda b: (b.layer, b.kind, b.tile)))

@@ -1,0 +1,122 @@
+"""inspect: the header alone tells what a file holds."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from scarfmt.container.file import Block, Container, write_container
+from scarfmt.container.schema import BlockKind, header_length
+from scarfmt.container.source import BytesSource, _Source
+from scarfmt.errors import LimitExceeded, Malformed, Truncated
+from scarfmt.limits import Limits
+from scarfmt.tools.inspection import format_text, inspect
+from tests.samples.container_samples import COUNTS, FIELDS, TILES, edit, sample_blocks, sample_file
+
+
+class SparseSource(_Source):
+    """A file of `size` bytes of which only the first exist; reading others fails the test."""
+
+    def __init__(self, head: bytes, size: int) -> None:
+        super().__init__(size)
+        self._head = head
+
+    def _fetch(self, offset: int, length: int) -> bytes:
+        assert offset + length <= len(self._head), "inspect must read the header only"
+        return self._head[offset : offset + length]
+
+
+def test_inspecting_a_gigabyte_reads_the_header_only() -> None:
+    """One small read, whatever the file's size."""
+    size = 1 << 30
+    data = sample_file(1)
+    grown = size - len(data)
+    data = edit(data, "FILE_HEADER", 0, "file_length", size)
+    for field in ("byte_count", "end_offset", "stream_bytes"):
+        offset = 100 + {"byte_count": 16, "end_offset": 24, "stream_bytes": 32}[field]
+        old = int.from_bytes(data[offset : offset + 8], "little")
+        data = edit(data, "LAYER_SUMMARY", 0, field, old + grown)
+    source = SparseSource(data[: header_length(1)].ljust(4096, b"\0"), size)
+    report = inspect(source)
+    assert report["file_bytes"] == size
+    assert report["complete"]
+    assert source.reads == 1
+    assert source.bytes_read <= header_length(16) < 4096
+
+
+def test_the_report_is_json_and_adds_up() -> None:
+    """Numbers a program can use: layers, streams and cumulative sizes agree with the file."""
+    data = sample_file()
+    report = json.loads(json.dumps(inspect(BytesSource(data)), allow_nan=False))
+    assert report["profile"] == "explicit"
+    assert (report["coordinate_frame"], report["colour_space"]) == ("rdf", "srgb")
+    assert [(layer["anchors"], layer["gaussians"]) for layer in report["layers"]] == COUNTS
+    assert [layer["new_anchors"] for layer in report["layers"]] == [10, 15, 75]
+    assert report["front_bytes"] + sum(layer["bytes"] for layer in report["layers"]) == len(data)
+    assert report["layers"][-1]["end_offset"] == len(data) == report["file_bytes"]
+    for layer in report["layers"]:
+        assert sum(layer["streams"].values()) == layer["bytes"]
+    assert report["bytes_per_anchor"] == len(data) / 100
+    assert "metadata" not in report
+
+
+def test_a_cut_file_is_described_with_what_arrived() -> None:
+    """inspect helps with a partial download instead of refusing it."""
+    data = sample_file()
+    end = Container.open(BytesSource(data)).header.layers[1].end_offset
+    report = inspect(BytesSource(data[:end]))
+    assert (report["complete"], report["layers_available"], report["bytes_present"]) == (False, 2, end)
+    assert "cut short" in format_text(report)
+    with pytest.raises(Truncated):
+        inspect(BytesSource(data[:200]))
+
+
+def test_metadata_only_when_asked() -> None:
+    """It needs the directory and a block, so it costs more reads."""
+    data = sample_file()
+    report = inspect(BytesSource(data), metadata=True)
+    assert report["metadata"] == {"title": "sample"}
+    assert '"title": "sample"' in format_text(report)
+    cut = Container.open(BytesSource(data)).entries[4].end - 1
+    assert inspect(BytesSource(data[:cut]), metadata=True)["metadata"] is None
+    without = write_container(FIELDS, TILES, [], [(0, 0)])
+    assert inspect(BytesSource(without), metadata=True)["metadata"] is None
+
+
+@pytest.mark.parametrize(
+    "payload", [b"{", b"[1]", b"\xff", b'{"a": NaN}', b"{} {}", b"[" * 100_000, b'{"a": ' + b"1" * 5000 + b"}"]
+)
+def test_metadata_that_is_not_one_json_object_is_malformed(payload: bytes) -> None:
+    """Whatever the JSON parser raises, deep nesting included, is one refusal."""
+    data = write_container(FIELDS, [], [Block(BlockKind.METADATA, 1, payload)], [(0, 0)])
+    with pytest.raises(Malformed) as caught:
+        inspect(BytesSource(data), metadata=True)
+    assert caught.value.refusal == "bad-metadata"
+
+
+def test_large_metadata_is_refused_unread() -> None:
+    """JSON grows when parsed; the cap is on the block."""
+    with pytest.raises(LimitExceeded) as caught:
+        inspect(BytesSource(sample_file()), metadata=True, limits=Limits(metadata_bytes=18))
+    assert caught.value.refusal == "limit-metadata"
+
+
+def test_text_table_shows_layers_and_used_streams() -> None:
+    """People see where the bytes go; streams nobody uses get no column."""
+    text = format_text(inspect(BytesSource(sample_file())))
+    lines = text.splitlines()
+    header = next(line for line in lines if line.lstrip().startswith("layer"))
+    assert "indices" in header
+    assert "rotation" not in header
+    assert len(lines) - lines.index(header) == 1 + len(COUNTS)
+    assert f"{len(sample_file()):,} bytes" in text
+    assert len({len(line) for line in lines[lines.index(header) :]}) == 1
+    assert sum(block.count for block in sample_blocks() if block.kind == BlockKind.TILE) == 100
+
+
+def test_an_empty_scene_has_no_bytes_per_anchor() -> None:
+    """No division by zero."""
+    report = inspect(BytesSource(write_container(FIELDS, [], [], [(0, 0)])))
+    assert report["bytes_per_anchor"] is None
+    assert "bytes" in format_text(report)

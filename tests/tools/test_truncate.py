@@ -1,0 +1,113 @@
+"""Truncation is an identity of the writer, verified while copying."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scarfmt.container.file import Block, Container, write_container
+from scarfmt.container.schema import READABLE_KINDS, BlockFlag
+from scarfmt.container.source import BytesSource
+from scarfmt.errors import InvalidInput, Malformed, Truncated, Unsupported
+from scarfmt.limits import FORMAT_LIMITS
+from scarfmt.tools import truncate as truncation
+from scarfmt.tools.truncate import truncate, truncate_to
+from tests.samples.container_samples import (
+    COUNTS,
+    FIELDS,
+    PRIVATE_SAFE,
+    PRIVATE_UNSAFE,
+    TILES,
+    containers,
+    sample_blocks,
+    sample_file,
+)
+
+
+@settings(deadline=None)
+@given(containers(), st.data())
+def test_truncating_equals_writing_fewer_layers(arguments: tuple, data: st.DataObject) -> None:
+    """SPEC §14: truncate(encode(L layers), k) == encode(k layers), byte for byte."""
+    fields, tiles, blocks, counts = arguments
+    blocks = [block for block in blocks if block.kind in READABLE_KINDS]
+    layers = data.draw(st.integers(1, len(counts)))
+    whole = write_container(fields, tiles, blocks, counts)
+    fewer = write_container(fields, tiles, [block for block in blocks if block.layer <= layers], counts[:layers])
+    assert truncate(BytesSource(whole), layers, limits=FORMAT_LIMITS) == fewer
+
+
+def test_truncating_in_steps_equals_truncating_at_once() -> None:
+    """The result depends on the layers kept only."""
+    data = sample_file()
+    assert truncate(BytesSource(truncate(BytesSource(data), 2)), 1) == truncate(BytesSource(data), 1) == sample_file(1)
+    assert truncate(BytesSource(data), 3) == data
+
+
+def test_unknown_blocks_are_copied_only_when_that_is_safe() -> None:
+    """An editor cannot know what an unsafe annotation says about the dropped layers."""
+    safe = Block(PRIVATE_SAFE, 1, b"safe", flags=BlockFlag.SAFE_TO_COPY)
+    unsafe = Block(PRIVATE_UNSAFE, 1, b"unsafe", 0, flags=0)
+    base = sample_blocks()
+    data = write_container(FIELDS, TILES, [*base, safe, unsafe], COUNTS)
+    kept = [block for block in base if block.layer <= 2]
+    assert truncate(BytesSource(data), 2) == write_container(FIELDS, TILES, [*kept, safe], COUNTS[:2])
+    assert truncate(BytesSource(data), 3) == data
+
+
+def test_unknown_critical_blocks_stop_the_editor() -> None:
+    """Even in a layer that would be dropped: the file is not understood."""
+    critical = Block(PRIVATE_SAFE, 2, b"new", flags=BlockFlag.CRITICAL)
+    data = write_container(FIELDS, TILES, [*sample_blocks(), critical], COUNTS)
+    with pytest.raises(Unsupported) as caught:
+        truncate(BytesSource(data), 1)
+    assert caught.value.refusal == "unknown-critical-block"
+
+
+@pytest.mark.parametrize("layers", [-1, 0, 4])
+def test_layers_that_do_not_exist_are_invalid_input(layers: int) -> None:
+    """The message names how many there are."""
+    with pytest.raises(InvalidInput, match="3 layers") as caught:
+        truncate(BytesSource(sample_file()), layers)
+    assert caught.value.refusal == "input-layers"
+
+
+def test_damage_is_not_copied() -> None:
+    """Blocks are verified on the way: a damaged file does not become a valid-looking one."""
+    data = bytearray(sample_file())
+    data[Container.open(BytesSource(bytes(data))).entries[1].offset] ^= 1
+    with pytest.raises(Malformed) as caught:
+        truncate(BytesSource(bytes(data)), 1)
+    assert caught.value.refusal == "crc-mismatch"
+
+
+def test_damage_in_dropped_layers_does_not_matter() -> None:
+    """Only what is kept is read."""
+    data = sample_file()
+    source = BytesSource(data[:-1] + bytes([data[-1] ^ 1]))
+    assert truncate(source, 2) == sample_file(2)
+
+
+def test_a_partial_download_becomes_a_whole_file() -> None:
+    """Any whole layers that arrived can be saved as a conforming file."""
+    data = sample_file()
+    end = Container.open(BytesSource(data)).header.layers[1].end_offset
+    assert truncate(BytesSource(data[: end + 3]), 2) == sample_file(2)
+    with pytest.raises(Truncated) as caught:
+        truncate(BytesSource(data[: end - 1]), 2)
+    assert caught.value.refusal == "truncated-block"
+
+
+def test_large_blocks_are_copied_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Memory stays bounded, and the pieces join to the same bytes and checksum."""
+    monkeypatch.setattr(truncation, "COPY_BYTES", 1000)
+    blocks = [dataclasses.replace(sample_blocks()[0], payload=bytes(range(250)) * 13)]
+    data = write_container(FIELDS, [], blocks, [(0, 0), (0, 0)])
+    source, target = BytesSource(data), io.BytesIO()
+    written = truncate_to(source, 1, target)
+    assert target.getvalue() == write_container(FIELDS, [], blocks, [(0, 0)])
+    assert written == len(target.getvalue())
+    assert source.reads == 2 + 4

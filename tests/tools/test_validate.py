@@ -1,0 +1,251 @@
+"""Validation: sound files pass, and every kind of damage is told, at its place, all of it in one go."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from scarfmt.blocks.mlp import Linear, Network, pack_networks
+from scarfmt.coding.reader import SceneReader
+from scarfmt.coding.writer import QuantisedScene, write_scene
+from scarfmt.container.bytefields import compress
+from scarfmt.container.file import Block, Container, write_container
+from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.source import BytesSource
+from scarfmt.container.substreams import pack_substreams, unpack_table
+from scarfmt.entropy.symbols import SymbolTable, TableKey, pack_tables
+from scarfmt.errors import InvalidInput
+from scarfmt.limits import Limits
+from scarfmt.tools.validate import Validation, validate
+from tests.samples.container_samples import edit, get
+from tests.samples.scene_samples import quantised_scenes, random_scene
+
+SEED = 1
+
+
+@pytest.fixture(scope="module")
+def explicit() -> bytes:
+    return write_scene(random_scene(SEED, Profile.EXPLICIT))
+
+
+@pytest.fixture(scope="module")
+def anchor() -> bytes:
+    return write_scene(random_scene(SEED, Profile.ANCHOR))
+
+
+def check(data: bytes, **options: Any) -> Validation:
+    return validate(BytesSource(data), **options)
+
+
+def refusals(result: Validation) -> list[str]:
+    return [finding.refusal for finding in result.findings]
+
+
+def as_block(container: Container, index: int) -> Block:
+    entry = container.entries[index]
+    payload = container.read_block(entry)
+    streams = {}
+    if entry.kind == BlockKind.TILE:
+        streams = {int(kind): part.length for kind, part in unpack_table(payload, len(payload)).items()}
+    return Block(entry.kind, entry.layer, payload, entry.tile, entry.count, streams)
+
+
+def rebuilt(data: bytes, change: Callable[[Block], Block | None], extra: tuple[Block, ...] = ()) -> bytes:
+    """The file with each block passed through `change` (None drops it), all checksums of the container right."""
+    container = Container.open(BytesSource(data))
+    blocks = [change(as_block(container, index)) for index in range(len(container.entries))]
+    counts = [(layer.anchor_count, layer.gaussian_count) for layer in container.header.layers]
+    kept = [block for block in blocks if block is not None]
+    return write_container(container.header.fields, container.tiles, [*kept, *extra], counts)
+
+
+def replacing(kind: BlockKind, layer: int, **changes: Any) -> Callable[[Block], Block]:
+    return lambda block: replace(block, **changes) if (block.kind, block.layer) == (kind, layer) else block
+
+
+@settings(max_examples=12, deadline=None)
+@given(quantised_scenes())
+def test_what_the_writer_writes_is_valid(scene: QuantisedScene) -> None:
+    result = check(write_scene(scene))
+    assert result.findings == []
+    assert result.layers_checked == len(scene.model.layers)
+    assert result.tiles_decoded == len(scene.tiles)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.data())
+def test_any_flipped_bit_is_found(explicit: bytes, data: st.DataObject) -> None:
+    damaged = bytearray(explicit)
+    damaged[data.draw(st.integers(0, len(explicit) - 1))] ^= 1 << data.draw(st.integers(0, 7))
+    assert not check(bytes(damaged)).valid
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.data())
+def test_any_cut_is_found_and_tells_the_whole_layers(explicit: bytes, data: st.DataObject) -> None:
+    size = data.draw(st.integers(0, len(explicit) - 1))
+    result = check(explicit[:size])
+    whole = Container.open(BytesSource(explicit)).header.layers
+    header = Container.open(BytesSource(explicit)).header.header_length
+    assert refusals(result)[0] in ("truncated-file", "truncated-header")
+    assert result.layers_available == (sum(layer.end_offset <= size for layer in whole) if size >= header else 0)
+
+
+def test_all_damaged_blocks_are_told_not_only_the_first(explicit: bytes) -> None:
+    damaged = bytearray(explicit)
+    entries = [e for e in Container.open(BytesSource(explicit)).entries if e.kind == BlockKind.TILE]
+    for entry in entries[:3]:
+        damaged[entry.offset + 20] ^= 1
+    result = check(bytes(damaged))
+    assert [(f.refusal, f.offset) for f in result.findings] == [("crc-mismatch", e.offset) for e in entries[:3]]
+
+
+def test_a_damaged_tile_leaves_the_others_checked(explicit: bytes) -> None:
+    entry = next(e for e in Container.open(BytesSource(explicit)).entries if e.kind == BlockKind.TILE)
+    damaged = bytearray(explicit)
+    damaged[entry.offset] ^= 1
+    assert check(bytes(damaged)).tiles_decoded == 2
+
+
+def test_layers_limits_what_is_looked_at(explicit: bytes) -> None:
+    damaged = bytearray(explicit)
+    damaged[-1] ^= 1
+    assert check(bytes(damaged), layers=2).valid
+    assert check(bytes(damaged), layers=2).layers_checked == 2
+    assert not check(bytes(damaged), layers=3).valid
+
+
+def test_layers_beyond_the_file_are_an_argument_error(explicit: bytes) -> None:
+    with pytest.raises(InvalidInput, match="input-layers"):
+        check(explicit, layers=4)
+
+
+def test_bytes_after_the_file_do_not_hide_other_damage(explicit: bytes) -> None:
+    damaged = bytearray(explicit + b"more")
+    damaged[len(explicit) - 1] ^= 1
+    assert refusals(check(bytes(damaged))) == ["trailing-bytes", "crc-mismatch"]
+
+
+@pytest.mark.parametrize(
+    ("table", "field", "value", "refusal"),
+    [("FILE_HEADER", "profile", 9, "bad-profile"), ("DIRECTORY_ENTRY", "flags", 2, "entry-flags")],
+)
+def test_a_broken_front_is_told(explicit: bytes, table: str, field: str, value: int, refusal: str) -> None:
+    assert refusals(check(edit(explicit, table, 0, field, value))) == [refusal]
+
+
+def test_not_a_scar_file_at_all() -> None:
+    result = check(b"ply\nformat binary_little_endian 1.0\n" * 100)
+    assert refusals(result) == ["bad-signature"]
+    assert result.layers_declared == 0
+
+
+def test_stream_bytes_of_a_summary_are_compared_with_the_sub_streams(explicit: bytes) -> None:
+    positions, scale = (
+        get(explicit, "LAYER_SUMMARY", 1, "stream_bytes", kind) for kind in (Stream.POSITIONS, Stream.SCALE)
+    )
+    wrong = edit(explicit, "LAYER_SUMMARY", 1, "stream_bytes", positions + 4, Stream.POSITIONS)
+    wrong = edit(wrong, "LAYER_SUMMARY", 1, "stream_bytes", scale - 4, Stream.SCALE)
+    result = check(wrong)
+    assert refusals(result) == ["layer-stream-bytes"] * 2
+    assert [finding.field for finding in result.findings] == ["layers[1].stream_bytes[1]", "layers[1].stream_bytes[5]"]
+
+
+def test_gaussian_counts_are_compared_with_the_masks(anchor: bytes) -> None:
+    count = get(anchor, "LAYER_SUMMARY", 1, "gaussian_count")
+    result = check(edit(anchor, "LAYER_SUMMARY", 1, "gaussian_count", count - 1))
+    assert refusals(result) == ["layer-counts"]
+    assert result.findings[0].field == "layers[1].gaussian_count"
+
+
+def test_a_count_that_is_not_the_number_of_elements(explicit: bytes) -> None:
+    assert refusals(check(rebuilt(explicit, replacing(BlockKind.LAYER, 2, count=9)))) == ["entry-count"]
+
+
+def test_a_missing_model_block_is_told_and_earlier_layers_still_decoded(explicit: bytes) -> None:
+    cut = rebuilt(explicit, lambda b: None if (b.kind, b.layer) == (BlockKind.LAYER, 2) else b)
+    result = check(cut)
+    assert refusals(result) == ["missing-block"]
+    assert result.tiles_decoded == 3
+
+
+def test_a_missing_table_is_told(explicit: bytes) -> None:
+    cut = rebuilt(explicit, lambda b: None if b.kind == BlockKind.TABLES else b)
+    assert set(refusals(check(cut))) == {"missing-table"}
+
+
+def test_a_table_nobody_uses_is_a_warning_only(explicit: bytes) -> None:
+    table = SymbolTable.from_weights(np.array([0, 1]), np.array([1, 1]))
+
+    def with_idle(block: Block) -> Block:
+        if (block.kind, block.layer) != (BlockKind.TABLES, 1):
+            return block
+        reader = SceneReader(BytesSource(explicit))
+        tables = {**reader.models(1).tables[0], TableKey(Stream.COLOUR, 31, 19, 255): table}
+        return replace(block, payload=compress(pack_tables(tables)), count=len(tables))
+
+    result = check(rebuilt(explicit, with_idle))
+    assert refusals(result) == ["unused-table"]
+    assert result.valid
+
+
+def test_metadata_must_be_a_json_object(explicit: bytes) -> None:
+    extra = (Block(BlockKind.METADATA, 1, b"[1]"),)
+    broken = rebuilt(explicit, lambda b: None if b.kind == BlockKind.METADATA else b, extra)
+    assert refusals(check(broken)) == ["bad-metadata"]
+
+
+def test_a_sub_stream_that_breaks_its_own_checksum_is_told(explicit: bytes) -> None:
+    done = []
+
+    def damage(block: Block) -> Block:
+        if block.kind != BlockKind.TILE or done:
+            return block
+        table = unpack_table(block.payload, len(block.payload))
+        streams = {kind: block.payload[part.start : part.start + part.length] for kind, part in table.items()}
+        packed = bytearray(pack_substreams(streams))
+        packed[-1] ^= 1
+        done.append(block)
+        return replace(block, payload=bytes(packed))
+
+    # The block's own CRC-32 is right here: only a reader that looks inside can tell.
+    assert refusals(check(rebuilt(explicit, damage))) == ["crc-mismatch"]
+
+
+def network(inputs: int, outputs: int) -> Network:
+    return Network((Linear.quantised(np.ones((outputs, inputs)), np.zeros(outputs)),))
+
+
+def test_scene_networks_must_fit_the_slots(anchor: bytes) -> None:
+    payload = pack_networks((network(12, 1), network(12, 7), network(12, 4)))
+    result = check(rebuilt(anchor, replacing(BlockKind.SCENE_MLP, 1, payload=payload)))
+    assert "bad-mlp" in refusals(result)
+
+
+def test_the_anchor_profile_needs_its_networks(anchor: bytes) -> None:
+    cut = rebuilt(anchor, lambda b: None if b.kind == BlockKind.SCENE_MLP else b)
+    assert refusals(check(cut)) == ["bad-mlp"]
+
+
+def test_a_decoder_of_another_degree_is_told() -> None:
+    seed = next(s for s in range(20) if random_scene(s, sh_degree=2).decoder)
+    data = write_scene(random_scene(seed, sh_degree=2))
+    assert refusals(check(edit(data, "FILE_HEADER", 0, "sh_degree", 1))) == ["bad-mlp"]
+
+
+def test_limits_are_the_callers(explicit: bytes) -> None:
+    assert refusals(check(explicit, limits=Limits(anchors=10))) == ["limit-anchors"]
+
+
+def test_the_json_form_is_json_and_says_valid(explicit: bytes) -> None:
+    document = json.loads(json.dumps(check(explicit[:-1]).as_json()))
+    assert document["valid"] is False
+    assert document["findings"][0]["refusal"] == "truncated-file"
+    assert document["findings"][0]["offset"] == len(explicit) - 1
