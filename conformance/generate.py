@@ -2,8 +2,8 @@
 
 Every vector is a folder with ``input.scar``, ``expect.json`` and, of small scenes, references of activated values.
 Valid files come from scenes made here, their expectations from the same scenes (:mod:`conformance.expect.document`),
-not from a decoder of this package. An invalid file is a valid one with exactly one rule broken and every checksum right that is
-not itself the fault. ``manifest.json`` and the two schemas are written too. Running twice gives equal bytes.
+not from a decoder of this package. An invalid file is a valid one with exactly one rule broken and every checksum right
+that is not itself the fault. ``manifest.json`` and the two schemas are written too. Running twice gives equal bytes.
 """
 
 from __future__ import annotations

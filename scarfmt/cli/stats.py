@@ -22,7 +22,7 @@ def decode_stats(source: ByteSource, counters: Counters, seconds: float) -> dict
 
     Returns:
         ``seconds``, ``decoded`` (:meth:`scarfmt.coding.counters.Counters.report`), and of the whole ``file`` its
-        ``bytes``,         ``blocks``, ``tiles``, ``anchors`` and ``layers``.
+        ``bytes``, ``blocks``, ``tiles``, ``anchors`` and ``layers``.
     """
     from scarfmt.container.file import read_header
 
