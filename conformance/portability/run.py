@@ -124,9 +124,9 @@ def page_section(results: dict[str, Any]) -> str:
     return f"{table(head, rows, 4)}\n{note}"
 
 
-def _recorded(ways: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def _recorded(ways: dict[str, dict[str, Any]], commit: str) -> dict[str, Any]:
     """The results kept, those just found in the place of older ones of the same processor and way."""
-    commit, date = _line("git", "rev-parse", "HEAD"), datetime.datetime.now(datetime.UTC).date().isoformat()
+    date = datetime.datetime.now(datetime.UTC).date().isoformat()
     found = {name: {**way, "commit": commit, "date": date} for name, way in ways.items()}
     return {
         "ways": {**load_results(NAME).get("ways", {}), **found},
@@ -156,19 +156,22 @@ def main(arguments: list[str]) -> int:
     suite = load_suite(find_suite(str(REPOSITORY / "conformance")))
     vectors = [*chosen(suite, "decoded", options.decoded), *chosen(suite, "refused", options.refused)]
     kernels = {"both": (True, False), "with": (True,), "without": (False,)}[options.kernel]
+    commit = _line("git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
+    try:
+        systems = [make_system(known, FOLDER) for known in MACHINES if known.name in options.machines]
+    except Unavailable as error:
+        parser.error(str(error))
     failed = 0
-    for emulated in (known for known in MACHINES if known.name in options.machines):
-        try:
-            system = make_system(emulated, FOLDER)
-        except Unavailable as error:
-            parser.error(str(error))
-        for kernel in kernels:
-            name = f"{emulated.name} {'with' if kernel else 'without'} kernel"
-            print(name, flush=True)
-            way = score(replace(system, kernel=kernel), suite, vectors)
-            failed += len(way["failed"])
-            results = _recorded({name: way})
-            save_results(NAME, results, keep=not options.no_write)
-            if not options.no_write:
-                replace_section(NAME, page_section(results), PAGE)
+    for system in (replace(system, kernel=kernel) for kernel in kernels for system in systems):
+        name = f"{system.machine.name} {'with' if system.kernel else 'without'} kernel"
+        print(name, flush=True)
+        way = score(system, suite, vectors)
+        failed += len(way["failed"])
+        _keep(_recorded({name: way}, commit), write=not options.no_write)
     return 1 if failed else 0
+
+
+def _keep(results: dict[str, Any], write: bool) -> None:
+    save_results(NAME, results, keep=write)
+    if write:
+        replace_section(NAME, page_section(results), PAGE)
