@@ -13,7 +13,7 @@ from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
 
 if TYPE_CHECKING:
-    from scarfmt.cli.scenes import Origin, Subject
+    from scarfmt.cli.scenes import SceneOrigin, Subject
     from scarfmt.render.compare import Comparison
 
 
@@ -86,7 +86,7 @@ def compare(
 
 
 def _compare_pair(
-    a: Origin, layers_a: int | None, b: Origin, layers_b: int | None, request: Request, report: Report
+    a: SceneOrigin, layers_a: int | None, b: SceneOrigin, layers_b: int | None, request: Request, report: Report
 ) -> dict[str, Comparison]:
     """Comparison by title: of B against A, or of each against the photos."""
     from scarfmt.cli.scenes import load_subject
@@ -112,7 +112,7 @@ def _with_photos(subject: Subject, request: Request) -> Comparison:
 
 
 def _compare_layers(
-    a: Origin, layers_a: int | None, b: Origin, request: Request, report: Report
+    a: SceneOrigin, layers_a: int | None, b: SceneOrigin, request: Request, report: Report
 ) -> list[dict[str, Any]]:
     """One row per layer of B that has arrived: layer, bytes, also per Gaussian, PSNR, SSIM."""
     from scarfmt.cli.scenes import layer_table, load_subject

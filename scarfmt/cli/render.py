@@ -13,7 +13,7 @@ from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
 
 if TYPE_CHECKING:
-    from scarfmt.cli.scenes import Origin
+    from scarfmt.cli.scenes import SceneOrigin
     from scarfmt.render.camera import Camera
     from scarfmt.scene.gaussians import F32
 
@@ -72,7 +72,7 @@ def render(file: str, output: str, layers: str | None, sheet: bool, force: bool,
         click.echo(f"{len(written)} pictures written to {output}", err=True)
 
 
-def _draw(file: Origin, layers: str | None, options: ViewOptions, report: Report) -> Pictures:
+def _draw(file: SceneOrigin, layers: str | None, options: ViewOptions, report: Report) -> Pictures:
     """Pictures, with their names, by layer ('' where there is but one set)."""
     from scarfmt.cli.scenes import load_subject
 
@@ -89,7 +89,7 @@ def _draw(file: Origin, layers: str | None, options: ViewOptions, report: Report
     return pictures
 
 
-def _layer_numbers(file: Origin, layers: str | None) -> list[int | None]:
+def _layer_numbers(file: SceneOrigin, layers: str | None) -> list[int | None]:
     from scarfmt.cli.scenes import layer_table
 
     if layers == ALL:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     View = GaussianScene | Callable[[Camera], F32]
 
-Origin = str | bytes
+SceneOrigin = str | bytes
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Subject:
         return replace(self, view=picture)
 
 
-def scene_origin(name: str) -> Origin:
+def scene_origin(name: str) -> SceneOrigin:
     """Where a scene comes from: a path or URL as it is, or the bytes of a pipe, which can be read only once.
 
     Raises:
@@ -79,7 +79,7 @@ def scene_origin(name: str) -> Origin:
     return read_origin(name)
 
 
-def is_scar(origin: Origin) -> bool:
+def is_scar(origin: SceneOrigin) -> bool:
     """Whether a scene is a .scar file: by its signature, or, for a URL, taken for granted."""
     if isinstance(origin, bytes):
         return origin.startswith(SIGNATURE)
@@ -92,7 +92,7 @@ def is_scar(origin: Origin) -> bool:
         return file.read(len(SIGNATURE)) == SIGNATURE
 
 
-def layer_table(origin: Origin) -> list[dict[str, Any]]:
+def layer_table(origin: SceneOrigin) -> list[dict[str, Any]]:
     """The layers of a .scar file that have arrived whole, as :func:`scarfmt.tools.inspection.inspect` reports them.
 
     Each also has `bytes_per_source`: bytes up to and with that layer per Gaussian (or anchor) of the encoder's input.
@@ -112,12 +112,12 @@ def layer_table(origin: Origin) -> list[dict[str, Any]]:
     return [{**row, "bytes_per_source": row["end_offset"] / count} for row in rows]
 
 
-def _no_layers(origin: Origin) -> click.UsageError:
+def _no_layers(origin: SceneOrigin) -> click.UsageError:
     name = "a pipe" if isinstance(origin, bytes) else origin
     return click.UsageError(f"{name} is not a .scar file: it has no layers")
 
 
-def load_subject(origin: Origin, layers: int | None = None) -> Subject:
+def load_subject(origin: SceneOrigin, layers: int | None = None) -> Subject:
     """A scene file, ready to be drawn.
 
     Args:
@@ -138,7 +138,7 @@ def load_subject(origin: Origin, layers: int | None = None) -> Subject:
     return _subject(clean(load(origin), drop_invalid=True)[0])
 
 
-def _decode(origin: Origin, layers: int | None) -> GaussianScene | AnchorModel:
+def _decode(origin: SceneOrigin, layers: int | None) -> GaussianScene | AnchorModel:
     from reference_decoder.decode import decode
 
     with open_input(origin) as source:

@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 import stat
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Protocol, Self
@@ -174,13 +176,16 @@ def read_bounded(stream: BinaryIO, name: str, limit: int = MAX_STREAM_BYTES) -> 
     return b"".join(parts)
 
 
+Origin = str | os.PathLike[str] | bytes | bytearray | memoryview | ByteSource
+"""What a file can be read from: a path, a URL, its bytes, or a source that is open already."""
+
+
 def open_source(
-    origin: str | os.PathLike[str] | bytes | bytearray | memoryview,
-    *,
-    timeout: float = TIMEOUT_SECONDS,
-    head_bytes: int = HEAD_BYTES,
+    origin: Origin, *, timeout: float = TIMEOUT_SECONDS, head_bytes: int = HEAD_BYTES
 ) -> ByteSource:
-    """The source for bytes, a path, or a URL (any string with ``://``). Use it as a context manager.
+    """The source for bytes, a path, or a URL (any string with ``://``); an open one is given back as it is.
+
+    Use it as a context manager.
 
     Args:
         origin: a path may name a pipe, which is then read to its end.
@@ -198,5 +203,22 @@ def open_source(
         from scarfmt.container.remote import UrlSource
 
         return UrlSource(origin, timeout=timeout, head_bytes=head_bytes)
-    source = FileSource(origin)
-    return source if source.regular else source.drained()
+    if isinstance(origin, str | os.PathLike):
+        source = FileSource(origin)
+        return source if source.regular else source.drained()
+    return origin
+
+
+@contextmanager
+def opened(origin: Origin) -> Iterator[ByteSource]:
+    """The source of a path, URL or bytes, closed afterwards; a ByteSource is passed through and stays open.
+
+    Raises:
+        InvalidInput: ``input-source`` when it cannot be opened.
+    """
+    source = open_source(origin)
+    if source is origin:
+        yield source
+        return
+    with source:
+        yield source
