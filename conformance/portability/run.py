@@ -1,9 +1,9 @@
 """The reference decoder on emulated processors, scored by the suite: exact arrays must be equal to the bit.
 
-    python -m conformance.portability                     a part of the vectors, half an hour; rewrites the page
-    python -m conformance.portability --decoded 3 --refused 3 --no-write
+    python -m conformance.portability                              half an hour; rewrites the page
+    python -m conformance.portability --only 'valid/*' --no-write  some vectors, a few minutes
 
-Emulated code is 20 to 50 times slower, so vectors are decoded to their last layer only, the smallest first.
+Emulated code is 20 to 50 times slower, so vectors are decoded to their last layer only.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import datetime
 import json
+import re
 import subprocess
 import threading
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from scarfmt_conformance.manifest import Suite, Vector, find_suite, load_expectation, load_suite
+from scarfmt_conformance.manifest import RESULTS, Selection, Suite, Vector, find_suite, load_expectation, load_suite
 from scarfmt_conformance.process import Limits
 from scarfmt_conformance.runner import FAILED, PASSED, Options, Result, run
 from scarfmt_conformance.session import Session
@@ -30,22 +31,20 @@ FOLDER = REPOSITORY / "build" / "portability"
 PAGE = REPOSITORY / "docs" / "stability.md"
 NAME = "portability"
 _LIMITS = Limits(seconds=900.0, memory_bytes=8 << 30)
+_OF_LIMITS = re.compile("/(limit|work)-")
 _PROBE = Path(__file__).resolve().parent / "probe.py"
 
 
-def chosen(suite: Suite, result: str, count: int) -> list[Vector]:
-    """The smallest vectors to be decoded, or one of every refusal in turn, as many as `count`.
+def chosen(suite: Suite, only: Sequence[str]) -> list[Vector]:
+    """The vectors whose ids fit one of the patterns, none for all, the smallest first.
 
-    Vectors of limits stay out: they take hours here, and test no arithmetic.
+    Those of limits stay out: they take hours here, and test no arithmetic.
+
+    Raises:
+        InvalidInput: ``input-options``: there are none.
     """
-    fit = [v for v in suite.vectors if v.result == result and not v.id.split("/")[-1].startswith(("limit-", "work-"))]
-    if result == "decoded":
-        return sorted(fit, key=lambda vector: (vector.bytes, vector.id))[:count]
-    by_refusal: dict[tuple[str, ...], list[Vector]] = {}
-    for vector in fit:
-        by_refusal.setdefault(load_expectation(vector).refusals, []).append(vector)
-    turns = max(map(len, by_refusal.values()), default=0)
-    return [group[turn] for turn in range(turns) for group in by_refusal.values() if turn < len(group)][:count]
+    fit = Selection(only=tuple(only)).of(suite.vectors)
+    return sorted((v for v in fit if not _OF_LIMITS.search(v.id)), key=lambda vector: (vector.bytes, vector.id))
 
 
 def score(system: System, suite: Suite, vectors: Sequence[Vector]) -> dict[str, Any]:
@@ -69,8 +68,7 @@ def score(system: System, suite: Suite, vectors: Sequence[Vector]) -> dict[str, 
     return {
         **found,
         "asked": len(vectors),
-        "decoded": sum(vector.result == "decoded" for vector in passed),
-        "refused": sum(vector.result == "refused" for vector in passed),
+        **{result: sum(vector.result == result for vector in passed) for result in RESULTS},
         "arrays": sum(map(_exact_arrays, passed)),
         "failed": [result.vector.id for result in scored.results if result.outcome == FAILED],
         "seconds": round(scored.seconds),
@@ -110,12 +108,13 @@ class _Told:
 
 def page_section(results: dict[str, Any]) -> str:
     """What the page shows of the results."""
-    head = ("processor", "byte order", "kernel", "Python, numpy", "decoded", "exact arrays", "refused", "failed", "run")
+    head = ("processor", "byte order", "kernel", "Python, numpy",
+            "decoded", "exact arrays", "refused", "either", "failed", "run")  # fmt: skip
     rows = [
         (
             *(way["processor"], way["byteorder"], "compiled" if way["kernel"] else "none"),
             f"{way['python']}, {way['numpy']}",
-            *(f"{way[name]:,}" for name in ("decoded", "arrays", "refused")),
+            *(f"{way[name]:,}" for name in ("decoded", "arrays", "refused", "either")),
             *(f"{len(way['failed']):,}", f"{way['date']}, {way['commit'][:10]}"),
         )
         for _, way in sorted(results["ways"].items())
@@ -149,12 +148,11 @@ def main(arguments: list[str]) -> int:
     names = [emulated.name for emulated in MACHINES]
     parser.add_argument("--machines", nargs="+", choices=names, default=names, help="processors [default: all]")
     parser.add_argument("--kernel", choices=("both", "with", "without"), default="both", help="how to decode")
-    parser.add_argument("--decoded", type=int, default=80, metavar="N", help="vectors to decode, at most [80]")
-    parser.add_argument("--refused", type=int, default=40, metavar="N", help="vectors to refuse, at most [40]")
+    parser.add_argument("--only", nargs="+", default=[], metavar="GLOB", help="only vectors whose ids fit")
     parser.add_argument("--no-write", action="store_true", help="JSON goes to build/bench/ only")
     options = parser.parse_args(arguments)
     suite = load_suite(find_suite(str(REPOSITORY / "conformance")))
-    vectors = [*chosen(suite, "decoded", options.decoded), *chosen(suite, "refused", options.refused)]
+    vectors = chosen(suite, options.only)
     kernels = {"both": (True, False), "with": (True,), "without": (False,)}[options.kernel]
     commit = _line("git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
     try:
