@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import hashlib
 import json
-import re
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -160,9 +159,3 @@ def test_the_program_of_the_readme_scores(monkeypatch: pytest.MonkeyPatch, capsy
 
     exec(_readme_program(), {**names, "ask": ask})
     assert capsys.readouterr().out.splitlines() == ["FAIL invalid/cut 0", "FAIL valid/index-flat 2"]
-
-
-def test_readme_counts_the_vectors_there_are() -> None:
-    """Decision records keep the number of their day."""
-    text = (ROOT.parent / "README.md").read_text()
-    assert re.findall(r"\b(\d+)\s+vectors\b", text) == [str(len(manifest()["vectors"]))]
