@@ -8,14 +8,14 @@ import pytest
 
 from scarfmt.container.file import Block, Container, write_container
 from scarfmt.container.schema import BlockKind, header_length
-from scarfmt.container.source import BytesSource, _Source
+from scarfmt.container.source import BytesSource, RangeSource
 from scarfmt.errors import LimitExceeded, Malformed, Truncated
 from scarfmt.limits import Limits
 from scarfmt.tools.inspection import format_text, inspect
 from tests.samples.container_samples import COUNTS, FIELDS, TILES, edit, sample_blocks, sample_file
 
 
-class SparseSource(_Source):
+class SparseSource(RangeSource):
     """A file of `size` bytes of which only the first exist; reading others fails the test."""
 
     def __init__(self, head: bytes, size: int) -> None:
