@@ -30,6 +30,7 @@ from scarfmt.container.source import ByteSource, open_source
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.scene.gaussians import F32, F64, AnchorModel, GaussianScene
+from scarfmt.scene.streams import ATTRIBUTES
 
 Origin = str | os.PathLike[str] | bytes | bytearray | memoryview | ByteSource
 Box = tuple[Sequence[float], Sequence[float]]
@@ -37,17 +38,6 @@ I16 = NDArray[np.int16]
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 U8 = NDArray[np.uint8]
-
-ATTRIBUTES = {
-    "positions": Stream.POSITION_RESIDUAL,
-    "scales": Stream.SCALE,
-    "rotations": Stream.ROTATION,
-    "opacity": Stream.OPACITY,
-    "colour": Stream.COLOUR,
-    "latents": Stream.INDICES,
-    "offsets": Stream.OFFSETS,
-}
-"""Names of what can be asked for on its own, and the sub-stream each needs; latents need LATENT too."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from scarfmt.container.bytefields import ByteReader, signed_varint, unsigned_var
 from scarfmt.container.schema import Stream
 from scarfmt.errors import Malformed, Unsupported
 from scarfmt.scene.model import (
-    CHANNEL_STREAMS,
     MAX_CHANNELS,
     MAX_CLASSES,
     MAX_COMPONENTS,
@@ -18,6 +17,7 @@ from scarfmt.scene.model import (
     DecodedContext,
     LayerRow,
 )
+from scarfmt.scene.streams import CHANNEL_STREAMS
 
 STATIC, NEURAL = 0, 1
 """Entropy modes: what codes INDICES, static tables or the index network (SPEC §10.4)."""

@@ -11,7 +11,8 @@ from scarfmt.container.schema import Stream
 from scarfmt.entropy.rice import pack_rice, pack_shifted, unpack_rice, unpack_shifted
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.predictors import MAX_HIDDEN, Predictor, bad_predictor
-from scarfmt.scene.model import ATTRIBUTE_STREAMS, MAX_CLASSES
+from scarfmt.scene.model import MAX_CLASSES
+from scarfmt.scene.streams import CONTEXT_STREAMS
 
 MAX_PREDICTORS = 1024
 """Four attribute channels of ten components, twenty steps each, are 200."""
@@ -60,7 +61,7 @@ def unpack_predictors(payload: bytes) -> tuple[Predictor, ...]:
 
 def _read(reader: ByteReader) -> Predictor:
     stream, component, step, one, two, classes, inputs, units = reader.take(8)
-    sane = stream in ATTRIBUTE_STREAMS and classes <= MAX_CLASSES < inputs <= MAX_INPUTS and units <= MAX_HIDDEN
+    sane = stream in CONTEXT_STREAMS and classes <= MAX_CLASSES < inputs <= MAX_INPUTS and units <= MAX_HIDDEN
     if not sane:
         raise bad_predictor("a record's head is out of range")
     hidden = _read_layer(reader, (units, inputs), classes) if units else None

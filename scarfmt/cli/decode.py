@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import click
 
 from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json
+from scarfmt.scene.streams import ATTRIBUTES
 
 if TYPE_CHECKING:
     from reference_decoder.decode import Decoded
@@ -16,8 +17,7 @@ if TYPE_CHECKING:
     from scarfmt.container.source import ByteSource
     from scarfmt.scene.gaussians import F64
 
-ATTRIBUTE_NAMES = ("positions", "scales", "rotations", "opacity", "colour", "latents", "offsets")
-ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTE_NAMES)}."
+ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTES)}."
 
 
 def parse_box(
@@ -62,8 +62,8 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
     if value is None:
         return None
     names = value.split(",")
-    if not set(names) <= set(ATTRIBUTE_NAMES):
-        raise click.BadParameter(f"{value!r}: choose from {', '.join(ATTRIBUTE_NAMES)}")
+    if not set(names) <= set(ATTRIBUTES):
+        raise click.BadParameter(f"{value!r}: choose from {', '.join(ATTRIBUTES)}")
     return names
 
 
@@ -171,7 +171,7 @@ def _write_npz(source: ByteSource, target: BinaryIO, wanted: dict[str, Any], cou
     """Write the arrays of a scene, or of some attributes; returns what was written, for people."""
     import numpy as np
 
-    from reference_decoder.decode import ATTRIBUTES, decode
+    from reference_decoder.decode import decode
     from scarfmt.formats import save_anchor_npz
     from scarfmt.scene.gaussians import AnchorModel
 
@@ -190,8 +190,6 @@ def _write_npz(source: ByteSource, target: BinaryIO, wanted: dict[str, Any], cou
 
 def _attribute_arrays(decoded: Decoded) -> dict[str, Any]:
     """The arrays decoded, by name: channels as coded values, with tile and class of each anchor."""
-    from reference_decoder.decode import ATTRIBUTES
-
     arrays = {"tiles": decoded.tiles, "classes": decoded.classes}
     for name, stream in ATTRIBUTES.items():
         if stream in decoded.values:
