@@ -17,6 +17,7 @@ from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE
 from scarfmt.errors import InvalidInput, Malformed, Truncated
+from scarfmt.scene.streams import ATTRIBUTES
 from scarfmt.tools.truncate import truncate
 from tests.samples.file_surgery import blocks_of, rebuilt
 from tests.samples.scene_samples import quantised_scenes, random_scene
