@@ -134,6 +134,11 @@ class Field(NamedTuple):
     description: str
 
 
+def scalar_type(field: Any) -> tuple[str, str]:
+    """What SPEC and numpy call a scalar of construct."""
+    return _SCALARS[field.fmtstr]
+
+
 def _unnamed(member: Any) -> Any:
     while isinstance(member, Renamed):
         member = member.subcon
