@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json
+from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json, timeout_option
 
 if TYPE_CHECKING:
     from reference_decoder.decoded import Decoded
@@ -90,6 +90,7 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--json", "as_json", is_flag=True, help="Print what --stats tells as a JSON object on stdout.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@timeout_option
 def decode(
     input_: str,
     output: str,

@@ -6,7 +6,7 @@ conformance/PROTOCOL.md says what each holds; its table is the order of the func
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -190,9 +190,9 @@ def values(found: Decoding) -> Arrays:
     return out
 
 
-def activated(found: Decoding, single: bool) -> Arrays:
-    """Gaussians, or features and the Gaussians of every slot; in binary32 if `single`, else in binary64."""
-    return activated_arrays(found.decoded, np.float32 if single else np.float64)
+def activated(found: Decoding, single: bool, camera: Sequence[float] | None = None) -> Arrays:
+    """Gaussians, or features and the Gaussians of every slot for a camera; binary32 if `single`, else binary64."""
+    return activated_arrays(found.decoded, np.float32 if single else np.float64, camera)
 
 
 EXACT: dict[str, Callable[[Decoding], Arrays]] = {
