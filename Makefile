@@ -11,11 +11,8 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-<<<<<<< HEAD
-.PHONY: help demo test test-slow fuzz fuzz-guided sanitize lint types check wheel bench bench-full pictures ksy clean
-=======
-.PHONY: help demo test test-slow fuzz fuzz-guided lint types check example bench bench-full pictures portability ksy clean
->>>>>>> main
+.PHONY: help demo test test-slow fuzz fuzz-guided sanitize lint types check wheel bench bench-full pictures
+.PHONY: portability ksy clean
 
 help:
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 22
