@@ -26,7 +26,7 @@ from conformance.decoders.python.neural import (
     round_shift,
     sigmoid12,
 )
-from scarfmt.blocks.index_network import pack_network
+from conformance.writer.networks import network_block
 from scarfmt.neural import arithmetic, network
 from scarfmt.scene.codebooks import Codebooks
 
@@ -92,7 +92,7 @@ def worked_network() -> network.IndexNetwork:
 
 def plain_network() -> Network:
     """The same, by way of its block."""
-    return parse_network(pack_network(worked_network()))
+    return parse_network(network_block(worked_network()))
 
 
 def _shown(value: Any) -> str:

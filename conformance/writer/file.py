@@ -74,7 +74,8 @@ def _tile_blocks(tiles: list[TileLayer], tables: Tables, layer: int, options: Wr
 def _model_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> Iterator[Block]:
     """The blocks of no tile but TABLES, in the order of their kinds."""
     row = scene.model.layers[layer - 1]
-    yield Block(BlockKind.LAYER, layer, layer_block(scene.model, layer), count=len(row.stages))
+    opening = (scene.model.channels, scene.model.context) if layer == 1 else None
+    yield Block(BlockKind.LAYER, layer, layer_block(row, opening), count=len(row.stages))
     books = _books(scene, layer)
     if books:
         yield Block(BlockKind.CODEBOOKS, layer, codebooks_block(books, options.rice), count=len(books))

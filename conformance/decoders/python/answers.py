@@ -11,10 +11,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from conformance.decoders.python.container import container_fields
 from conformance.decoders.python.decoder import NAMES, Decoder, Tile
 from conformance.decoders.python.fields import OFFSETS, POSITION_RESIDUAL, Refused
 from conformance.decoders.python.metadata import read_metadata
-from conformance.expect.container_fields import container_fields
 
 Array = dict[str, Any]
 Arrays = dict[str, Array]
