@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from conformance.decoders.python.neural import parse_grid, parse_network, parse_predictors
+from conformance.decoders.python.hash_grid import parse_grid
+from conformance.decoders.python.index_network import parse_network
+from conformance.decoders.python.predictors import parse_predictors
 from conformance.writer.container import write_container
 from conformance.writer.entropy import Table, Tables, table_records
 from conformance.writer.models import codebooks_block, layer_block, networks_content
