@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from reference_decoder import explicit
 from reference_decoder.anchors import decoded_model
-from reference_decoder.backends import operations
-from reference_decoder.dequantise import channel_values, latents, offset_values, positions, tile_boxes
+from reference_decoder.backends import backend as engine_of
+from reference_decoder.dequantise import latents, offset_values, positions, tile_boxes
 from scarfmt.codecs.channels import cell_widths
 from scarfmt.coding.counters import Counters, transfers
 from scarfmt.coding.reader import ALL_STREAMS, SceneModels, SceneReader
@@ -175,7 +175,7 @@ def decode(
     limits: Limits = DEFAULT_LIMITS,
     threads: int = 1,
     allow_truncated: bool = False,
-    backend: str = "numpy",
+    backend: str = "auto",
     counters: Counters | None = None,
 ) -> Decoded:
     """Decode a file, or what is asked of it, into memory. Only the bytes needed are read.
@@ -190,7 +190,7 @@ def decode(
         limits: what to accept of the file.
         threads: tiles decoded side by side; the result does not depend on it.
         allow_truncated: use the whole layers of a file cut short instead of refusing it.
-        backend: what computes the index network: one of `backends.BACKENDS`; the result does not depend on it.
+        backend: the engine: one of `backends.BACKENDS`; the result does not depend on it.
         counters: what was read and computed is added to them; activating what is decoded is not part of it.
 
     Raises:
@@ -213,7 +213,7 @@ def iter_tiles(
     limits: Limits = DEFAULT_LIMITS,
     threads: int = 1,
     allow_truncated: bool = False,
-    backend: str = "numpy",
+    backend: str = "auto",
     counters: Counters | None = None,
 ) -> Iterator[Decoded]:
     """The same as :func:`decode`, a tile at a time: memory does not grow with the scene.
@@ -255,7 +255,7 @@ class _Request:
         self.attributes = _names(attributes, box is not None)
         self.box = None if box is None else _corners(box)
         self.reader = SceneReader(
-            source, limits=limits, allow_truncated=allow_truncated, operations=operations(backend)
+            source, limits=limits, allow_truncated=allow_truncated, engine=engine_of(backend)
         )
         self.threads = threads
         self.counters = counters
@@ -340,7 +340,7 @@ def tile_part(
         elif channel.stream == Stream.POSITION_RESIDUAL:
             residuals = content.values[index] * cell_widths(channel.step, steps)
         else:
-            values[channel.stream] = channel_values(content.values[index], channel.step, steps)
+            values[channel.stream] = reader.engine.channel_values(content.values[index], channel.step, steps)
     return Decoded(
         reader.header.fields,
         models,

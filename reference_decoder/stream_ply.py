@@ -37,7 +37,7 @@ def export_ply(
     limits: Limits = DEFAULT_LIMITS,
     threads: int = 1,
     allow_truncated: bool = False,
-    backend: str = "numpy",
+    backend: str = "auto",
     eyes: F64 | None = None,
     bake_degree: int = 2,
     comments: Sequence[str] = (),

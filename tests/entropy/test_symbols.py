@@ -13,29 +13,14 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from scarfmt.blocks import tables as tables_block
+from scarfmt.blocks.tables import MAX_TABLES, fit_table, pack_table, pack_tables, unpack_tables
 from scarfmt.container.bytefields import ByteReader, signed_varint, unsigned_varint
-from scarfmt.entropy.rans import MAX_ALPHABET, PureRansDecoder
-from scarfmt.entropy.symbols import (
-    MAX_TABLES,
-    Emitter,
-    StepKey,
-    SymbolCounter,
-    SymbolReader,
-    SymbolRecorder,
-    SymbolTable,
-    SymbolWriter,
-    TableKey,
-    Values,
-    _unpack_sound,
-    cached_uniform,
-    emit_by_context,
-    emit_grouped,
-    fit_table,
-    pack_table,
-    pack_tables,
-    read_by_context,
-    unpack_tables,
-)
+from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolRecorder, SymbolWriter, Values
+from scarfmt.entropy.keys import StepKey, TableKey
+from scarfmt.entropy.rans import MAX_ALPHABET, PureRansDecoder, cached_uniform
+from scarfmt.entropy.symbol_reader import SymbolReader
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError
 from tests.samples.codec_samples import Recorder, coded, emitting, refuses
 
@@ -55,7 +40,7 @@ KEYS = st.builds(TableKey, *[st.integers(0, 255)] * 4)
 def tables(draw: st.DrawFn) -> SymbolTable:
     alphabet = draw(ALPHABETS)
     weights = draw(st.lists(st.integers(1, (1 << 24) - 1), min_size=len(alphabet), max_size=len(alphabet)))
-    return SymbolTable.from_weights(np.array(alphabet, np.int64), np.array(weights, np.int64))
+    return SymbolTable(np.array(alphabet, np.int64), np.array(weights, np.int64))
 
 
 @given(KEYS, KEYS)
@@ -154,7 +139,7 @@ def test_the_fitted_table_is_never_dearer_than_the_uniform_one(alphabet: list[in
     counts = np.array(data.draw(st.lists(sizes, min_size=len(alphabet), max_size=len(alphabet))), np.int64)
     values = np.array(alphabet, np.int64)
     table = fit_table(values, counts)
-    uniform = SymbolTable.from_weights(values, np.ones(len(values), np.int64))
+    uniform = SymbolTable(values, np.ones(len(values), np.int64))
 
     def cost(of: SymbolTable) -> float:
         return of.cost_of_counts(values, counts) + 8 * len(pack_table(KEY, of))
@@ -183,7 +168,7 @@ def test_the_cost_of_a_value_without_a_symbol_is_infinite() -> None:
 
 
 def put_contexts(emitter: Emitter, contexts: NDArray[np.int64], values: NDArray[np.int64]) -> None:
-    emit_by_context(emitter, KEY, contexts, values)
+    emitter.emit_by_context(KEY, contexts, values)
 
 
 def test_groups_go_by_ascending_context_and_keep_their_order() -> None:
@@ -201,7 +186,7 @@ def test_values_come_back_from_their_contexts(pairs: list[tuple[int, int]]) -> N
     contexts, values = np.array([p[0] for p in pairs], np.int64), np.array([p[1] for p in pairs], np.int64)
     data, fitted = coded(lambda emitter: put_contexts(emitter, contexts, values))
     for reader in (SymbolReader(data, fitted), SymbolReader(data, fitted, PureRansDecoder(data))):
-        assert read_by_context(reader, KEY, contexts).tolist() == values.tolist()
+        assert reader.read_by_context(KEY, contexts).tolist() == values.tolist()
         reader.finish()
 
 
@@ -336,7 +321,7 @@ def test_counting_many_groups_at_once_is_counting_each(
         key = StepKey(3, (*range(1, 64), 0), 2) if shifted else STEP
         one_by_one(plain, key, kinds, values)
         if together:
-            emit_grouped(mixed, key, kinds, values)
+            mixed.emit_grouped(key, kinds, values)
         else:
             one_by_one(mixed, key, kinds, values)
     same_histograms(mixed, plain)
@@ -350,7 +335,7 @@ def test_counts_on_both_sides_of_what_is_counted_without_sorting(kinds: int, wid
     """The first and the last kind with the least and the greatest value."""
     ends = np.array([(kind, value) for kind in (0, kinds - 1) for value in (low, low + wide - 1)] * 3).T
     grouped, plain = SymbolCounter(), SymbolCounter()
-    grouped.emit_grouped(STEP, ends[0].astype(np.uint16), ends[1].astype(np.int32))
+    grouped.STEP.emit_grouped(ends[0].astype(np.uint16), ends[1].astype(np.int32))
     one_by_one(plain, STEP, *ends)
     same_histograms(grouped, plain)
 
@@ -360,7 +345,7 @@ def test_values_beyond_32_bits_are_not_counted_as_others(value: int) -> None:
     """They would be wrapped when they are coded, or be taken for values of another kind."""
     for emitter in (SymbolCounter(), SymbolRecorder(SymbolCounter())):
         with pytest.raises(InvalidInput) as caught:
-            emit_grouped(emitter, STEP, np.array([0, 3]), np.array([7, value]))
+            emitter.emit_grouped(STEP, np.array([0, 3]), np.array([7, value]))
         assert caught.value.refusal == "input-symbol"
 
 
@@ -371,12 +356,12 @@ def test_writers_and_recorders_of_many_groups(calls: list[tuple[Values, Values]]
     counter = SymbolCounter()
     recorder = SymbolRecorder(counter)
     for kinds, values in calls:
-        emit_grouped(recorder, STEP, kinds, values)
+        recorder.emit_grouped(STEP, kinds, values)
     recorder.settle()
     known = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
     together, each = SymbolWriter(known), SymbolWriter(known)
     for kinds, values in calls:
-        emit_grouped(together, STEP, kinds, values)
+        together.emit_grouped(STEP, kinds, values)
         for kind in np.unique(kinds).tolist():
             each.emit(STEP.table(kind), values[kinds == kind])
     data = together.finish()
@@ -389,7 +374,7 @@ def test_writers_and_recorders_of_many_groups(calls: list[tuple[Values, Values]]
 
 def table_blocks(payload: bytes, at_once: bool) -> Any:
     """What `unpack_tables` makes of a payload, or how it refuses it, with the fast way or without."""
-    fast = nullcontext() if at_once else patch("scarfmt.entropy.symbols._unpack_sound", return_value=None)
+    fast = nullcontext() if at_once else patch("scarfmt.blocks.tables._unpack_sound", return_value=None)
     try:
         with fast:
             found = unpack_tables(payload)
@@ -405,7 +390,7 @@ def check_both_ways(payload: bytes) -> bool:
     """Equal tables or refusals both ways; whether the fast way took it, which it does exactly if it is sound."""
     slow = table_blocks(payload, at_once=False)
     assert table_blocks(payload, at_once=True) == slow
-    taken = _unpack_sound(payload) is not None
+    taken = tables_block._unpack_sound(payload) is not None
     assert taken == isinstance(slow, list)
     return taken
 
@@ -476,7 +461,7 @@ def test_the_largest_tables_are_read_alike() -> None:
     assert check_both_ways(pack_tables({**many, TableKey(255, 255, 255, 255): large}))
     payload = pack_tables({KEY._replace(context=context): large for context in range(256)})
     assert len(payload) > 1 << 20
-    assert _unpack_sound(payload) is None
+    assert tables_block._unpack_sound(payload) is None
     assert len(table_blocks(payload, at_once=True)) == 256
 
 

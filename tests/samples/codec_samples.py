@@ -7,17 +7,11 @@ from collections.abc import Callable, Mapping
 import numpy as np
 import pytest
 
-from scarfmt.entropy.symbols import (
-    Emitter,
-    SymbolCounter,
-    SymbolReader,
-    SymbolTable,
-    SymbolWriter,
-    TableKey,
-    Values,
-    fit_table,
-    pack_table,
-)
+from scarfmt.blocks.tables import fit_table, pack_table
+from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter, Values
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_reader import SymbolReader
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import Malformed
 
 Put = Callable[[Emitter], None]
@@ -72,7 +66,7 @@ def refuses(refusal: str, act: Callable[[], object]) -> None:
     assert caught.value.refusal == refusal
 
 
-class Recorder:
+class Recorder(Emitter):
     """An emitter that keeps the groups, to compare what was emitted in which order."""
 
     def __init__(self) -> None:
