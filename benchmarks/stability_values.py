@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from conformance.decoders.python import integer_oracle as oracle
 from reference_decoder.dequantise import latents, positions
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.container.directory import Tile
 from scarfmt.engines import best_engine, choice
 from scarfmt.entropy.rans import (
@@ -29,6 +28,7 @@ from scarfmt.neural.context import FINE_LIMIT, CellMeans
 from scarfmt.neural.context_operations import fine
 from scarfmt.neural.operations import NUMPY
 from scarfmt.neural.tables import EXP2_LAST, SIGMOID, TANH, exp2_table
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import MAX_STEPS, Lattice
 from scarfmt.scene.morton import interleave
 

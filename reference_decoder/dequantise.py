@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.codecs.channels import REACH, in_binary32
 from scarfmt.container.directory import Table, Tile
 from scarfmt.errors import Malformed
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Lattice
 from scarfmt.scene.morton import deinterleave
 

@@ -68,3 +68,14 @@ class LimitExceeded(ScarError):
 
 class InvalidInput(ScarError, ValueError):
     """The input of an encoder or a command cannot be used."""
+
+
+def missing_package(package: str, extra: str) -> InvalidInput:
+    """The error for work that needs a package of an extra: ``input-dependency``.
+
+    Args:
+        package: name that cannot be imported.
+        extra: the extra of pyproject.toml that brings it.
+    """
+    message = f"this needs the package {package}: in a checkout of scarfmt, run pip install '.[{extra}]'"
+    return InvalidInput("input-dependency", message)

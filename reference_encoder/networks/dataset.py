@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import TileFrame
 from scarfmt.engines import best_engine
 from scarfmt.neural.context import CellMeans, count_features, depth_shifts, passes
 from scarfmt.neural.context_operations import fine
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
 from scarfmt.scene.morton import deinterleave
 

@@ -1,7 +1,5 @@
-"""One module per sub-stream, its two directions side by side (SPEC §7).
+"""Codecs of the sub-streams of a TILE block, encode and decode side by side (SPEC §7.2-§7.7).
 
-Every codec is a pair of functions: `put_*` hands groups of symbols to an `Emitter`
-(:mod:`scarfmt.entropy.emitters`), which counts or codes them; `get_*` takes the same groups, in the same order, from a
-`SymbolReader` (:mod:`scarfmt.entropy.symbol_reader`). They are the definition: other engines
-(:mod:`scarfmt.coding.engine`) read and write the same.
+Each puts symbols into an emitter or gets them from a reader of symbols; none knows of bytes, of blocks, or of the
+compiled kernel. They are the definition: every engine (:mod:`scarfmt.coding.engine`) reads and writes the same.
 """

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.coding.counters import Part
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
@@ -24,6 +23,7 @@ from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.products import NetworkWork, grid_products
+from scarfmt.scene.codebooks import Codebooks
 
 I16 = NDArray[np.int16]
 I32 = NDArray[np.int32]

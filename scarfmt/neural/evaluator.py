@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.errors import InvalidInput
 from scarfmt.kept import Keeper
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Array, Operations
 from scarfmt.neural.parts import GATES, Attending, Logits, Predicting, Recurrence, Rounded
 from scarfmt.neural.tables import exp2_table
+from scarfmt.scene.codebooks import Codebooks
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -18,11 +18,11 @@ from reference_decoder.decode import decode
 from reference_encoder.decide import lattice
 from reference_encoder.networks import defaults
 from reference_encoder.networks import smallest_file as neural
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.coding.counters import Coding, Counters, Part
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.engines import choice
+from scarfmt.scene.codebooks import Codebooks
 from tests.samples.neural_scenes import neural_scene
 
 DECODE = {"min": 0.5, "median": 0.6, "cpu": 0.4, "peak_bytes": 1 << 20, "runs": 3}

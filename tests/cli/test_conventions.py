@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -135,7 +134,7 @@ _INTERRUPTED = """
 import os, signal, sys
 from pathlib import Path
 from scarfmt import cli as command
-import scarfmt.truncate
+import scarfmt.tools.truncate
 # A test run in the background of a shell hands down that SIGINT is ignored.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 def interrupted(source, layers, target):
@@ -149,7 +148,7 @@ command.main()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-@pytest.mark.parametrize(("sent", "code"), [("SIGINT", 130), ("SIGTERM", 128 + signal.SIGTERM)])
+@pytest.mark.parametrize(("sent", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
 def test_an_interrupt_leaves_nothing_behind(explicit_scar: Path, tmp_path: Path, sent: str, code: int) -> None:
     script = _INTERRUPTED.format(signal=sent, name=str(explicit_scar))
     env = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
@@ -180,7 +179,7 @@ def failing(error: BaseException) -> click.Group:
     [
         (MemoryError(), 1, "out-of-memory"),
         (PermissionError(13, "Permission denied", "x.ply"), 1, "os-error: [Errno 13] Permission denied: 'x.ply'"),
-        (ModuleNotFoundError("No module", name="torch.nn"), 1, "pip install 'scarfmt[encode]'"),
+        (ModuleNotFoundError("No module", name="torch.nn"), 1, "pip install '.[encode]'"),
         (InvalidInput("input-frame", "which way is up?"), 2, "input-frame: which way is up?"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],

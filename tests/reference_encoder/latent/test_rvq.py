@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from reference_encoder.latent.rvq import RvqOptions, RvqResult, assign, quantise
-from scarfmt.blocks.codebooks import Codebooks, pack_codebooks, unpack_codebooks
+from scarfmt.blocks.codebooks import pack_codebooks, unpack_codebooks
+from scarfmt.scene.codebooks import Codebooks
 
 OPTIONS = RvqOptions(codewords=32, stages=3, rate=0.0, epochs=6, seed=1)
 
