@@ -11,7 +11,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow fuzz fuzz-guided lint types check example bench bench-full pictures ksy clean
+.PHONY: help demo test test-slow fuzz fuzz-guided lint types check example bench bench-full pictures portability ksy clean
 
 help:
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 22
@@ -56,6 +56,9 @@ bench-full: $(STAMP) ## every benchmark on every scene found, two hours or more;
 
 pictures: $(STAMP) ## redraw docs/images/
 	$(BIN)/python -m benchmarks.pictures
+
+portability: $(STAMP) ## the vectors on emulated s390x and arm64, half an hour; needs qemu-user and cross compilers
+	$(BIN)/python -m conformance.portability
 
 ksy: ## compile conformance/kaitai/scar.ksy again (needs node and npm)
 	npm install --silent --no-save --prefix build/ksy kaitai-struct-compiler@0.11.0 js-yaml@4
