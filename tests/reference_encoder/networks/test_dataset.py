@@ -55,7 +55,7 @@ class _Recorder:
     def advance(self, state: int, _stage: int, _codes: NDArray[Any]) -> int:
         return state
 
-    def context(self, h: NDArray[Any], _state: int) -> NDArray[Any]:
+    def mixed(self, h: NDArray[Any], _state: int) -> NDArray[Any]:
         return h
 
     def first_blocks(self, _book: int, _y: NDArray[Any]) -> list[Any]:
