@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from conformance.files import changed
+from conformance.surgery.files import changed
 from conformance.writer.models import layer_block
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import BlockKind, Stream
