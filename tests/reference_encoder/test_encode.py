@@ -96,7 +96,7 @@ def test_learned_latent_is_selectable(scene: GaussianScene, data: bytes, estimat
     assert file != data
     assert file == encode(scene, options)
     cameras = orbit_cameras(scene, 2, width=240, height=180)
-    assert compare(scene, decode(file).scene, cameras, ssim=False).mean_psnr_db > 38
+    assert compare(scene, decode(file).scene, cameras, ssim=False).mean_psnr_db > 37
 
 
 @pytest.mark.parametrize(
