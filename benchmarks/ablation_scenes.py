@@ -24,7 +24,7 @@ from reference_encoder import anchor_profile, explicit_profile
 from reference_encoder.decide.assemble import codebook_size
 from reference_encoder.latent.fit import fit_latent
 from reference_encoder.latent.linear import Latent, linear_latent
-from reference_encoder.latent.rvq import RvqOptions, RvqResult, quantise
+from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, quantise
 from reference_encoder.networks.clusters import Clusters, arrange
 from reference_encoder.networks.dataset import ContextOptions, IndexRows, index_rows, lattice_positions
 from reference_encoder.networks.defaults import LATENTS
@@ -147,7 +147,7 @@ def _fit(
         return None, None
     effort = EFFORTS[options.effort]
     rvq = RvqOptions(codewords, stages, problem.rate, effort.sample, effort.epochs, options.seed)
-    return latent, quantise(latent.values, latent.weight, problem.classes, rvq)
+    return latent, quantise(Vectors(latent.values, latent.weight, problem.classes), rvq)
 
 
 @lru_cache(maxsize=1)

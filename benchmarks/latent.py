@@ -28,7 +28,7 @@ from reference_encoder.decide.assemble import codebook_size
 from reference_encoder.latent.autoencoder import AutoencoderOptions, train
 from reference_encoder.latent.learned import choose, stored, whiten
 from reference_encoder.latent.linear import Latent, linear_latent
-from reference_encoder.latent.rvq import RvqOptions, RvqResult, quantise
+from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, quantise
 from reference_encoder.measure.anchor_sensitivity import ABSENCE_FACTOR, measure_anchors
 from reference_encoder.measure.attributes import from_scene
 from reference_encoder.measure.sensitivity import measure, survey_cameras
@@ -117,8 +117,8 @@ def linear_curves(problem: Problem, rvq: RvqOptions) -> tuple[float, Curves]:
     latent = linear_latent(problem.vectors, problem.weight, tolerance, problem.metric)
     assert latent is not None
     return float(latent.lost.sum()), [
-        curve(problem, latent, quantise(latent.values, latent.weight, problem.classes, options))
-        for options in (replace(rvq, rate=problem.rate * factor) for factor in RATE_FACTORS)
+        curve(problem, latent, quantise(Vectors(latent.values, latent.weight, problem.classes), options))
+        for options in (replace(rvq, lambda_=problem.rate * factor) for factor in RATE_FACTORS)
     ]
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from reference_encoder.latent.gradient import ESTIMATORS
-from reference_encoder.latent.rvq import RvqOptions, assign
+from reference_encoder.latent.rvq import RvqOptions, nearest
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -102,8 +102,7 @@ class VectorCodebook:
 
     def nearest(self, x: torch.Tensor) -> torch.Tensor:
         """(n,) nearest codewords of (n, d) `x`."""
-        nothing = torch.zeros(0)
-        return assign(x, nothing, nothing, self.words, nothing, 0.0)
+        return torch.from_numpy(nearest(x.detach().numpy(), self.words.numpy()))
 
     def learn(self, x: torch.Tensor, codes: torch.Tensor, decay: float = _DECAY) -> None:
         """Move towards the (n, d) vectors `x` that chose `codes`, and revive stale codes."""

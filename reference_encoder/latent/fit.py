@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.decide.assemble import codebook_size
-from reference_encoder.latent.autoencoder import AutoencoderOptions
-from reference_encoder.latent.learned import learned_latent
 from reference_encoder.latent.linear import Latent, linear_latent
-from reference_encoder.latent.rvq import RvqOptions, RvqResult, quantise
+from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, quantise
 from reference_encoder.options import EFFORTS, EncodeOptions
 from scarfmt.coding.writer import Report
 
@@ -45,9 +43,13 @@ def fit_latent(
         report("codebooks", fraction)
 
     if options.latent == "learned":
+        # These need torch.
+        from reference_encoder.latent.autoencoder import AutoencoderOptions
+        from reference_encoder.latent.learned import learned_latent
+
         learning = AutoencoderOptions(rvq, estimator=options.estimator)
         return learned_latent(vectors, weight, classes, tolerance, learning, metric, tell) or (None, None)
     latent = linear_latent(vectors, weight, tolerance, metric)
     if latent is None:
         return None, None
-    return latent, quantise(latent.values, latent.weight, classes, rvq, tell)
+    return latent, quantise(Vectors(latent.values, latent.weight, classes), rvq, tell)

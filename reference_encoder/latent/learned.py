@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from reference_encoder.latent.autoencoder import Autoencoder, AutoencoderOptions, Layers, Sampler, train
 from reference_encoder.latent.linear import Latent, metric_roots
-from reference_encoder.latent.rvq import RvqOptions, RvqResult, quantise
+from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, quantise
 from scarfmt.blocks.mlp import Linear, Network
 
 F32 = NDArray[np.float32]
@@ -123,7 +123,7 @@ def choose(
     report: Callable[[float], None] = lambda _fraction: None,
 ) -> RvqResult:
     """Integer codewords and entropy-constrained choices; distortion as `learned_latent` says."""
-    chosen = quantise(latent.values, latent.weight, classes, options, report, start)
+    chosen = quantise(Vectors(latent.values, latent.weight, classes), options, report, start)
     return replace(chosen, distortion=_distortion(chosen, latent, space, weight))
 
 
