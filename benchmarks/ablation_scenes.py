@@ -31,7 +31,6 @@ from reference_encoder.networks.defaults import LATENTS
 from reference_encoder.networks.smallest_file import CONTEXT
 from reference_encoder.networks.train import code_uses
 from reference_encoder.options import EFFORTS, EncodeOptions
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.codecs.indices import put_indices
 from scarfmt.coding.writer import QuantisedScene, silent
 from scarfmt.container.bytefields import compress
@@ -39,6 +38,7 @@ from scarfmt.container.directory import local_bits, tile_frame
 from scarfmt.entropy.symbols import SymbolCounter, fit_table, pack_tables
 from scarfmt.formats import load
 from scarfmt.formats.clean import clean
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.gaussians import AnchorModel
 
 I64 = NDArray[np.int64]

@@ -11,7 +11,7 @@ import torch
 from reference_encoder.networks.dataset import IndexRows
 from reference_encoder.networks.model import NetworkShape
 from reference_encoder.networks.train import Examples, TrainOptions, measure, train
-from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.scene.codebooks import Codebooks
 
 PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
 _ANCHORS, _COLUMNS, _WORDS, _STAGES, _DIMENSION = 6000, 24, 64, 3, 12

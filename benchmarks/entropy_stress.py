@@ -27,11 +27,11 @@ from benchmarks.report import machine, replace_section, save_results, table
 from benchmarks.scenes import REPOSITORY
 from conformance.decoders.python.integer_oracle import Oracle
 from reference_decoder.torch_operations import TorchOperations
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.network import Head, Inputs
 from scarfmt.neural.operations import NumpyOperations, Operations
+from scarfmt.scene.codebooks import Codebooks
 from tests.neural.networks import Case, random_books, random_network
 
 NAME = "entropy-stress"

@@ -14,7 +14,7 @@ from reference_encoder.networks.dataset import IndexRows
 from reference_encoder.networks.layers import Dense, Scale
 from reference_encoder.networks.model import IndexModel, InputStatistics, NetworkShape
 from reference_encoder.networks.train import code_uses
-from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.scene.codebooks import Codebooks
 
 
 class StageMlp(IndexModel):

@@ -37,10 +37,10 @@ from reference_encoder.networks.clusters import Clusters
 from reference_encoder.networks.smallest_file import index_bytes, with_index_network, with_predictors
 from reference_encoder.networks.train import TrainOptions
 from reference_encoder.options import EncodeOptions
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.coding.writer import QuantisedScene, silent, write_scene
 from scarfmt.formats import load
 from scarfmt.formats.clean import clean
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.gaussians import AnchorModel
 
 NAME = "gain"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from benchmarks.stability_search import F64, NOT_COMPARED, Floats, Operation, Worst, search
 from conformance.expect import activated
 from reference_decoder.anchors import log_sigmoid, outlook, run, sigmoid, unit_quaternions
-from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.scene.gaussians import AnchorModel, Mlp
 
 _LATENTS, _FEATURES, _HIDDEN = 6, 4, 8
@@ -40,7 +40,7 @@ def random_layer(rng: np.random.Generator, rows: int, columns: int, reach: float
     return Linear(weights.astype(np.int16), scales.astype(np.float32), biases.astype(np.float32))
 
 
-def forward(network: Network, x: F64, magnitude: F64 | None = None) -> tuple[F64, F64]:
+def forward(network: QuantisedMlp, x: F64, magnitude: F64 | None = None) -> tuple[F64, F64]:
     """(n, out) outputs in float64, and M of R-9.5-1 of (n, in) inputs and their magnitudes, None for |x|."""
     y, m = x, np.abs(x if magnitude is None else magnitude)
     with np.errstate(all="ignore"):
@@ -60,18 +60,18 @@ def _larger(b: F64, m: F64) -> tuple[F64, F64]:
     return b, np.maximum(np.abs(b), m)
 
 
-def decoder_operation(network: Network) -> Operation:
+def decoder_operation(network: QuantisedMlp) -> Operation:
     """The latent decoder."""
     return Operation("latent decoder", *_latents(network), network.apply, lambda x: _larger(*forward(network, x)))
 
 
-def _latents(network: Network) -> tuple[tuple[str, ...], tuple[int, ...], tuple[int, ...]]:
+def _latents(network: QuantisedMlp) -> tuple[tuple[str, ...], tuple[int, ...], tuple[int, ...]]:
     """Columns of latents, and the exponents that are legal."""
     columns = tuple(f"z{k}" for k in range(network.inputs))
     return columns, (-149,) * len(columns), (127,) * len(columns)
 
 
-def _perceptron(network: Network) -> Mlp:
+def _perceptron(network: QuantisedMlp) -> Mlp:
     first, second = network.layers
     single = [(layer.matrix.astype(np.float32), layer.biases) for layer in (first, second)]
     return Mlp((single[0][0], single[1][0]), (single[0][1], single[1][1]))
@@ -89,7 +89,7 @@ def _reference_inputs(x: F64) -> F64:
     return np.concatenate([x[:, :_FEATURES], activated.view(x[:, _FEATURES : _FEATURES + 3])], axis=1)
 
 
-def scene_operations(network: Network) -> Iterator[Operation]:
+def scene_operations(network: QuantisedMlp) -> Iterator[Operation]:
     """What becomes of a network's outputs: opacity, standard deviation, quaternion, colour of a slot."""
     mlp = _perceptron(network)
 
@@ -117,10 +117,10 @@ def scene_operations(network: Network) -> Iterator[Operation]:
     yield made("slot colour", lambda s, c: sigmoid(c), lambda s, c, m: _larger(activated.sigmoid(c), m))
 
 
-def chained_operation(decoder: Network, network: Network) -> Operation:
+def chained_operation(decoder: QuantisedMlp, network: QuantisedMlp) -> Operation:
     """Colours of slots from latents, all in float32: the error of a feature is also one of what is made of it.
 
-    A decode computes features in float64 and rounds them (:meth:`Network.apply`); no decoder has to.
+    A decode computes features in float64 and rounds them (:meth:`QuantisedMlp.apply`); no decoder has to.
     """
     mlp = _perceptron(network)
 
@@ -137,7 +137,7 @@ def chained_operation(decoder: Network, network: Network) -> Operation:
     return Operation("slot colour from latents", *_latents(decoder), evaluate, reference)
 
 
-def _single(network: Network, x: Floats) -> Floats:
+def _single(network: QuantisedMlp, x: Floats) -> Floats:
     y = x.astype(np.float32)
     for number, layer in enumerate(network.layers):
         y = (np.maximum(y, 0) if number else y) @ layer.matrix.astype(np.float32).T + layer.biases
@@ -150,7 +150,7 @@ def _placed(features: Floats) -> F64:
     return np.concatenate([features.astype(np.float64), place], axis=1)
 
 
-def _networks(count: int, scene: bool) -> Iterator[Network]:
+def _networks(count: int, scene: bool) -> Iterator[QuantisedMlp]:
     """Random ones of every reach."""
     rng = np.random.default_rng(5)
     for number in range(count):
@@ -164,7 +164,7 @@ def _networks(count: int, scene: bool) -> Iterator[Network]:
             random_layer(rng, rows, columns, size)
             for columns, rows, size in zip(sizes[:-1], sizes[1:], reaches, strict=True)
         ]
-        yield Network(tuple(layers))
+        yield QuantisedMlp(tuple(layers))
 
 
 def _operations(networks: int, scene: bool) -> Iterator[list[Operation]]:

@@ -13,7 +13,6 @@ import numpy as np
 from conformance.decoders.python import integer_oracle as oracle
 from reference_decoder.dequantise import channel_values, latents, positions
 from scarfmt import kernel
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.container.directory import Tile
 from scarfmt.entropy.rans import (
     MAX_ALPHABET,
@@ -28,6 +27,7 @@ from scarfmt.kernel.rans import KernelRansDecoder
 from scarfmt.neural.context import FINE_LIMIT, CellMeans, fine
 from scarfmt.neural.operations import NUMPY
 from scarfmt.neural.tables import EXP2_LAST, SIGMOID, TANH, exp2_table
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import MAX_STEPS, Lattice
 from scarfmt.scene.morton import interleave
 

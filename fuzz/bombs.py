@@ -18,10 +18,10 @@ import numpy as np
 
 from fuzz.target import decoded, validated
 from fuzz.testing.networks import random_network
-from scarfmt.blocks.codebooks import Codebooks, pack_codebooks
+from scarfmt.blocks.codebooks import pack_codebooks
 from scarfmt.blocks.index_network import pack_network
 from scarfmt.blocks.layer import pack_layer
-from scarfmt.blocks.mlp import Linear, Network, pack_networks
+from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
 from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.container.bytefields import compress, unsigned_varint
 from scarfmt.container.file import Block, HeaderFields, Tile, write_container
@@ -31,6 +31,7 @@ from scarfmt.entropy.symbols import SymbolTable, TableKey, pack_tables
 from scarfmt.neural.arithmetic import Linear as Exact
 from scarfmt.neural.network import Inputs
 from scarfmt.neural.predictors import Predictor, input_width
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 
 NOTHING = pack_substreams({})
@@ -107,7 +108,7 @@ WIDE = (SCALE, (Stream.LATENT, 64))
 def _mlp(*widths: int) -> bytes:
     pairs = itertools.pairwise(widths)
     return pack_networks(
-        (Network(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in pairs)),)
+        (QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in pairs)),)
     )
 
 
@@ -170,7 +171,7 @@ def wide_features(anchors: int, size: int) -> bytes:
     """Features of 1024 numbers for many anchors."""
     wanted = ((Stream.SCALE, 6), (Stream.LATENT, 1), (Stream.OFFSETS, 3))
     model = SceneModel(Profile.ANCHOR, 1, channels(*wanted), (LayerRow((0,), ((1, 1, 1),)),))
-    nets = [Network(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in ((1003, 1), (1, k))))
+    nets = [QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in ((1003, 1), (1, k))))
             for k in (1, 7, 3)]  # fmt: skip
     blocks = [(BlockKind.DECODER_MLP, 1, _mlp(1, 1000), 1), (BlockKind.SCENE_MLP, 1, pack_networks(tuple(nets)), 3)]
     counts = [min(65536, anchors - first) for first in range(0, anchors, 65536)]
@@ -181,7 +182,7 @@ def many_slots(anchors: int, slots: int, size: int) -> bytes:
     """Anchors of 32 slots, all turned on."""
     wanted = ((Stream.SCALE, 6), (Stream.LATENT, 1), (Stream.OFFSETS, 3))
     model = SceneModel(Profile.ANCHOR, slots, channels(*wanted), (LayerRow((0,), ((1, 1, 1),)),))
-    nets = [Network(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in ((4, 1), (1, k * slots))))
+    nets = [QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in ((4, 1), (1, k * slots))))
             for k in (1, 7, 3)]  # fmt: skip
     blocks = [(BlockKind.DECODER_MLP, 1, _mlp(1, 1), 1), (BlockKind.SCENE_MLP, 1, pack_networks(tuple(nets)), 3)]
     counts = [min(65536, anchors - first) for first in range(0, anchors, 65536)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.explicit import CHUNK, network_outputs
-from scarfmt.blocks.mlp import Network
+from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.counters import Counters
 from scarfmt.coding.reader import SceneModels
 from scarfmt.container.schema import Stream
@@ -76,7 +76,7 @@ def decoded_model(
     return AnchorModel(positions, features, values[Stream.OFFSETS], values[Stream.SCALE], mlps, slots)
 
 
-def _perceptron(network: Network, dtype: type) -> Mlp:
+def _perceptron(network: QuantisedMlp, dtype: type) -> Mlp:
     first, second = network.layers
     with np.errstate(over="ignore"):  # a weight may be any product of two finite numbers
         matrices: tuple[Floats, Floats] = first.matrix.astype(dtype), second.matrix.astype(dtype)

@@ -336,11 +336,11 @@ def tile_part(
             continue
         steps = model.steps(len(model.layers), index, content.classes)
         if channel.stream == Stream.OFFSETS:
-            values[channel.stream] = offset_values(content.values[index], channel.step)
+            values[channel.stream] = offset_values(content.values[index], channel.first_width)
         elif channel.stream == Stream.POSITION_RESIDUAL:
-            residuals = content.values[index] * cell_widths(channel.step, steps)
+            residuals = content.values[index] * cell_widths(channel.first_width, steps)
         else:
-            values[channel.stream] = channel_values(content.values[index], channel.step, steps)
+            values[channel.stream] = channel_values(content.values[index], channel.first_width, steps)
     return Decoded(
         reader.header.fields,
         models,

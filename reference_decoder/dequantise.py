@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt import kernel
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.codecs.channels import REACH, cell_widths, width_table
 from scarfmt.container.directory import Table, Tile
 from scarfmt.errors import Malformed
 from scarfmt.kernel.values import kernel_values
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Lattice
 from scarfmt.scene.morton import deinterleave
 

@@ -29,7 +29,7 @@ from reference_encoder.latent.fit import fit_latent
 from reference_encoder.measure.anchor_sensitivity import ABSENCE_FACTOR, AnchorSensitivity, measure_anchors
 from reference_encoder.measure.sensitivity import survey
 from reference_encoder.options import EncodeOptions
-from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene, Report
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import InvalidInput
@@ -212,5 +212,6 @@ def _slot_layers(job: _Job, scene: SceneModel, classes: I64, rates: list[float])
     return np.where(job.slots & pays.any(axis=0), np.minimum(layers, len(rates)), 0)
 
 
-def _network(mlp: Mlp) -> Network:
-    return Network(tuple(Linear.quantised(w, b, bits=_MLP_BITS) for w, b in zip(mlp.weights, mlp.biases, strict=True)))
+def _network(mlp: Mlp) -> QuantisedMlp:
+    layers = zip(mlp.weights, mlp.biases, strict=True)
+    return QuantisedMlp(tuple(Linear.quantised(weights, biases, bits=_MLP_BITS) for weights, biases in layers))

@@ -46,7 +46,7 @@ def row_sums(values: F32) -> F32:
 
 @compiled
 def _add_levelled(row: F32, count: int, levels: F32) -> None:
-    """Fill `levels[0]` (k,) with sums of the first `count` runs of k values: by sixteens at least, by those, and so on."""
+    """Fill `levels[0]` (k,) with sums of the first `count` runs of k values: by sixteens, by those, and so on."""
     wide, depth = levels.shape[1], 0
     while 1 << depth < count:
         depth += 1

@@ -1,1 +1,1 @@
-"""TODO-DOC"""
+"""Decoders written from SPEC.md alone, sharing no code with the reference: Python here, JavaScript in `js/`."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conformance.expect.expectations import Arrays
-from scarfmt.blocks.mlp import Network
+from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Profile
 
@@ -64,7 +64,7 @@ def _sum(terms: list[float]) -> float:
     return float(np.sum(np.array(terms)))
 
 
-def network(net: Network, x: F64, magnitude: F64) -> tuple[F64, F64]:
+def network(net: QuantisedMlp, x: F64, magnitude: F64) -> tuple[F64, F64]:
     """Outputs of a network, and their M of R-9.5-1.
 
     Args:

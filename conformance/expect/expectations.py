@@ -134,8 +134,8 @@ def _arrays(scene: QuantisedScene, number: int, tile: Tile, content: TileContent
     return out
 
 
-def _width(step: float, n: int) -> float:
-    return step / float(3 ** (n - 1)) if n else 0.0
+def _width(first: float, n: int) -> float:
+    return first / float(3 ** (n - 1)) if n else 0.0
 
 
 def _steps(scene: QuantisedScene, index: int, content: TileContent) -> list[int]:
@@ -154,7 +154,7 @@ def _values(scene: QuantisedScene, index: int, content: TileContent) -> NDArray[
     with np.errstate(over="ignore", under="ignore"):
         for anchor, n in enumerate(steps):
             for column in range(columns):
-                width = _width(channel.step[column % channel.components], n)
+                width = _width(channel.first_width[column % channel.components], n)
                 flat[anchor, column] = np.float32(float(source[anchor, column]) * width)
     return out
 
@@ -175,7 +175,7 @@ def _positions(scene: QuantisedScene, tile: Tile, content: TileContent) -> NDArr
         for axis in range(3):
             at = (float(corner[axis]) + float(local[axis]) * cell) + cell / 2.0
             if residual is not None and steps is not None:
-                width = _width(channels[residual].step[axis], steps[anchor])
+                width = _width(channels[residual].first_width[axis], steps[anchor])
                 at = at + cell * (float(content.values[residual][anchor, axis]) * width)
             out[anchor, axis] = fields.origin[axis] + fields.voxel * at
     return out

@@ -1,1 +1,1 @@
-"""TODO-DOC"""
+"""Vectors that a decoder must or may refuse: sound files with one rule broken, all other checksums right."""

@@ -65,7 +65,7 @@ def _with_row(data: bytes, model: SceneModel, layer: int, row: LayerRow) -> byte
 
 def _of(channel: Channel, components: int) -> Channel:
     """The channel with so many components, all as the first."""
-    return Channel(channel.stream, channel.step[:1] * components, (ContextRule(False),) * components)
+    return Channel(channel.stream, channel.first_width[:1] * components, (ContextRule(False),) * components)
 
 
 def _channel_faults(explicit: File, anchor: File) -> Iterator[Fault]:
@@ -98,11 +98,11 @@ def _channel_faults(explicit: File, anchor: File) -> Iterator[Fault]:
 def _step_faults(static: File) -> Iterator[Fault]:
     scale = static[1].model.channels[0]
     above = math.nextafter(2.0**96, math.inf)
-    for name, what, step in (
+    for name, what, width in (
         ("zero", "0", 0.0), ("negative", "-1", -1.0), ("nan", "not a number", math.nan),
         ("infinite", "infinite", math.inf), ("large", "the next number above 2^96", above),
     ):
-        channel = replace(scale, step=(*scale.step[:2], step))
+        channel = replace(scale, first_width=(*scale.first_width[:2], width))
         yield f"step-{name}", f"a step that is {what}", *_STEP, _with_channels(static, channel)
 
 

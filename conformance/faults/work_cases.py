@@ -13,7 +13,7 @@ from conformance.files import vector_file
 from conformance.scenes.made import PLAIN, Plan, build, channel
 from conformance.writer import FrameStyle, Table, WriteOptions
 from conformance.writer.frames import BlockForm
-from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import BlockKind, Stream
@@ -49,7 +49,7 @@ def _wide_scene(count: int) -> QuantisedScene:
         Linear(np.zeros((rows, columns), np.int16), np.zeros(rows, np.float32), np.zeros(rows, np.float32))
         for columns, rows in itertools.pairwise(_WIDTHS)
     )
-    return replace(build(plan), decoder=Network(layers))
+    return replace(build(plan), decoder=QuantisedMlp(layers))
 
 
 def _check_sides(within: int, beyond: int) -> None:

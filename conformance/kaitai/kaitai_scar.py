@@ -1,4 +1,4 @@
-# Made by `make ksy` from scar.ksy, sha256 3e550dacfa8fa2e6d5624aadf719b350e366329323ebdc34fa9ca62bfb589e62
+# Made by `make ksy` from scar.ksy, sha256 905db224d070710863c266e3fe784c12ec02c440d2caa3e34f47030ba18ddfa0
 # This is a generated file! Please edit source .ksy file and use kaitai-struct-compiler to rebuild
 # type: ignore
 
@@ -151,7 +151,7 @@ class Scar(KaitaiStruct):
 
 
     class Component(KaitaiStruct):
-        """Step and context rule of a component (§8.4)."""
+        """First cell width and context rule of a component (§6.4, §8.4)."""
         def __init__(self, _io, _parent=None, _root=None):
             super(Scar.Component, self).__init__(_io)
             self._parent = _parent
@@ -159,7 +159,7 @@ class Scar(KaitaiStruct):
             self._read()
 
         def _read(self):
-            self.step = self._io.read_f8le()
+            self.first_width = self._io.read_f8le()
             self.by_class = self._io.read_u1()
             self.source_channel = self._io.read_u1()
             self.source_component = self._io.read_u1()

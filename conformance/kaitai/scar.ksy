@@ -258,9 +258,9 @@ types:
         repeat: expr
         repeat-expr: components
   component:
-    doc: Step and context rule of a component (§8.4)
+    doc: First cell width and context rule of a component (§6.4, §8.4)
     seq:
-      - id: step
+      - id: first_width
         type: f8
       - id: by_class
         type: u1

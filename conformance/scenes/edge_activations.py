@@ -11,7 +11,7 @@ from conformance.cases import Case
 from conformance.files import vector_file
 from conformance.scenes.made import ANCHOR_CHANNELS, FEATURES, PLAIN, Plan, build, channel, mlp, steady
 from conformance.scenes.prng import Prng
-from scarfmt.blocks.mlp import Network
+from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.tile import first_values
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
@@ -66,8 +66,8 @@ def _anchors(seed: str, voxel: float) -> Plan:
                 slots=3, dimension=3, codewords=(5, 5), spread=2, origin=(0.0, 0.0, 0.0), voxel=voxel)  # fmt: skip
 
 
-def _short(covariance: Network) -> Network:
+def _short(covariance: QuantisedMlp) -> QuantisedMlp:
     """Quaternions, not standard deviations, shorter."""
     first, last = covariance.layers
     factors = np.where(np.arange(len(last.scales)) % 7 < 3, 1, _SHORT).astype(np.float32)
-    return Network((first, replace(last, scales=last.scales * factors, biases=last.biases * factors)))
+    return QuantisedMlp((first, replace(last, scales=last.scales * factors, biases=last.biases * factors)))

@@ -17,12 +17,12 @@ from conformance.scenes.neural_models import (
     random_predictors,
 )
 from conformance.scenes.prng import Prng
-from scarfmt.blocks.codebooks import Codebooks
-from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import HeaderFields, Tile
 from scarfmt.container.schema import ColourSpace, CoordinateFrame, Profile, Stream
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 
 I64 = NDArray[np.int64]
@@ -83,14 +83,14 @@ def steady(layers: int, stages: int, steps: tuple[int, ...]) -> tuple[LayerRow, 
     return (LayerRow((stages,), (steps,)),) * layers
 
 
-def mlp(prng: Prng, *widths: int) -> Network:
+def mlp(prng: Prng, *widths: int) -> QuantisedMlp:
     """Random layers of these widths, weights of one byte, scales and biases exact in few bits."""
     layers = []
     for columns, rows in itertools.pairwise(widths):
         weights = prng.integers(-127, 128, (rows, columns)).astype(np.int16)
         scales = (prng.integers(1, 9, rows) / 1024).astype(np.float32)
         layers.append(Linear(weights, scales, (prng.integers(-8, 9, rows) / 16).astype(np.float32)))
-    return Network(tuple(layers))
+    return QuantisedMlp(tuple(layers))
 
 
 def build(plan: Plan) -> QuantisedScene:
@@ -173,7 +173,7 @@ def _books(prng: Prng, plan: Plan, model: SceneModel) -> Codebooks | None:
     return Codebooks(coarse, residual if model.max_stages > 1 else residual[:0])
 
 
-def _decoder(prng: Prng, plan: Plan) -> Network | None:
+def _decoder(prng: Prng, plan: Plan) -> QuantisedMlp | None:
     if not plan.dimension:
         return None
     if plan.profile == Profile.ANCHOR:
@@ -182,7 +182,7 @@ def _decoder(prng: Prng, plan: Plan) -> Network | None:
     return mlp(prng, plan.dimension, 3 * ((plan.degree + 1) ** 2 - coloured))
 
 
-def _scene_mlps(prng: Prng, plan: Plan) -> tuple[Network, ...]:
+def _scene_mlps(prng: Prng, plan: Plan) -> tuple[QuantisedMlp, ...]:
     if plan.profile == Profile.EXPLICIT:
         return ()
     return tuple(mlp(prng, FEATURES + 4, 6, width * plan.slots) for width in (1, 7, 3))

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conformance.scenes.prng import Prng
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.container.schema import Stream
 from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, Linear, amplitude, half_step
 from scarfmt.neural.grid import GridLevel, HashGrid
 from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork, Inputs
 from scarfmt.neural.predictors import AMAX, Predictor, first_use, input_width
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
 
 I64 = NDArray[np.int64]

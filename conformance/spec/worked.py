@@ -118,7 +118,7 @@ def _layer(walk: _Walk, block: Entry, channels: list[int]) -> None:
             stream = Stream(channels[-1]).name
             for component in range(walk.u8(f"{name} {stream} components")):
                 place = f"{name} {stream}[{component}]"
-                walk.f64(f"{place} step")
+                walk.f64(f"{place} first_width")
                 for field in ("by_class", "source_channel", "source_component", "shift"):
                     walk.u8(f"{place} {field}")
                 walk.svarint(f"{place} low")

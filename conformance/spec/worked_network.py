@@ -26,9 +26,9 @@ from conformance.decoders.python.neural import (
     round_shift,
     sigmoid12,
 )
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.blocks.index_network import pack_network
 from scarfmt.neural import arithmetic, network
+from scarfmt.scene.codebooks import Codebooks
 
 BOOKS = Codebooks(
     np.array([[0, 0], [37, -12], [-50, 21], [14, 60]]), np.array([[1, -1], [24, 3], [19, -9], [30, -2]])

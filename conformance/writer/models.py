@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conformance.writer.fields import RiceStyle, rice, svarint, varint
-from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
 Ints = NDArray[np.integer[Any]]
@@ -30,7 +30,8 @@ def _opening(model: SceneModel) -> bytes:
 
 
 def _channel(channel: Channel) -> bytes:
-    rules = (struct.pack("<d", step) + _rule(rule) for step, rule in zip(channel.step, channel.rules, strict=True))
+    components = zip(channel.first_width, channel.rules, strict=True)
+    rules = (struct.pack("<d", width) + _rule(rule) for width, rule in components)
     return bytes([channel.stream, len(channel.rules)]) + b"".join(rules)
 
 
@@ -52,12 +53,12 @@ def codebooks_block(books: Mapping[int, Ints], style: RiceStyle) -> bytes:
     return b"".join(out)
 
 
-def networks_content(networks: Sequence[Network], *, wide: bool) -> bytes:
+def networks_content(networks: Sequence[QuantisedMlp], *, wide: bool) -> bytes:
     """The content of a DECODER_MLP or SCENE_MLP block; `wide`: two bytes a weight always."""
     return varint(len(networks)) + b"".join(_network(network, wide) for network in networks)
 
 
-def _network(network: Network, wide: bool) -> bytes:
+def _network(network: QuantisedMlp, wide: bool) -> bytes:
     return varint(len(network.layers)) + b"".join(_linear(layer, wide) for layer in network.layers)
 
 

@@ -7,14 +7,14 @@ import itertools
 import numpy as np
 from numpy.random import Generator
 
-from scarfmt.blocks.codebooks import Codebooks
-from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import local_bits
 from scarfmt.container.file import HeaderFields, Tile
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.limits import MAX_LOCAL_BITS
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel, first_layers
 
 TILE_DEPTH = 2
@@ -173,14 +173,14 @@ def _books(rng: Generator, stages: int) -> Codebooks:
     return Codebooks(rng.integers(-60, 60, (20, LATENT)), rng.integers(-9, 9, (residual, LATENT)))
 
 
-def _scene_mlps(rng: Generator, slots: int) -> tuple[Network, ...]:
+def _scene_mlps(rng: Generator, slots: int) -> tuple[QuantisedMlp, ...]:
     inputs = FEATURES + int(rng.integers(3, 5))
     return tuple(_network(rng, (inputs, 16, width * slots)) for width in (1, 7, 3))
 
 
-def _network(rng: Generator, widths: tuple[int, ...]) -> Network:
+def _network(rng: Generator, widths: tuple[int, ...]) -> QuantisedMlp:
     layers = [
         Linear.quantised(rng.normal(size=(rows, columns)) / columns, rng.normal(size=rows) * 0.1)
         for columns, rows in itertools.pairwise(widths)
     ]
-    return Network(tuple(layers))
+    return QuantisedMlp(tuple(layers))

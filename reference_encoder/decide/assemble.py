@@ -13,10 +13,10 @@ from reference_encoder.decide.lattice import Placement
 from reference_encoder.decide.rdo import choose_values
 from reference_encoder.latent.linear import Latent
 from reference_encoder.latent.rvq import RvqResult
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.container.schema import Profile, Stream
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Channel, LayerRow, SceneModel
 
 F64 = NDArray[np.float64]

@@ -15,11 +15,11 @@ from reference_encoder.decide.layering import LayerChoice, LayerCosts
 from reference_encoder.decide.targets import Targets
 from reference_encoder.latent.linear import Latent
 from reference_encoder.latent.rvq import RvqResult
-from scarfmt.blocks.codebooks import Codebooks
-from scarfmt.blocks.mlp import Network
+from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.file import HeaderFields
 from scarfmt.container.schema import ColourSpace, CoordinateFrame, Profile, Stream
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import LayerRow, SceneModel
 
 F64 = NDArray[np.float64]
@@ -204,7 +204,7 @@ def codebooks(problem: Problem, model: SceneModel) -> Codebooks | None:
     return Codebooks(rvq.coarse, rvq.residual) if rvq is not None and model.max_stages else None
 
 
-def decoder(problem: Problem, model: SceneModel) -> Network | None:
+def decoder(problem: Problem, model: SceneModel) -> QuantisedMlp | None:
     """The latent's decoder, if `model` uses a stage or the latent channel."""
     used = bool(model.max_stages) or any(channel.stream == Stream.LATENT for channel in model.channels)
     return problem.latent.decoder if problem.latent is not None and used else None

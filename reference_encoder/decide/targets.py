@@ -91,7 +91,7 @@ def latent_units(model: SceneModel, classes: I64) -> F64 | None:
     if index is None:
         return None
     steps = model.steps(len(model.layers), index, classes)[:, None]
-    unit = np.array(model.channels[index].step) / 3.0 ** np.maximum(steps - 1, 0)
+    unit = np.array(model.channels[index].first_width) / 3.0 ** np.maximum(steps - 1, 0)
     return np.asarray(np.where(steps > 0, unit, 0.0), np.float64)
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from reference_encoder.latent.autoencoder import Autoencoder, AutoencoderOptions, Layers, Sampler, train
 from reference_encoder.latent.linear import Latent, metric_roots
 from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, quantise
-from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -160,17 +160,17 @@ def _principal(layers: Layers, z: F32, weight: F64, generator: torch.Generator) 
     return _Basis(centre, (axes * gains) @ turn, turn.T @ (axes / gains).T)
 
 
-def _stored(layers: Layers, unit: float, space: Whitened, bits: int) -> Network:
+def _stored(layers: Layers, unit: float, space: Whitened, bits: int) -> QuantisedMlp:
     """The decoder with weights of few bits, from lattice units to vectors."""
     first, last = layers[0], layers[-1]
     layers = [(first[0] * unit, first[1]), *layers[1:]]
     last = layers[-1]
     undo = space.inverse * space.scale
     layers[-1] = (undo @ last[0], undo @ last[1] + space.centre)
-    return Network(tuple(Linear.quantised(weights, biases, bits=bits) for weights, biases in layers))
+    return QuantisedMlp(tuple(Linear.quantised(weights, biases, bits=bits) for weights, biases in layers))
 
 
-def _whitened_layers(decoder: Network, space: Whitened) -> Layers:
+def _whitened_layers(decoder: QuantisedMlp, space: Whitened) -> Layers:
     """The stored decoder, from lattice units to whitened vectors."""
     layers = [(layer.matrix, layer.biases.astype(np.float64)) for layer in decoder.layers]
     weights, biases = layers[-1]
@@ -222,7 +222,7 @@ def _gauss_newton(layers: list[tuple[torch.Tensor, torch.Tensor]], x: torch.Tens
     return torch.where(better[:, None], moved, z)
 
 
-def _squared_error(decoder: Network, z: NDArray[np.floating], space: Whitened) -> F64:
+def _squared_error(decoder: QuantisedMlp, z: NDArray[np.floating], space: Whitened) -> F64:
     """(N,) squared error of the decoded (N, d) `z` in the whitened space's own units."""
     (first, *others) = _whitened_layers(decoder, space)
     error = np.empty(len(z))

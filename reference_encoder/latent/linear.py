@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -34,7 +34,7 @@ class Latent:
 
     values: F32
     weight: F32
-    decoder: Network
+    decoder: QuantisedMlp
     lost: F64
 
 
@@ -63,7 +63,7 @@ def linear_latent(vectors: F32, weight: F64, tolerance: float, metric: F64 | Non
     z = x @ basis
     # The lattice is fine against what the most visible anchors can tell, coarse enough for short codewords.
     unit = max(float(np.percentile(np.abs(z), 99.9)) / _CODEWORD_RANGE, 1e-12)
-    decoder = Network((Linear.quantised(inverse @ basis * unit, centre, bits=_DECODER_BITS),))
+    decoder = QuantisedMlp((Linear.quantised(inverse @ basis * unit, centre, bits=_DECODER_BITS),))
     lost = weight * np.maximum((x * x).sum(1) - (z * z).sum(1), 0.0)
     return Latent((z / unit).astype(np.float32), (weight * unit * unit).astype(np.float32), decoder, lost)
 

@@ -21,9 +21,9 @@ from reference_encoder.latent.leftovers import Leftovers, leftovers
 from reference_encoder.networks.dataset import IndexRows
 from reference_encoder.networks.model import IndexModel
 from reference_encoder.networks.view import NetworkView
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
+from scarfmt.scene.codebooks import Codebooks
 
 I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from reference_encoder.decide.assemble import cell_widths
 from reference_encoder.decide.decision import Decision, Plans, Problem, leading
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.container.schema import Stream
 from scarfmt.scene.activation import opacity_logits, spherical_harmonics_from_colour
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.rotation import quaternion_from
 
@@ -33,7 +33,7 @@ def reconstructed(positions: F64, sh_degree: int, problem: Problem, decision: De
     model, last = decision.model, decision.model.layers[-1]
     steps, kinds = np.array(last.steps), decision.classes
     values = {
-        channel.stream: decision.finals[channel.stream] * cell_widths(channel.step, steps[:, index])[kinds]
+        channel.stream: decision.finals[channel.stream] * cell_widths(channel.first_width, steps[:, index])[kinds]
         for index, channel in enumerate(model.channels)
     }
     return _scene(positions, sh_degree, problem, values, np.array(last.stages)[kinds], np.arange(len(positions)))

@@ -1,1 +1,1 @@
-"""Training of the neural entropy model (encoder side; SPEC §10 is what it trains for)."""
+"""Training the integer networks, and keeping those that make the file smaller (SPEC §10; paper §3.4, §3.5)."""

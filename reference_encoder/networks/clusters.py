@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.scene.codebooks import Codebooks
 
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import TileFrame
 from scarfmt.neural.context import CellMeans, count_features, depth_shifts, fine, passes
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
 from scarfmt.scene.morton import deinterleave
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from reference_encoder.networks.head import HeadModel
 from reference_encoder.networks.layers import Dense
 from reference_encoder.networks.model import AttentionModel, GruModel, IndexModel
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork, Inputs
+from scarfmt.scene.codebooks import Codebooks
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]

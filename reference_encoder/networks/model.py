@@ -29,7 +29,7 @@ from reference_encoder.networks.integers import (
     tanh12,
 )
 from reference_encoder.networks.layers import Dense, Scale, geometric_bits, whole
-from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.scene.codebooks import Codebooks
 
 I64 = NDArray[np.int64]
 

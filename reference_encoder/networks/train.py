@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from reference_encoder.networks.dataset import IndexRows
 from reference_encoder.networks.grid import BinaryGrid, Lookup
 from reference_encoder.networks.model import Batch, IndexModel, InputStatistics, NetworkShape
-from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.scene.codebooks import Codebooks
 
 I64 = NDArray[np.int64]
 

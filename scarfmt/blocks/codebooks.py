@@ -1,14 +1,9 @@
 """CODEBOOKS block: the RVQ codewords first needed in a layer (SPEC §7.8; paper §3.2, dual codebook).
 
-Codebook 0 is the coarse one of stage 1, codebook 1 the residual one shared by all later stages. Codewords
-are integers on one common step, so the latent z = sum of codewords is exact. Each dimension is Rice-coded by
-itself: trailing dimensions of a decorrelated latent hold small numbers.
+Each dimension is Rice-coded by itself: trailing dimensions of a decorrelated latent hold small numbers.
 """
 
 from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,51 +11,11 @@ from numpy.typing import NDArray
 from scarfmt.container.bytefields import ByteReader, unsigned_varint
 from scarfmt.entropy.rice import pack_rice, unpack_rice
 from scarfmt.errors import Malformed
+from scarfmt.scene.codebooks import MAX_CODEWORDS, MAX_LATENT
 
 I64 = NDArray[np.int64]
 
-MAX_CODEWORDS = 4096
-MAX_LATENT = 64
 MAX_VALUE = 65535
-
-
-@dataclass(frozen=True)
-class Codebooks:
-    """The two codebooks; an empty one has shape (0, d).
-
-    Attributes:
-        coarse: (n1, d) int64 codewords of stage 1.
-        residual: (n2, d) int64 codewords of later stages.
-    """
-
-    coarse: I64
-    residual: I64
-
-    @property
-    def dimension(self) -> int:
-        """d, latent dimensions."""
-        return int(self.coarse.shape[1])
-
-    @property
-    def sizes(self) -> tuple[int, int]:
-        """Codewords in each book."""
-        return len(self.coarse), len(self.residual)
-
-    def latents(self, indices: NDArray[np.integer[Any]], stages: I64, columns: int | None = None) -> I64:
-        """(n, d) int64 sums of the codewords of each anchor's first `stages` indices (SPEC §9.2).
-
-        Args:
-            indices: (n, M) int64.
-            stages: (n,) int64 stages received, 0..M.
-            columns: how many leading dimensions are wanted, None for all.
-        """
-        z = np.zeros((len(indices), self.dimension if columns is None else columns), np.int64)
-        for stage in range(indices.shape[1]):
-            chosen = np.flatnonzero(stages > stage)
-            book = (self.residual if stage else self.coarse)[:, : z.shape[1]]
-            if len(chosen):
-                z[chosen] += book.take(indices[chosen, stage], axis=0)
-        return z
 
 
 def pack_codebooks(books: dict[int, I64]) -> bytes:

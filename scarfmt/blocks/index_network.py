@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import MAX_CODEWORDS
 from scarfmt.container.bytefields import ByteReader, unsigned_varint
 from scarfmt.entropy.rice import pack_rice, pack_shifted, unpack_rice, unpack_shifted
 from scarfmt.errors import Malformed
@@ -30,6 +29,7 @@ from scarfmt.neural.network import (
     IndexNetwork,
     Inputs,
 )
+from scarfmt.scene.codebooks import MAX_CODEWORDS
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]

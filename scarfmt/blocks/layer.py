@@ -43,8 +43,8 @@ def pack_layer(row: LayerRow, opening: Opening | None) -> bytes:
 
 def _pack_channel(channel: Channel) -> bytes:
     out = [bytes([channel.stream, channel.components])]
-    for step, rule in zip(channel.step, channel.rules, strict=True):
-        out.append(struct.pack("<d", step))
+    for width, rule in zip(channel.first_width, channel.rules, strict=True):
+        out.append(struct.pack("<d", width))
         out.append(bytes([rule.by_class, rule.source_channel, rule.source_component, rule.shift]))
         out.append(signed_varint(rule.low))
     return b"".join(out)
@@ -85,11 +85,11 @@ def _read_channel(reader: ByteReader) -> Channel:
     stream, components = reader.take(2)
     if stream not in CHANNEL_STREAMS or not 1 <= components <= MAX_COMPONENTS:
         raise Malformed("bad-channel", f"no channel has stream {stream} and {components} components", field="channels")
-    steps, rules = [], []
+    widths, rules = [], []
     for _ in range(components):
-        steps.append(struct.unpack("<d", reader.take(8))[0])
+        widths.append(struct.unpack("<d", reader.take(8))[0])
         by_class, source_channel, source_component, shift = reader.take(4)
         if by_class > 1:
             raise Malformed("bad-channel", "by_class is not 0 or 1 (SPEC §8.4)", field="channels")
         rules.append(ContextRule(bool(by_class), source_channel, source_component, reader.signed(33), shift))
-    return Channel(Stream(stream), tuple(steps), tuple(rules))
+    return Channel(Stream(stream), tuple(widths), tuple(rules))

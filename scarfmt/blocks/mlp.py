@@ -57,7 +57,7 @@ class Linear:
 
 
 @dataclass(frozen=True)
-class Network:
+class QuantisedMlp:
     """A chain of layers, ReLU between them."""
 
     layers: tuple[Linear, ...]
@@ -84,7 +84,7 @@ class Network:
         return y.astype(dtype, copy=False)
 
 
-def pack_networks(networks: tuple[Network, ...]) -> bytes:
+def pack_networks(networks: tuple[QuantisedMlp, ...]) -> bytes:
     """The payload of a DECODER_MLP or SCENE_MLP block."""
     out = [unsigned_varint(len(networks))]
     for network in networks:
@@ -98,7 +98,7 @@ def pack_networks(networks: tuple[Network, ...]) -> bytes:
     return compress(b"".join(out))
 
 
-def unpack_networks(payload: bytes, limit: int = MAX_MLP_BYTES) -> tuple[Network, ...]:
+def unpack_networks(payload: bytes, limit: int = MAX_MLP_BYTES) -> tuple[QuantisedMlp, ...]:
     """The inverse of :func:`pack_networks`.
 
     Raises:
@@ -111,7 +111,7 @@ def unpack_networks(payload: bytes, limit: int = MAX_MLP_BYTES) -> tuple[Network
     return networks
 
 
-def _read_network(reader: ByteReader) -> Network:
+def _read_network(reader: ByteReader) -> QuantisedMlp:
     layers: list[Linear] = []
     for _ in range(reader.count(MAX_LAYERS)):
         rows, columns, width = reader.count(MAX_WIDTH), reader.count(MAX_WIDTH), reader.take(1)[0]
@@ -124,4 +124,4 @@ def _read_network(reader: ByteReader) -> Network:
         layers.append(Linear(weights.astype(np.int16), scales.astype(np.float32), biases.astype(np.float32)))
     if not layers:
         raise Malformed("bad-mlp", "a network needs a layer (SPEC §7.9)", field="mlp")
-    return Network(tuple(layers))
+    return QuantisedMlp(tuple(layers))

@@ -1,6 +1,5 @@
-"""One module per sub-stream, its two directions side by side (SPEC §7).
+"""Codecs of the sub-streams of a TILE block, encode and decode side by side (SPEC §7.2-§7.7).
 
-Every codec is a pair of functions over the interface of :mod:`scarfmt.entropy.symbols`: `put_*` hands groups of
-symbols to an `Emitter` (which counts them, or codes them), `get_*` takes the same groups, in the same
-order, from a `SymbolReader`.
+Each puts symbols into an emitter or gets them from a reader of symbols; none knows of bytes, of blocks, or of the
+compiled kernel.
 """

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt import kernel
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.coding.counters import Part
 from scarfmt.entropy.symbols import Emitter, GroupEmitter, SymbolReader
 from scarfmt.kernel.cells import KernelCellSums
@@ -28,6 +27,7 @@ from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.products import NetworkWork, grid_products
+from scarfmt.scene.codebooks import Codebooks
 
 I16 = NDArray[np.int16]
 I32 = NDArray[np.int32]

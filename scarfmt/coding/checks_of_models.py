@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from scarfmt.blocks.codebooks import Codebooks
-from scarfmt.blocks.mlp import Network
+from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import Malformed
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
 
 OUTPUTS_PER_SLOT = (1, 7, 3)
@@ -16,7 +16,7 @@ OUTPUTS_PER_SLOT = (1, 7, 3)
 
 
 def check_networks(
-    fields: HeaderFields, model: SceneModel, decoder: Network | None, scene_mlps: tuple[Network, ...]
+    fields: HeaderFields, model: SceneModel, decoder: QuantisedMlp | None, scene_mlps: tuple[QuantisedMlp, ...]
 ) -> None:
     """Check the networks against the profile.
 
@@ -69,7 +69,7 @@ def network_coefficients(sh_degree: int, model: SceneModel) -> int:
     return int((sh_degree + 1) ** 2) - (model.channel_index(Stream.COLOUR) is not None)
 
 
-def _check_outputs(network: Network, outputs: int, field: str) -> None:
+def _check_outputs(network: QuantisedMlp, outputs: int, field: str) -> None:
     if network.outputs != outputs:
         raise _bad(f"a network gives {network.outputs} values, not {outputs}", field)
 

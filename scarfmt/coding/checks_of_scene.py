@@ -8,11 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.codecs.channels import REACH, VALUE_LIMIT, cell_widths, coarsen
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import InvalidInput
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel, first_layers
 
 I64 = NDArray[np.int64]
@@ -92,5 +92,5 @@ def _check_values(model: SceneModel, index: int, content: TileContent) -> None:
     for layer in range(1, len(model.layers) + 1):
         steps = model.steps(layer, index, content.classes)
         coarse = coarsen(values, (last - steps)[:, None])
-        inside = bool((np.abs(coarse * cell_widths(channel.step, steps)) <= REACH).all())
+        inside = bool((np.abs(coarse * cell_widths(channel.first_width, steps)) <= REACH).all())
         _require(inside, f"a position residual of layer {layer} leaves -1..1 cells", "values")

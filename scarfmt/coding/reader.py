@@ -17,11 +17,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks, unpack_codebooks
+from scarfmt.blocks.codebooks import unpack_codebooks
 from scarfmt.blocks.hash_grid import unpack_grid
 from scarfmt.blocks.index_network import unpack_network
 from scarfmt.blocks.layer import Opening, unpack_layer
-from scarfmt.blocks.mlp import Network, unpack_networks
+from scarfmt.blocks.mlp import QuantisedMlp, unpack_networks
 from scarfmt.blocks.predictors import unpack_predictors
 from scarfmt.codecs.neural_indices import index_coder
 from scarfmt.coding.checks_of_models import check_index_network, check_networks
@@ -42,6 +42,7 @@ from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.predictors import Predictor, check_predictors
 from scarfmt.neural.products import NetworkWork
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import DecodedContext, Lattice, LayerRow, SceneModel, first_layers, first_neural_layer
 
 ALL_STREAMS = frozenset(Stream) - {Stream.MODELS, Stream.FRAMING}
@@ -118,8 +119,8 @@ class SceneModels:
     model: SceneModel
     tables: tuple[StaticTables, ...]
     codebooks: Codebooks | None
-    decoder: Network | None
-    scene_mlps: tuple[Network, ...]
+    decoder: QuantisedMlp | None
+    scene_mlps: tuple[QuantisedMlp, ...]
     predictors: tuple[dict[tuple[int, int, int], Predictor], ...] = ()
     network: IndexNetwork | None = None
     grid: HashGrid | None = None
@@ -449,7 +450,7 @@ def _predictors(model: SceneModel, blocks: _ModelBlocks) -> tuple[dict[tuple[int
     return tuple(out)
 
 
-def _latent_models(model: SceneModel, blocks: _ModelBlocks) -> tuple[Codebooks | None, Network | None]:
+def _latent_models(model: SceneModel, blocks: _ModelBlocks) -> tuple[Codebooks | None, QuantisedMlp | None]:
     """Codebooks and latent decoder, each from the layer that first needs it."""
     starts = first_layers(model)
     if starts[2] is None:

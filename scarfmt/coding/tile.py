@@ -305,7 +305,7 @@ def get_layer(
             context.settle(index, content.values[index], steps[1])
         # What this layer leaves as it was has been checked.
         if channel.stream == Stream.POSITION_RESIDUAL and not np.array_equal(*steps):
-            check_reach(content.values[index], channel.step, steps[1])
+            check_reach(content.values[index], channel.first_width, steps[1])
     if Stream.INDICES in wanted:
         with _opened(open_stream, Stream.INDICES) as reader:
             stages = model.stages(layer - 1, classes), model.stages(layer, classes)

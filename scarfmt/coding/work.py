@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks
-from scarfmt.blocks.mlp import Network
+from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.directory import Table
 from scarfmt.container.schema import BlockKind, Profile, Stream
@@ -25,6 +24,7 @@ from scarfmt.limits import FREE_CONTENT, FREE_WORK, Limits
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import LayerRow, SceneModel
 
 I64 = NDArray[np.int64]
@@ -113,7 +113,7 @@ class DeclaredWork:
         network: IndexNetwork | None,
         books: Codebooks | None,
         grid: HashGrid | None,
-        networks: tuple[Network, ...],
+        networks: tuple[QuantisedMlp, ...],
     ) -> None:
         self._model, self._predictors = model, predictors
         self._tables = list(_by_step(tables))

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks, pack_codebooks
+from scarfmt.blocks.codebooks import pack_codebooks
 from scarfmt.blocks.hash_grid import pack_grid
 from scarfmt.blocks.index_network import pack_network
 from scarfmt.blocks.layer import pack_layer
-from scarfmt.blocks.mlp import Network, pack_networks
+from scarfmt.blocks.mlp import QuantisedMlp, pack_networks
 from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.codecs.channels import coarsen
 from scarfmt.codecs.neural_indices import IndexCoder, index_coder
@@ -47,6 +47,7 @@ from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel, first_layers, first_neural_layer
 
 Report = Callable[[str, float], None]
@@ -79,8 +80,8 @@ class QuantisedScene:
     tiles: tuple[Tile, ...]
     contents: tuple[TileContent, ...]
     codebooks: Codebooks | None = None
-    decoder: Network | None = None
-    scene_mlps: tuple[Network, ...] = ()
+    decoder: QuantisedMlp | None = None
+    scene_mlps: tuple[QuantisedMlp, ...] = ()
     metadata: Mapping[str, Any] = field(default_factory=dict)
     predictors: Mapping[int, tuple[Predictor, ...]] = field(default_factory=dict)
     network: IndexNetwork | None = None

@@ -1,1 +1,12 @@
-"""TODO-DOC"""
+"""The container of a file: header, tile table, directory, blocks as opaque bytes (SPEC §5).
+
+    source      where bytes come from: a file, memory, a URL, by ranges
+    schema      every fixed record, declared with `construct`; the tables of SPEC §5 are made from it
+    header      signature, version, header, layer summaries, with their checks in SPEC's order
+    directory   tile table and directory
+    file        a whole container: opened, blocks read by range; written
+    substreams  the table at the front of a TILE block
+    bytefields  varints and counts of block contents; zstd_frame: the frames round some of them
+
+Nothing here knows what a block holds. Imports nothing but `scarfmt.errors` and `scarfmt.limits`.
+"""

@@ -1,1 +1,6 @@
-"""TODO-DOC"""
+"""Entropy coding: symbols, the tables that code them, rANS (SPEC §8), Rice codes (SPEC §5.9).
+
+Codecs hand groups of symbols to an emitter: one that counts, to learn tables, or one that codes. Reading is the
+mirror image. rANS itself is `constriction`'s coder with integer frequencies, defined in SPEC §8.2; a textbook version
+beside it is the test.
+"""

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel.indices import Layer, PackedNetwork, Parts
 from scarfmt.kernel.rans import PackedMembers
@@ -23,6 +22,7 @@ from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Array, NumpyOperations, Operations
 from scarfmt.neural.parts import GATES, Attending, Logits, Predicting, Recurrence, Rounded
 from scarfmt.neural.tables import exp2_table
+from scarfmt.scene.codebooks import Codebooks
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import MAX_CODEWORDS, Codebooks
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import (
     ACCUMULATOR_LIMIT,
@@ -27,6 +26,7 @@ from scarfmt.neural.arithmetic import (
     check_rows,
     round_shift,
 )
+from scarfmt.scene.codebooks import MAX_CODEWORDS, Codebooks
 from scarfmt.scene.model import MAX_CLASSES
 
 I32 = NDArray[np.int32]

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.coding.counters import Counters, Part
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
+from scarfmt.scene.codebooks import Codebooks
 
 Ints = NDArray[np.integer[Any]]
 

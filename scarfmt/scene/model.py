@@ -44,7 +44,7 @@ MAX_PASSES_LOG2 = 3
 MAX_DEPTHS = 4
 MAX_OCCUPANCY = 65535
 
-MAX_STEP = 2.0**96
+MAX_FIRST_WIDTH = 2.0**96
 """With |v| < 2^31 it keeps every channel value a finite binary32, whatever symbols are decoded."""
 
 # Components of each channel a profile may have; None: as many as the latent has dimensions.
@@ -84,16 +84,17 @@ class ContextRule:
 
 @dataclass(frozen=True)
 class Channel:
-    """A quantised attribute (SPEC §6.4): value = v * step / 3^(n - 1) after n ternary steps.
+    """A quantised attribute (SPEC §6.4): value = v * first_width / 3^(n - 1) after n ternary steps.
 
     Attributes:
         stream: the sub-stream that carries it, one of `CHANNEL_STREAMS`.
-        step: one a component: width of the first quantiser cell, in units of the attribute; above 0, at most 2^96.
+        first_width: one a component: width of the cells of the first step, in units of the attribute; above 0, at
+            most 2^96.
         rules: one context rule a component; their number is the number of components.
     """
 
     stream: Stream
-    step: tuple[float, ...]
+    first_width: tuple[float, ...]
     rules: tuple[ContextRule, ...]
 
     @property
@@ -274,7 +275,7 @@ def check_channels(channels: tuple[Channel, ...], profile: Profile) -> None:
 
     Raises:
         Malformed: ``bad-channel`` for streams that do not ascend or that the profile does not have, a wrong number
-            of components, a step out of range, or a context source that is not coded earlier.
+            of components, a first width out of range, or a context source that is not coded earlier.
     """
     streams = [channel.stream for channel in channels]
     sizes = _COMPONENTS[profile]
@@ -286,8 +287,9 @@ def check_channels(channels: tuple[Channel, ...], profile: Profile) -> None:
         name, expected = channel.stream.name, sizes[channel.stream]
         if not 1 <= channel.components <= MAX_COMPONENTS or expected not in (None, channel.components):
             raise _bad_channel(f"{name} has {channel.components} components, not {expected or '1..64'} (SPEC §6.4)")
-        if len(channel.step) != channel.components or not all(0 < step <= MAX_STEP for step in channel.step):
-            raise _bad_channel(f"{name}: steps must be above 0 and at most 2^96 (SPEC §6.4)")
+        widths = channel.first_width
+        if len(widths) != channel.components or not all(0 < width <= MAX_FIRST_WIDTH for width in widths):
+            raise _bad_channel(f"{name}: first widths must be above 0 and at most 2^96 (SPEC §6.4)")
         for component, rule in enumerate(channel.rules):
             _check_rule(rule, channels, (index, component))
 

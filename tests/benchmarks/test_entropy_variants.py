@@ -14,7 +14,7 @@ from benchmarks.entropy_variants import BranchedMlp, GruOnly, StageMlp, build_va
 from reference_encoder.networks.dataset import IndexRows
 from reference_encoder.networks.model import Batch, IndexModel, NetworkShape
 from reference_encoder.networks.train import Examples, TrainOptions, measure, train
-from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.scene.codebooks import Codebooks
 
 I64 = NDArray[np.int64]
 KINDS: tuple[type[IndexModel], ...] = (StageMlp, BranchedMlp, GruOnly)

@@ -19,10 +19,10 @@ from reference_encoder.decide import lattice
 from reference_encoder.networks import defaults
 from reference_encoder.networks import smallest_file as neural
 from scarfmt import kernel
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.coding.counters import Coding, Counters, Part
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
+from scarfmt.scene.codebooks import Codebooks
 from tests.samples.neural_scenes import neural_scene
 
 DECODE = {"min": 0.5, "median": 0.6, "cpu": 0.4, "peak_bytes": 1 << 20, "runs": 3}

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scarfmt.blocks.mlp import MAX_LAYERS, MAX_NETWORKS, MAX_WIDTH, Linear, Network, pack_networks, unpack_networks
+from scarfmt.blocks.mlp import MAX_LAYERS, MAX_NETWORKS, MAX_WIDTH, Linear, QuantisedMlp, pack_networks, unpack_networks
 from scarfmt.container.bytefields import compress, unsigned_varint
 from scarfmt.errors import LimitExceeded, ScarError
 from tests.samples.codec_samples import refuses
 
 
-def network(seed: int, widths: list[int], bits: int = 8) -> Network:
+def network(seed: int, widths: list[int], bits: int = 8) -> QuantisedMlp:
     rng = np.random.default_rng(seed)
-    return Network(
+    return QuantisedMlp(
         tuple(
             Linear.quantised(rng.normal(size=(rows, columns)), rng.normal(size=rows), bits)
             for columns, rows in itertools.pairwise(widths)
@@ -26,7 +26,7 @@ def network(seed: int, widths: list[int], bits: int = 8) -> Network:
     )
 
 
-def same(found: tuple[Network, ...], wanted: tuple[Network, ...]) -> bool:
+def same(found: tuple[QuantisedMlp, ...], wanted: tuple[QuantisedMlp, ...]) -> bool:
     pairs = list(zip(found, wanted, strict=True))
     return all(
         np.array_equal(getattr(a, name), getattr(b, name)) and getattr(a, name).dtype == getattr(b, name).dtype
@@ -55,7 +55,7 @@ def test_the_extremes_of_both_widths_come_back(extreme: int) -> None:
     """A weight that does not fit a byte makes its layer wide, -32768 too."""
     weights = np.array([[1, extreme], [0, 0]], np.int16)
     layer = Linear(weights, np.array([0.5, 0], np.float32), np.array([0, -3], np.float32))
-    assert same(unpack_networks(pack_networks((Network((layer,)),))), (Network((layer,)),))
+    assert same(unpack_networks(pack_networks((QuantisedMlp((layer,)),))), (QuantisedMlp((layer,)),))
 
 
 def block(*layers: bytes, networks: int = 1, count: int | None = None) -> bytes:

@@ -135,7 +135,7 @@ _INTERRUPTED = """
 import os, signal, sys
 from pathlib import Path
 from scarfmt import cli as command
-import scarfmt.truncate
+import scarfmt.tools.truncate
 # A test run in the background of a shell hands down that SIGINT is ignored.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 def interrupted(source, layers, target):

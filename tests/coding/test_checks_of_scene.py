@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scarfmt.blocks.codebooks import Codebooks
-from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import InvalidInput
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
 from tests.samples.scene_samples import random_scene
 
@@ -116,8 +116,8 @@ def test_first_values_of_other_values_are_not_written() -> None:
     refuses(changed(change, refresh=False), "first-step")
 
 
-def network(inputs: int, outputs: int) -> Network:
-    return Network((Linear.quantised(np.ones((outputs, inputs)), np.zeros(outputs)),))
+def network(inputs: int, outputs: int) -> QuantisedMlp:
+    return QuantisedMlp((Linear.quantised(np.ones((outputs, inputs)), np.zeros(outputs)),))
 
 
 def test_models_no_reader_would_accept_are_not_written() -> None:
@@ -137,4 +137,4 @@ def test_models_no_reader_would_accept_are_not_written() -> None:
     refuses(replace(SCENE, decoder=network(decoder.inputs + 1, decoder.outputs)), "bad-mlp")
     refuses(replace(SCENE, scene_mlps=SCENE.scene_mlps[:2]), "bad-mlp")
     bad = Linear(np.ones((1, 1), np.int16), np.array([np.inf], np.float32), np.zeros(1, np.float32))
-    refuses(replace(SCENE, scene_mlps=(Network((bad,)), *SCENE.scene_mlps[1:])), "bad-mlp")
+    refuses(replace(SCENE, scene_mlps=(QuantisedMlp((bad,)), *SCENE.scene_mlps[1:])), "bad-mlp")

@@ -42,7 +42,7 @@ from scarfmt.tools.truncate import truncate
 from tests.samples.neural_scenes import neural_scene
 from tests.samples.scene_samples import random_scene
 
-VECTORS = Path(__file__).resolve().parents[1] / "conformance" / "vectors"
+VECTORS = Path(__file__).resolve().parents[2] / "conformance" / "vectors"
 VALID = sorted((VECTORS / "valid").glob("*/input.scar"))
 NAMES = [path.parent.name for path in VALID]
 ALWAYS = {Stream.POSITIONS, Stream.CLASSES, Stream.MASKS}

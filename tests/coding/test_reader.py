@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.blocks.codebooks import pack_codebooks
-from scarfmt.blocks.mlp import Linear, Network, pack_networks
+from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
 from scarfmt.container.bytefields import compress
@@ -233,8 +233,8 @@ def replaced(kind: BlockKind, change: Callable[[bytes], bytes], layer: int = 1) 
     return rebuilt(DATA, map(altered, blocks_of(DATA)))
 
 
-def _network(inputs: int) -> Network:
-    return Network((Linear.quantised(np.ones((3, inputs)), np.zeros(3)),))
+def _network(inputs: int) -> QuantisedMlp:
+    return QuantisedMlp((Linear.quantised(np.ones((3, inputs)), np.zeros(3)),))
 
 
 def _books(*numbers: int, dimension: int, size: int = 20) -> bytes:

@@ -15,9 +15,8 @@ from hypothesis import strategies as st
 from numpy.random import Generator
 
 from reference_decoder.decode import decode
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.blocks.layer import pack_layer
-from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.checks_of_models import OUTPUTS_PER_SLOT
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent, first_values
@@ -28,6 +27,7 @@ from scarfmt.container.schema import BlockKind, Profile, Stream, header_length
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError, Truncated, Unsupported
 from scarfmt.limits import FORMAT_LIMITS
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 from scarfmt.tools.truncate import truncate
 from tests.samples.file_surgery import blocks_of, read_everything, rebuilt, resealed, resealed_tile, same_content
@@ -58,9 +58,9 @@ def tiny_scene(profile: Profile) -> QuantisedScene:
     return QuantisedScene(fields, model, (Tile(1, 0, 0),), (content,), books, decoder, nets, {"a": 1})
 
 
-def _net(*widths: int) -> Network:
+def _net(*widths: int) -> QuantisedMlp:
     pairs = itertools.pairwise(widths)
-    return Network(tuple(Linear.quantised(np.ones((rows, columns)), np.zeros(rows)) for columns, rows in pairs))
+    return QuantisedMlp(tuple(Linear.quantised(np.ones((rows, columns)), np.zeros(rows)) for columns, rows in pairs))
 
 
 SMALL = {profile: write_scene(tiny_scene(profile)) for profile in Profile}

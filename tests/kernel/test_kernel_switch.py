@@ -22,8 +22,8 @@ _DECODE = """
 import hashlib, sys
 {before}
 from scarfmt import kernel
-from scarfmt.reader import SceneReader
-from scarfmt.source import BytesSource
+from scarfmt.coding.reader import SceneReader
+from scarfmt.container.source import BytesSource
 reader = SceneReader(BytesSource(open(sys.argv[1], "rb").read()))
 found = hashlib.sha256()
 for _, content in reader.tiles(reader.models()):

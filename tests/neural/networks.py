@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from fuzz.testing.networks import random_books, random_network
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.neural.network import IndexNetwork, Inputs
+from scarfmt.scene.codebooks import Codebooks
 
 __all__ = ["Case", "cases", "random_books", "random_network"]
 

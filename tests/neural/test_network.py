@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.network import MAX_TOKENS, GruLayer, Head, IndexNetwork, Inputs
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import MAX_STAGES
 from tests.neural.networks import Case, cases, random_books, random_network
 

@@ -176,7 +176,7 @@ def test_position_far_outside_its_tile_is_refused() -> None:
     """Culling by tile boxes is right only if residuals cannot carry an anchor away: a forged step tries to."""
     scene = next(s for s in (random_scene(seed) for seed in range(50)) if _has_residual(s))
     model = scene.model
-    channels = (replace(model.channels[0], step=(400.0,) * 3), *model.channels[1:])
+    channels = (replace(model.channels[0], first_width=(400.0,) * 3), *model.channels[1:])
     payload = pack_layer(model.layers[0], (channels, model.context))
     data = rebuilt(
         write_scene(scene),

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from reference_decoder.dequantise import cell_widths, channel_values, latents, offset_values, positions, tile_boxes
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.container.directory import Tile, tile_table
 from scarfmt.errors import Malformed
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Lattice
 from scarfmt.scene.morton import interleave
 

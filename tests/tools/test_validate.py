@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scarfmt.blocks.mlp import Linear, Network, pack_networks
+from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.bytefields import compress
@@ -219,8 +219,8 @@ def test_a_sub_stream_that_breaks_its_own_checksum_is_told(explicit: bytes) -> N
     assert refusals(check(rebuilt(explicit, damage))) == ["crc-mismatch"]
 
 
-def network(inputs: int, outputs: int) -> Network:
-    return Network((Linear.quantised(np.ones((outputs, inputs)), np.zeros(outputs)),))
+def network(inputs: int, outputs: int) -> QuantisedMlp:
+    return QuantisedMlp((Linear.quantised(np.ones((outputs, inputs)), np.zeros(outputs)),))
 
 
 def test_scene_networks_must_fit_the_slots(anchor: bytes) -> None:

@@ -6,7 +6,7 @@ import { Reader } from "./bytes.js";
 
 /**
  * The context rule of a component, §8.4.
- * @typedef {{step: number, by_class: number, source_channel: number, source_component: number, shift: number,
+ * @typedef {{first_width: number, by_class: number, source_channel: number, source_component: number, shift: number,
  *   low: number}} Rule
  * @typedef {{stream: number, components: number, rules: Rule[]}} Channel
  * @typedef {{passes_log2: number, targets: number[]}} DecodedContext §10.2
@@ -96,13 +96,13 @@ function readChannel(reader) {
   const components = reader.u8();
   reader.demand(components >= 1 && components <= 64, "bad-channel", `${components} components`);
   const rules = Array.from({ length: components }, () => {
-    const step = reader.f64();
+    const first_width = reader.f64();
     const by_class = reader.u8();
     reader.demand(by_class <= 1, "bad-channel", `by_class ${by_class}`);
     const source_channel = reader.u8();
     const source_component = reader.u8();
     const shift = reader.u8();
-    return { step, by_class, source_channel, source_component, shift, low: reader.svarint(33) };
+    return { first_width, by_class, source_channel, source_component, shift, low: reader.svarint(33) };
   });
   return { stream, components, rules };
 }
@@ -136,7 +136,7 @@ export function checkChannels(channels, profile) {
     const wanted = allowed.get(stream);
     bad(wanted !== undefined, `stream kind ${stream} is not of the profile`);
     bad(wanted === 0 || wanted === components, `${components} components of stream kind ${stream}`);
-    for (const { step } of rules) bad(step > 0 && step <= 2 ** 96, `step ${step}`);
+    for (const { first_width: w } of rules) bad(w > 0 && w <= 2 ** 96, `first width ${w}`);
     rules.forEach((rule, j) => bad(ruleFits(channels, i, j, rule), `context rule of component ${j} of channel ${i}`));
   });
   for (const needed of NEEDED[profile]) {

@@ -42,7 +42,7 @@ export function channelValues(tile, i) {
   const v = tile.v[i];
   const out = new Float32Array(v.length);
   if (stream === STREAM.OFFSETS) {
-    for (let at = 0; at < v.length; at++) out[at] = v[at] * rules[at % components].step;
+    for (let at = 0; at < v.length; at++) out[at] = v[at] * rules[at % components].first_width;
     return out;
   }
   const weights = tile.stepWeights(tile.models.layers, i);

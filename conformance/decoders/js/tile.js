@@ -223,7 +223,7 @@ export class Tile {
     const steps = this.models.rows[k].steps[i];
     return Float64Array.from({ length: steps.length * rules.length }, (_, at) => {
       const n = steps[Math.floor(at / rules.length)];
-      return n === 0 ? 0 : rules[at % rules.length].step / 3 ** (n - 1);
+      return n === 0 ? 0 : rules[at % rules.length].first_width / 3 ** (n - 1);
     });
   }
 

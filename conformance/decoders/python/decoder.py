@@ -129,7 +129,7 @@ class Channel(NamedTuple):
     """A row of the channel table (SPEC §6.4)."""
 
     stream: int
-    steps: list[float]
+    first_widths: list[float]
     rules: list[Rule]
 
 
@@ -158,7 +158,7 @@ def parse_layer(block: bytes, k: int, opening: Opening) -> tuple[Row, Opening]:
             stream, components = reader.fields("BB")
             channel = Channel(stream, [], [])
             for _ in range(components):
-                channel.steps.append(reader.fields("d")[0])
+                channel.first_widths.append(reader.fields("d")[0])
                 by_class, source, component, shift = reader.fields("4B")
                 channel.rules.append(Rule(by_class, source, component, shift, reader.svarint(33)))
             channels.append(channel)
@@ -458,7 +458,7 @@ class Decoder:
     # ------------------------------------------------------------------------------------------ 9 reconstruction
 
     def width(self, i: int, j: int, n: int) -> float:
-        return self.channels[i].steps[j] / float(3 ** (n - 1)) if n else 0.0
+        return self.channels[i].first_widths[j] / float(3 ** (n - 1)) if n else 0.0
 
     def positions(self, number: int, tile: Tile) -> list[list[float]]:
         depth, shift, _, prefix = self.tiles[number]

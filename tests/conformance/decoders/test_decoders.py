@@ -62,7 +62,7 @@ def test_the_suite_notices_a_decoder_that_drops_a_bit(tmp_path):
     wrong = tmp_path / "wrong.py"
     wrong.write_text(
         "import sys\n"
-        "from reference_decoder import answers\n"
+        "from scarfmt_conformance.reference import answers\n"
         "exact = answers._exact\n"
         "answers._exact = lambda arrays: exact(\n"
         "    {name: array ^ 1 if name == 'v.OPACITY' else array for name, array in arrays.items()})\n"

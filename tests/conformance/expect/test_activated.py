@@ -21,7 +21,7 @@ from conformance.expect.activated import (
 )
 from conformance.expect.expectations import expected_layers
 from conformance.scenes.made import build, static_plans
-from scarfmt.blocks.mlp import Linear, Network
+from scarfmt.blocks.mlp import Linear, QuantisedMlp
 
 
 def linear(weights: list[list[int]], scales: list[float], biases: list[float]) -> Linear:
@@ -59,7 +59,7 @@ def test_a_network_and_its_magnitude() -> None:
     first = linear([[2, -1], [-3, 0]], [0.5, 1], [1, -2])
     second = linear([[1, -4]], [0.25], [-1])
     x = np.array([[1.0, 8.0], [-1.0, 0.0]])
-    reference, magnitude = network(Network((first, second)), x, np.abs(x))
+    reference, magnitude = network(QuantisedMlp((first, second)), x, np.abs(x))
     # Hidden: 1 - 4 + 1 and -3 - 2, then -1 + 1 and 3 - 2.
     assert reference.tolist() == [[-1.0], [0.25 * (0 - 4 * 1) - 1]]
     # Hidden magnitudes: 1 + 4 + 1 and 3 + 2, then 1 + 0 + 1 and 3 + 2.
@@ -68,7 +68,7 @@ def test_a_network_and_its_magnitude() -> None:
 
 def test_a_feature_brings_its_own_magnitude() -> None:
     """What cancelled in one network is as uncertain in the next."""
-    net = Network((linear([[2, 1]], [1], [0]),))
+    net = QuantisedMlp((linear([[2, 1]], [1], [0]),))
     assert network(net, np.array([[0.0, -3.0]]), np.array([[1e6, 3.0]]))[1].tolist() == [[2e6 + 3]]
 
 
@@ -81,7 +81,7 @@ def test_a_magnitude_is_infinite_if_anything_before_it_may_overflow(scale: float
     """Also where it is multiplied by 0 here, or made small by the next layer."""
     first, second = linear([[2, 0]], [scale], [bias]), linear([[1]], [1e-30], [0])
     for layers in ((first,), (first, second)):
-        assert network(Network(layers), np.array([x]), np.array([x]))[1].tolist() == [[math.inf]]
+        assert network(QuantisedMlp(layers), np.array([x]), np.array([x]))[1].tolist() == [[math.inf]]
 
 
 def test_colours_that_cancel_are_as_uncertain_as_their_terms() -> None:
@@ -122,7 +122,7 @@ def test_a_view_has_a_direction_however_near_or_far() -> None:
 def test_values_of_slots_are_as_uncertain_as_features() -> None:
     """Features of 1e6 less 1e6: all but centres have a large m, though no number that networks see is large."""
     plan = replace(static_plans()["anchors"][1], counts=(4, 3))
-    cancels = Network((linear([[1] * 4] * 2, [1] * 2, [1e6] * 2), linear([[1, -1]] * 4, [1] * 4, [0] * 4)))
+    cancels = QuantisedMlp((linear([[1] * 4] * 2, [1] * 2, [1e6] * 2), linear([[1, -1]] * 4, [1] * 4, [0] * 4)))
     scene = replace(build(plan), decoder=cancels)
     made = activated(scene, expected_layers(scene)[-1])
     assert not made["feature"].reference.any()
@@ -135,7 +135,7 @@ def test_values_of_slots_are_as_uncertain_as_features() -> None:
 
 def test_a_network_of_huge_numbers_overflows_to_infinity() -> None:
     """It is no error (SPEC §15)."""
-    net = Network((linear([[1, 1]], [3e38], [0]),))
+    net = QuantisedMlp((linear([[1, 1]], [3e38], [0]),))
     x = np.array([[1e300, 1e300]])
     assert [part.tolist() for part in network(net, x, x)] == [[[math.inf]], [[math.inf]]]
 

@@ -40,6 +40,7 @@ from scarfmt.container.source import BytesSource
 from scarfmt.entropy import rans, rice, symbols
 from scarfmt.neural import arithmetic, grid, network, predictors, tables
 from scarfmt.neural.evaluator import Evaluator
+from scarfmt.scene import codebooks as scene_codebooks
 from scarfmt.scene import model
 
 TEXT = SPEC.read_text()
@@ -158,9 +159,9 @@ def _constants() -> dict[str, int]:
         "MAX_ALPHABET": rans.MAX_ALPHABET,
         "MAX_TABLES": symbols.MAX_TABLES,
         "MAX_TABLES_BYTES": reader.MAX_TABLES_BYTES,
-        "MAX_CODEWORDS": codebooks.MAX_CODEWORDS,
+        "MAX_CODEWORDS": scene_codebooks.MAX_CODEWORDS,
         "MAX_CODEWORD_COMPONENT": codebooks.MAX_VALUE,
-        "MAX_LATENT": codebooks.MAX_LATENT,
+        "MAX_LATENT": scene_codebooks.MAX_LATENT,
         "MAX_NETWORKS": mlp.MAX_NETWORKS,
         "MAX_MLP_LAYERS": mlp.MAX_LAYERS,
         "MAX_WIDTH": mlp.MAX_WIDTH,
@@ -188,7 +189,7 @@ def test_limits_are_the_codes() -> None:
     assert {row[0].strip("`"): int(row[1]) for row in rows(section("13.1"))} == _constants()
     printed = {row[0].strip("`"): int(row[1]) for row in rows(section("13.2"))}
     assert printed == dataclasses.asdict(limits.DEFAULT_LIMITS)
-    assert (limits.FREE_ANCHORS, limits.FREE_SLOTS, model.MAX_STEP) == (1 << 16, 1 << 19, 2.0**96)
+    assert (limits.FREE_ANCHORS, limits.FREE_SLOTS, model.MAX_FIRST_WIDTH) == (1 << 16, 1 << 19, 2.0**96)
     assert (limits.FREE_CONTENT, limits.FREE_WORK) == (1 << 20, 1 << 32)
     assert "2^20 + `content_per_byte`" in section("13.2")
     assert "2^32 + `work_per_byte`" in section("13.2")

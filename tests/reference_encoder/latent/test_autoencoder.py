@@ -13,8 +13,8 @@ from reference_encoder.latent.autoencoder import AutoencoderOptions, Sampler, Ve
 from reference_encoder.latent.learned import best_latents, learned_latent
 from reference_encoder.latent.linear import Latent
 from reference_encoder.latent.rvq import RvqOptions, RvqResult
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.blocks.mlp import pack_networks, unpack_networks
+from scarfmt.scene.codebooks import Codebooks
 
 OPTIONS = AutoencoderOptions(
     RvqOptions(32, 3, lambda_=0.0, epochs=0, seed=5), dimensions=6, layer_norm=True, loss="l1", steps=120, batch=256

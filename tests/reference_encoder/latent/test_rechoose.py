@@ -18,11 +18,11 @@ from reference_encoder.networks import smallest_file as neural
 from reference_encoder.networks.model import Batch
 from reference_encoder.networks.smallest_file import Learned, another_round, with_index_network
 from reference_encoder.options import EncodeOptions
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import QuantisedScene, silent, write_scene
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.container.source import BytesSource
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.model import LayerRow
 from tests.samples.neural_scenes import neural_scene

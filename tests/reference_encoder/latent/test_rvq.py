@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, assign, quantise
-from scarfmt.blocks.codebooks import Codebooks, pack_codebooks, unpack_codebooks
+from scarfmt.blocks.codebooks import pack_codebooks, unpack_codebooks
+from scarfmt.scene.codebooks import Codebooks
 
 OPTIONS = RvqOptions(codewords=32, stages=3, lambda_=0.0, epochs=6, seed=1)
 
@@ -84,7 +85,8 @@ def test_given_codewords_are_kept_without_epochs() -> None:
 
 def test_assign_weighs_error_against_bits() -> None:
     one, book = np.ones(1, np.float32), np.array([[0.0], [1.0]], np.float32)
-    vector, bits = Vectors(np.array([[0.9]], np.float32), one, np.zeros(1, np.int64)), np.array([[1.0, 5.0]], np.float32)
+    vector = Vectors(np.array([[0.9]], np.float32), one, np.zeros(1, np.int64))
+    bits = np.array([[1.0, 5.0]], np.float32)
     cheap, exact = (int(assign(vector, book, bits, price)[0]) for price in (1.0, 0.01))
     assert (cheap, exact) == (0, 1)
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.networks.clusters import arrange, cluster
-from scarfmt.blocks.codebooks import Codebooks
+from scarfmt.scene.codebooks import Codebooks
 
 
 def _words(count: int, seed: int = 0) -> NDArray[np.int64]:

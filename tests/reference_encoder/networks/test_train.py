@@ -20,13 +20,13 @@ from reference_encoder.networks.integers import frequencies, sigmoid12, tanh12
 from reference_encoder.networks.layers import Dense, Scale, geometric_bits
 from reference_encoder.networks.model import IndexModel, NetworkShape
 from reference_encoder.networks.train import Examples, Trained, TrainOptions, build, measure, train
-from scarfmt.blocks.codebooks import Codebooks
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.rans import RansEncoder
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.grid import GridBox, GridLevel
 from scarfmt.neural.network import Inputs
+from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
 I64 = NDArray[np.int64]

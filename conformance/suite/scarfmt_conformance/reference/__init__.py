@@ -1,1 +1,1 @@
-"""TODO-DOC"""
+"""The reference decoder's answers in the decoder protocol (conformance/PROTOCOL.md)."""
