@@ -129,7 +129,7 @@ def learned_curves(problem: Problem, options: AutoencoderOptions) -> tuple[float
     latent, start = stored(trained, space, problem.weight, options)
     return float(latent.lost.sum()), [
         curve(problem, latent, choose(latent, start, space, problem.weight, problem.classes, rvq))
-        for rvq in (replace(options.rvq, rate=problem.rate * factor) for factor in RATE_FACTORS)
+        for rvq in (replace(options.rvq, lambda_=problem.rate * factor) for factor in RATE_FACTORS)
     ]
 
 

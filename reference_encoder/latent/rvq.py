@@ -133,7 +133,7 @@ def assign(vectors: Vectors, book: F32, bits: F32, lambda_: float) -> I64:
 
 
 def _assigned(vectors: Vectors, book: F32, prices: F32) -> I64:
-    half, words = squared_lengths(book) / 2, np.ascontiguousarray(-book.T)
+    half, words = np.asarray(squared_lengths(book) / 2, np.float32), np.ascontiguousarray(-book.T)
     x, out = np.ascontiguousarray(vectors.x), np.empty(len(vectors.x), np.int64)
     # Twice the weight, because distances are halved.
     heavy, classes = 2 * vectors.weight, vectors.classes
