@@ -23,7 +23,8 @@ from benchmarks import child
 from benchmarks.encoded import encoded
 from benchmarks.scenes import Scene
 from reference_decoder import explicit
-from reference_decoder.decode import Decoded, decode
+from reference_decoder.decode import decode
+from reference_decoder.decoded import Decoded
 from scarfmt import kernel
 from scarfmt.entropy import symbols
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, SymbolSource, uniform_table
@@ -41,7 +42,7 @@ STAGES = {
     "indices, static": ("scarfmt.coding.tile", "get_indices"),
     "indices, network": ("scarfmt.coding.tile", "get_neural_indices"),
     "to world units": ("reference_decoder.decode", "tile_part"),
-    "activation": ("reference_decoder.decode", "Decoded.activated"),
+    "activation": ("reference_decoder.decoded", "Decoded.activated"),
 }
 """Functions whose time is told, by what they do: module and name. None of them calls another."""
 PARTS = ("products", "rANS", "arrays written")

@@ -7,20 +7,23 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import BinaryIO
+from dataclasses import replace
+from typing import BinaryIO, Unpack
 
 import numpy as np
 
 from reference_decoder.bake import bake, default_eyes
 from reference_decoder.bake import comments as bake_comments
-from reference_decoder.decode import Box, Decoded, Origin, iter_tiles, opened
+from reference_decoder.decode import iter_tiles
+from reference_decoder.decoded import Decoded
+from reference_decoder.request import DecodeRequest, RequestFields, requested
 from scarfmt.atomic import atomic_write
 from scarfmt.coding.counters import Counters, transfers
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.schema import Profile
+from scarfmt.container.source import Origin, opened
 from scarfmt.formats.export_ply import ply_header, ply_rows, property_names
-from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.scene.gaussians import F64, GaussianScene
 
 _SPOOL_BYTES = 1 << 26
@@ -30,25 +33,19 @@ _EYE_SAMPLE = 1 << 16
 def export_ply(
     source: Origin,
     destination: str | os.PathLike[str] | BinaryIO,
+    request: DecodeRequest | None = None,
     *,
-    layers: int | None = None,
-    tiles: Sequence[int] | None = None,
-    box: Box | None = None,
-    limits: Limits = DEFAULT_LIMITS,
-    threads: int = 1,
-    allow_truncated: bool = False,
-    backend: str = "numpy",
     eyes: F64 | None = None,
     bake_degree: int = 2,
     comments: Sequence[str] = (),
     force: bool = False,
     counters: Counters | None = None,
+    **fields: Unpack[RequestFields],
 ) -> int:
     """Write what a file holds as an INRIA PLY. An anchor model is baked, which loses its view dependence.
 
     Args:
-        source, layers, tiles, box, limits, threads, allow_truncated, backend: as for
-            :func:`reference_decoder.decode.decode`.
+        source, request, fields: as for :func:`reference_decoder.decode.decode`; all attributes are needed.
         destination: a path, written whole or not at all, or an open binary file.
         eyes: anchor profile: (E, 3) camera centres to fit at. Give those the scene was captured from: the default,
             a sphere round the scene, sees anchors as no training camera did.
@@ -61,31 +58,22 @@ def export_ply(
         Gaussians written.
 
     Raises:
-        InvalidInput: the file exists and `force` is not set, a comment cannot be written, or arguments do not fit.
+        InvalidInput: the file exists and `force` is not set, a comment cannot be written, or the request does not fit.
         Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
     """
+    wanted = requested(request, fields)
 
     def parts(attributes: frozenset[str] | None = None) -> Iterator[Decoded]:
-        return iter_tiles(
-            source,
-            layers=layers,
-            tiles=tiles,
-            box=box,
-            attributes=attributes,
-            limits=limits,
-            threads=threads,
-            allow_truncated=allow_truncated,
-            backend=backend,
-            counters=counters,
-        )
+        chosen = wanted if attributes is None else replace(wanted, attributes=attributes)
+        return iter_tiles(source, chosen, counters=counters)
 
     ply_header(0, [], comments)  # a comment that cannot be written is better refused before than after decoding
-    fields, anchors = _facts(source, layers, limits, allow_truncated, counters)
-    explicit = fields.profile == Profile.EXPLICIT
-    names = property_names(((fields.sh_degree if explicit else bake_degree) + 1) ** 2 - 1)
+    header, anchors = _facts(source, wanted, counters)
+    explicit = header.profile == Profile.EXPLICIT
+    names = property_names(((header.sh_degree if explicit else bake_degree) + 1) ** 2 - 1)
     scenes = _scenes(parts, eyes, bake_degree, counters)
     with _target(destination, force) as target:
-        if not explicit or tiles is not None or box is not None:
+        if not explicit or wanted.tiles is not None or wanted.box is not None:
             return _write_counting(scenes, target, names, comments)
         target.write(ply_header(anchors, names, comments))
         for scene, _ in scenes:
@@ -93,13 +81,11 @@ def export_ply(
         return anchors
 
 
-def _facts(
-    source: Origin, layers: int | None, limits: Limits, allow_truncated: bool, counters: Counters | None
-) -> tuple[HeaderFields, int]:
-    """Header fields, and anchors after `layers` layers, which the directory confirms."""
+def _facts(source: Origin, request: DecodeRequest, counters: Counters | None) -> tuple[HeaderFields, int]:
+    """Header fields, and anchors after the layers requested, which the directory confirms."""
     with opened(source) as stream, transfers(stream, counters):
-        reader = SceneReader(stream, limits=limits, allow_truncated=allow_truncated)
-        return reader.header.fields, reader.header.layers[reader.layer_number(layers) - 1].anchor_count
+        reader = SceneReader(stream, limits=request.limits, allow_truncated=request.allow_truncated)
+        return reader.header.fields, reader.header.layers[reader.layer_number(request.layers) - 1].anchor_count
 
 
 def _write_counting(

@@ -1,5 +1,64 @@
-"""scarfmt: the `.scar` format for progressive neural-compressed 3D Gaussian scenes. See SPEC.md."""
+"""scarfmt: the `.scar` format for progressive neural-compressed 3D Gaussian scenes. See SPEC.md.
+
+    import scarfmt
+
+    scarfmt.encode("scene.ply")                      # bytes of a file
+    scarfmt.decode("scene.scar", layers=2).scene     # Gaussians of its first two layers
+    with scarfmt.open("scene.scar") as file: ...     # more than one question to one file
+
+Importing the package costs nothing: the names below are loaded when they are first used.
+"""
 
 from __future__ import annotations
 
+TYPE_CHECKING = False  # checkers of types take it for true; importing `typing` takes longer than all the rest here
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from reference_decoder.request import DecodeRequest
+    from reference_encoder.options import EncodeOptions
+    from scarfmt.api import ScarFile, decode, encode, inspect, open, truncate, validate
+    from scarfmt.errors import ScarError
+    from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+
 __version__ = "0.1.0"
+
+__all__ = [
+    "AnchorModel",
+    "DecodeRequest",
+    "EncodeOptions",
+    "GaussianScene",
+    "ScarError",
+    "ScarFile",
+    "__version__",
+    "decode",
+    "encode",
+    "inspect",
+    "open",
+    "truncate",
+    "validate",
+]
+
+_HOMES = {
+    "AnchorModel": "scarfmt.scene.gaussians",
+    "DecodeRequest": "reference_decoder.request",
+    "EncodeOptions": "reference_encoder.options",
+    "GaussianScene": "scarfmt.scene.gaussians",
+    "ScarError": "scarfmt.errors",
+}
+"""Where a name lives that is not one of `scarfmt.api`."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    value = getattr(import_module(_HOMES.get(name, "scarfmt.api")), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

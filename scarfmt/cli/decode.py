@@ -11,7 +11,8 @@ import click
 from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json
 
 if TYPE_CHECKING:
-    from reference_decoder.decode import Decoded
+    from reference_decoder.decoded import Decoded
+    from reference_decoder.request import DecodeRequest
     from scarfmt.coding.counters import Counters
     from scarfmt.container.source import ByteSource
     from scarfmt.scene.gaussians import F64
@@ -119,15 +120,17 @@ def decode(
         raise click.UsageError("--attributes needs an .npz output: a PLY holds all of them")
     if as_json and output == STANDARD:
         raise click.UsageError("--json needs standard output for itself: give OUTPUT a name")
+    from reference_decoder.request import DecodeRequest
     from scarfmt.coding.counters import Counters
 
+    request = DecodeRequest(**wanted)
     counters = Counters()
     start = time.perf_counter()
     with open_output(output, force) as target, open_input(input_) as source:
         if extension == ".ply":
-            done = _write_ply(source, target, bake, cameras, wanted, counters)
+            done = _write_ply(source, target, bake, cameras, request, counters)
         else:
-            done = _write_npz(source, target, wanted, counters)
+            done = _write_npz(source, target, request, counters)
         if not quiet:
             click.echo(done, err=True)
         if stats or as_json:
@@ -141,7 +144,7 @@ def decode(
 
 
 def _write_ply(
-    source: ByteSource, target: BinaryIO, bake: bool, cameras: str | None, wanted: dict[str, Any], counters: Counters
+    source: ByteSource, target: BinaryIO, bake: bool, cameras: str | None, request: DecodeRequest, counters: Counters
 ) -> str:
     """Write a PLY tile by tile; returns what was written, for people."""
     from reference_decoder.stream_ply import export_ply
@@ -151,8 +154,7 @@ def _write_ply(
     header = read_header(source, allow_truncated=True)
     if header.fields.profile == Profile.ANCHOR and not bake:
         raise click.UsageError("an anchor model has no fixed Gaussians: decode to .npz, or give --bake")
-    options = {name: value for name, value in wanted.items() if name != "attributes"}
-    count = export_ply(source, target, eyes=_eyes(cameras), counters=counters, **options)
+    count = export_ply(source, target, request, eyes=_eyes(cameras), counters=counters)
     return f"{count:,} Gaussians"
 
 
@@ -167,15 +169,16 @@ def _eyes(cameras: str | None) -> F64 | None:
     return np.array([camera.centre for camera in load_cameras(cameras)]).reshape(-1, 3)
 
 
-def _write_npz(source: ByteSource, target: BinaryIO, wanted: dict[str, Any], counters: Counters) -> str:
+def _write_npz(source: ByteSource, target: BinaryIO, request: DecodeRequest, counters: Counters) -> str:
     """Write the arrays of a scene, or of some attributes; returns what was written, for people."""
     import numpy as np
 
-    from reference_decoder.decode import ATTRIBUTES, decode
+    from reference_decoder.decode import decode
+    from reference_decoder.request import ATTRIBUTES
     from scarfmt.formats import save_anchor_npz
     from scarfmt.scene.gaussians import AnchorModel
 
-    decoded = decode(source, counters=counters, **wanted)
+    decoded = decode(source, request, counters=counters)
     done = f"{len(decoded):,} anchors of {decoded.layers} layers"
     if decoded.attributes != frozenset(ATTRIBUTES):
         np.savez(target, **_attribute_arrays(decoded))
@@ -190,7 +193,7 @@ def _write_npz(source: ByteSource, target: BinaryIO, wanted: dict[str, Any], cou
 
 def _attribute_arrays(decoded: Decoded) -> dict[str, Any]:
     """The arrays decoded, by name: channels as coded values, with tile and class of each anchor."""
-    from reference_decoder.decode import ATTRIBUTES
+    from reference_decoder.request import ATTRIBUTES
 
     arrays = {"tiles": decoded.tiles, "classes": decoded.classes}
     for name, stream in ATTRIBUTES.items():

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -193,8 +195,14 @@ class UrlSource(_Source):
         return data
 
 
-def open_source(origin: str | os.PathLike[str] | bytes | bytearray | memoryview) -> ByteSource:
-    """The source for bytes, a path, or a URL (any string with ``://``). Use it as a context manager.
+Origin = str | os.PathLike[str] | bytes | bytearray | memoryview | ByteSource
+"""What a file can be read from: a path, a URL, its bytes, or a source that is open already."""
+
+
+def open_source(origin: Origin) -> ByteSource:
+    """The source for bytes, a path, or a URL (any string with ``://``); an open one is given back as it is.
+
+    Use it as a context manager.
 
     Raises:
         InvalidInput: ``input-source`` when it cannot be opened.
@@ -203,4 +211,21 @@ def open_source(origin: str | os.PathLike[str] | bytes | bytearray | memoryview)
         return BytesSource(origin)
     if isinstance(origin, str) and "://" in origin:
         return UrlSource(origin)
-    return FileSource(origin)
+    if isinstance(origin, str | os.PathLike):
+        return FileSource(origin)
+    return origin
+
+
+@contextmanager
+def opened(origin: Origin) -> Iterator[ByteSource]:
+    """The source of a path, URL or bytes, closed afterwards; a ByteSource is passed through and stays open.
+
+    Raises:
+        InvalidInput: ``input-source`` when it cannot be opened.
+    """
+    source = open_source(origin)
+    if source is origin:
+        yield source
+        return
+    with source:
+        yield source

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from benchmarks.scaling import CODED, SERIES, markdown, points, slope
 from benchmarks.scaling_jobs import arrays, rewrite, stream
 from benchmarks.scaling_scenes import copies, read_scene, recut, summary, without_networks
-from reference_decoder.decode import Decoded, decode
+from reference_decoder.decode import decode
+from reference_decoder.decoded import Decoded
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from reference_decoder.decode import ATTRIBUTES
 from reference_decoder.decode import decode as decode_file
+from reference_decoder.request import ATTRIBUTES
 from scarfmt.cli.decode import ATTRIBUTE_NAMES
 from scarfmt.coding.counters import Counters
 from scarfmt.coding.writer import write_scene

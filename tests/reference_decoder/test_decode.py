@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from reference_decoder.decode import ATTRIBUTES, Decoded, decode, iter_tiles
+from reference_decoder.decode import decode, iter_tiles
+from reference_decoder.decoded import Decoded
+from reference_decoder.request import ATTRIBUTES
 from scarfmt.blocks.layer import pack_layer
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
 from scarfmt.container.file import Container

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.anchors import log_sigmoid, outlook, run, sigmoid, slot_centres, unit_quaternions
-from reference_decoder.decode import Decoded
+from reference_decoder.decoded import Decoded
 from scarfmt.scene.gaussians import F64, AnchorModel, GaussianScene
 
 Arrays = dict[str, NDArray[Any]]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_decoder.decode import Decoded, joined, tile_part
+from reference_decoder.decoded import Decoded, joined, tile_part
 from scarfmt.coding.reader import SceneModels, SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import tile_frame

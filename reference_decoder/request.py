@@ -1,0 +1,105 @@
+"""What can be asked of a decode: one value that decoding, exporting, the API and the command line share."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import TypedDict
+
+import numpy as np
+
+from scarfmt.container.schema import Stream
+from scarfmt.errors import InvalidInput
+from scarfmt.limits import DEFAULT_LIMITS, Limits
+from scarfmt.scene.gaussians import F64
+
+Box = tuple[Sequence[float], Sequence[float]]
+
+ATTRIBUTES = {
+    "positions": Stream.POSITION_RESIDUAL,
+    "scales": Stream.SCALE,
+    "rotations": Stream.ROTATION,
+    "opacity": Stream.OPACITY,
+    "colour": Stream.COLOUR,
+    "latents": Stream.INDICES,
+    "offsets": Stream.OFFSETS,
+}
+"""Names of what can be asked for on its own, and the sub-stream each needs; latents need LATENT too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecodeRequest:
+    """What to decode of a file, and how. Whatever is asked for, the values are those of decoding the whole file.
+
+    Attributes:
+        layers: layers to decode, from the first; None for all that are there.
+        tiles: tile indices, in the order wanted; None for all.
+        box: lowest and highest world coordinates; anchors (not Gaussians) outside are left out, and tiles that
+            cannot hold any inside are not read.
+        attributes: names of `ATTRIBUTES`; None for all. Classes and lattice positions are always read.
+        limits: what to accept of the file (SPEC §13).
+        threads: tiles decoded side by side, 1 or more; the result does not depend on it.
+        allow_truncated: use the whole layers of a file cut short instead of refusing it.
+        backend: what computes the index network, one of `reference_decoder.backends.BACKENDS`; the result does not
+            depend on it.
+    """
+
+    layers: int | None = None
+    tiles: Sequence[int] | None = None
+    box: Box | None = None
+    attributes: Collection[str] | None = None
+    limits: Limits = DEFAULT_LIMITS
+    threads: int = 1
+    allow_truncated: bool = False
+    backend: str = "numpy"
+
+    def names(self) -> frozenset[str]:
+        """The attributes to decode: a box needs positions, whatever else is asked for.
+
+        Raises:
+            InvalidInput: ``input-attributes`` for a name that no attribute has.
+        """
+        names = frozenset(ATTRIBUTES if self.attributes is None else self.attributes)
+        if not names <= set(ATTRIBUTES):
+            unknown = ", ".join(sorted(names - set(ATTRIBUTES)))
+            raise InvalidInput("input-attributes", f"no attribute {unknown}; choose from {', '.join(ATTRIBUTES)}")
+        return names if self.box is None else names | {"positions"}
+
+    def corners(self) -> tuple[F64, F64] | None:
+        """The (3,) float64 lowest and highest corner of the box, None without one.
+
+        Raises:
+            InvalidInput: ``input-box`` when these are not three coordinates each, the lowest first.
+        """
+        if self.box is None:
+            return None
+        low, high = (np.asarray(corner, np.float64) for corner in self.box)
+        if low.shape != (3,) or high.shape != (3,) or not bool((low <= high).all()):
+            raise InvalidInput("input-box", "a box is its 3 lowest and its 3 highest coordinates", field="box")
+        return low, high
+
+
+class RequestFields(TypedDict, total=False):
+    """The fields of a :class:`DecodeRequest` as keywords, for functions that build one."""
+
+    layers: int | None
+    tiles: Sequence[int] | None
+    box: Box | None
+    attributes: Collection[str] | None
+    limits: Limits
+    threads: int
+    allow_truncated: bool
+    backend: str
+
+
+def requested(request: DecodeRequest | None, fields: RequestFields) -> DecodeRequest:
+    """The request of a call: one given whole, or the one its keywords describe.
+
+    Raises:
+        TypeError: both were given, or a keyword that is no field.
+    """
+    if request is None:
+        return DecodeRequest(**fields)
+    if fields:
+        raise TypeError(f"give a DecodeRequest or its fields, not both: {', '.join(fields)}")
+    return request

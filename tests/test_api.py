@@ -1,0 +1,160 @@
+"""The API: what `import scarfmt` offers does what the modules behind it do, and costs nothing until it is used."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import scarfmt
+from reference_decoder.decoded import Decoded
+from reference_decoder.request import RequestFields, requested
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.source import BytesSource
+from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, Truncated
+from scarfmt.limits import Limits
+from scarfmt.tools import inspection
+from scarfmt.tools.truncate import truncate
+from scarfmt.tools.validate import validate
+from tests.conftest import REPOSITORY
+from tests.samples.scene_samples import random_scene
+
+DATA = write_scene(random_scene(3, anchors=300, tiles=4))
+
+
+def same(a: Decoded, b: Decoded) -> bool:
+    return all(map(np.array_equal, a.arrays(), b.arrays()))
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    file = tmp_path / "scene.scar"
+    file.write_bytes(DATA)
+    return file
+
+
+def test_importing_the_package_imports_nothing_else() -> None:
+    script = (
+        "import sys; before = set(sys.modules); import scarfmt;"
+        "print(sorted(set(sys.modules) - before - {'scarfmt', '__future__'}))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_decoding_imports_no_heavy_package(path: Path) -> None:
+    """A decoder is to run where neither torch nor a compiler of Python is."""
+    script = (
+        f"import sys, scarfmt; scarfmt.decode({str(path)!r}).scene;"
+        "print([name for name in ('torch', 'numba', 'scipy', 'fsspec', 'PIL', 'click') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_name_can_be_had_and_no_other() -> None:
+    assert set(scarfmt.__all__) <= set(dir(scarfmt))
+    for name in scarfmt.__all__:
+        assert getattr(scarfmt, name).__doc__ if name != "__version__" else scarfmt.__version__
+    with pytest.raises(AttributeError, match="no attribute 'decoder'"):
+        _ = scarfmt.decoder
+
+
+def test_checkers_of_types_see_the_names_that_are_there() -> None:
+    """What is imported for them alone is never run: a name that is missing or wrong there would go unseen."""
+    text = (REPOSITORY / "scarfmt" / "__init__.py").read_text(encoding="utf-8")
+    block = text.partition("if TYPE_CHECKING:\n")[2].partition('__version__ = "')[0]
+    namespace: dict[str, object] = {}
+    exec("if True:\n" + block, namespace)
+    for name in set(scarfmt.__all__) - {"__version__"}:
+        assert namespace[name] is getattr(scarfmt, name), name
+
+
+def test_the_keywords_of_a_request_are_its_fields() -> None:
+    assert list(RequestFields.__annotations__) == [field.name for field in dataclasses.fields(scarfmt.DecodeRequest)]
+
+
+def test_a_request_is_given_whole_or_by_its_fields() -> None:
+    request = scarfmt.DecodeRequest(layers=2)
+    assert requested(request, {}) is request
+    assert requested(None, {"layers": 2}) == request
+    with pytest.raises(TypeError, match="not both: threads"):
+        requested(request, {"threads": 2})
+    with pytest.raises(TypeError, match="tile"):
+        scarfmt.decode(DATA, tile=[0])  # type: ignore[call-arg]
+
+
+def test_functions_take_paths_and_bytes_and_open_sources(path: Path) -> None:
+    for origin in (path, str(path), DATA, bytearray(DATA), memoryview(DATA), BytesSource(DATA)):
+        assert same(scarfmt.decode(origin, layers=2), scarfmt.decode(DATA, layers=2))
+        assert scarfmt.truncate(origin, 1) == truncate(BytesSource(DATA), 1)
+        assert scarfmt.inspect(origin, metadata=True) == inspection.inspect(BytesSource(DATA), metadata=True)
+        assert scarfmt.validate(origin) == validate(BytesSource(DATA))
+
+
+def test_an_open_file_answers_what_the_functions_do(path: Path) -> None:
+    request = scarfmt.DecodeRequest(layers=1, attributes=["positions"])
+    with scarfmt.open(path) as file:
+        assert same(file.decode(), scarfmt.decode(DATA))
+        assert same(file.decode(request), scarfmt.decode(DATA, request))
+        assert [len(part) for part in file.tiles(layers=1)] == np.bincount(file.decode(layers=1).tiles).tolist()
+        assert file.truncate(1) == scarfmt.truncate(DATA, 1)
+        assert file.inspect() == scarfmt.inspect(DATA)
+        assert file.validate(layers=1) == scarfmt.validate(DATA, layers=1)
+        assert file.layers == file.header.layers
+        assert repr(file) == f"<ScarFile: {len(file.decode()):,} anchors, 3 of 3 layers>"
+    with pytest.raises(ValueError, match="closed"):
+        file.decode()
+
+
+def test_the_boxes_of_tiles_hold_their_anchors() -> None:
+    with scarfmt.open(DATA) as file:
+        low, high = file.tile_boxes
+        decoded = file.decode()
+    assert decoded.positions is not None
+    assert low.shape == high.shape == (file.header.tile_count, 3)
+    assert (decoded.positions >= low[decoded.tiles]).all()
+    assert (decoded.positions <= high[decoded.tiles]).all()
+
+
+def test_a_file_cut_short_opens_and_says_what_has_arrived() -> None:
+    whole = scarfmt.open(DATA)
+    with scarfmt.open(DATA[: whole.header.layers[1].end_offset]) as file:
+        assert file.layers == whole.header.layers[:2]
+        with pytest.raises(Truncated):
+            file.decode()
+        assert same(file.decode(allow_truncated=True), whole.decode(layers=2))
+
+
+def test_limits_of_an_open_file_are_those_of_its_requests() -> None:
+    """Unless a request says otherwise: who raises a limit for one file raises it once."""
+    with scarfmt.open(DATA, limits=Limits(work_per_byte=0, anchors=1 << 20)) as file:
+        assert same(file.decode(limits=Limits()), scarfmt.decode(DATA))
+        assert same(file.decode(scarfmt.DecodeRequest()), scarfmt.decode(DATA))
+    with pytest.raises(LimitExceeded):
+        scarfmt.open(DATA, limits=Limits(anchors=1))
+
+
+def test_a_file_that_is_refused_is_closed(tmp_path: Path) -> None:
+    """Else a program that looks through many files runs out of handles."""
+    closed: list[bool] = []
+
+    class Source(BytesSource):
+        def close(self) -> None:
+            closed.append(True)
+
+    with pytest.raises(Malformed):
+        scarfmt.open(Source(b"no scene at all" * 20))
+    assert closed == [True]
+    with pytest.raises(InvalidInput) as caught:
+        scarfmt.open(tmp_path / "none.scar")
+    assert caught.value.refusal == "input-source"
+
+
+def test_all_packages_say_that_they_are_typed() -> None:
+    for package in ("scarfmt", "reference_decoder", "reference_encoder", "conformance/suite/scarfmt_conformance"):
+        assert (REPOSITORY / package / "py.typed").is_file(), package
