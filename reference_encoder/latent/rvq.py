@@ -21,6 +21,7 @@ from reference_encoder.draws import Draws
 from reference_encoder.jit import compiled
 from reference_encoder.loops import add_products, first_of_least
 from reference_encoder.sums import added_rows, row_sums, squared_lengths
+from reference_encoder.tuning import RVQ_DECAY, RVQ_PRIOR_USES, RVQ_STALE_USES
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -29,11 +30,6 @@ I64 = NDArray[np.int64]
 
 _CHUNK = 8192
 """Vectors that a thread takes at a time."""
-_DECAY = 0.8
-# A code whose moving count falls below this is stale and restarts at a badly served vector.
-_STALE = 1.0
-# A code that nobody uses is not free: this many virtual uses keep its price finite.
-_PRIOR = 0.02
 # A dimension of a codebook spans at most 16 bits (SPEC §7.8).
 _FARTHEST = 32767
 
@@ -88,7 +84,7 @@ class _Prices:
         flat = np.bincount(classes * size + codes, minlength=count * size).reshape(count, size).astype(np.float32)
         pooled = flat.sum(axis=0, keepdims=True)
         # Each class leans on the pooled distribution until it has symbols of its own.
-        mixed = flat + 4 * (pooled + _PRIOR) / (pooled.sum() + _PRIOR * size) + np.float32(1e-3)
+        mixed = flat + 4 * (pooled + RVQ_PRIOR_USES) / (pooled.sum() + RVQ_PRIOR_USES * size) + np.float32(1e-3)
         # By way of binary64: logarithms of binary32 differ from library to library.
         self.bits = (-np.log2((mixed / row_sums(mixed)[:, None]).astype(np.float64))).astype(np.float32)
 
@@ -172,12 +168,12 @@ def _train(vectors: Vectors, options: RvqOptions, draws: Draws, start: F32 | Non
     weight = vectors.weight[:, None]
     for epoch in range(options.epochs):
         codes = assign(vectors, book, prices.bits, options.lambda_ if epoch else 0.0)
-        keep = np.float32(_DECAY if epoch > 1 else 0.0)
+        keep = np.float32(RVQ_DECAY if epoch > 1 else 0.0)
         mass = keep * mass + added_rows(codes, weight, len(book))
         total = keep * total + added_rows(codes, vectors.x * weight, len(book))
         book = np.where(mass > 0, total / np.maximum(mass, np.float32(1e-30)), book)
         prices.update(codes, vectors.classes)
-        stale = np.bincount(codes, minlength=len(book)) < _STALE
+        stale = np.bincount(codes, minlength=len(book)) < RVQ_STALE_USES
         stale[0] = False
         if epoch < options.epochs - 2 and stale.any():
             book[stale], mass[stale] = vectors.x[_worst_served(vectors, book[codes], int(stale.sum()))], 0.0
