@@ -22,6 +22,7 @@ class Case:
         refusals: the ids it may be refused with; one for a file that must be refused.
         stage: where the refusal comes at the latest: ``container``, ``models``, ``tiles`` or ``metadata``.
         extend_to: length up to which zeros follow the file, 0 for none.
+        camera: centre for which the Gaussians of the anchor profile are pinned; None: `origin` of the header.
         origin: the vector an editor made this from, with `layers`.
     """
 
@@ -35,6 +36,7 @@ class Case:
     refusals: tuple[str, ...] = ()
     stage: str = "tiles"
     extend_to: int = 0
+    camera: tuple[float, float, float] | None = None
     origin: str | None = None
 
     @property

@@ -25,6 +25,7 @@ from conformance.faults.catalogue import invalid_files
 from conformance.faults.container_faults import container_faults
 from conformance.faults.either_cases import either_cases
 from conformance.faults.limit_faults import limit_faults
+from conformance.faults.metadata_faults import metadata_faults
 from conformance.faults.model_faults import model_faults
 from conformance.faults.stream_faults import stream_faults
 from conformance.faults.truncated_cases import truncated_cases
@@ -66,6 +67,7 @@ def _all_cases() -> Iterator[Case]:
     yield from stream_faults(files)
     yield from model_faults(files)
     yield from limit_faults()
+    yield from metadata_faults()
     yield from work_cases()
     yield from either_cases(files)
     yield from (with_origin(case, by_name) for case in truncated_cases(files))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InvalidInput, missing_package
 from scarfmt.neural.operations import NUMPY, Operations
 
 BACKENDS = ("numpy", "torch", "cuda")
@@ -27,7 +27,7 @@ def operations(backend: str) -> Operations:
 
         from reference_decoder.torch_operations import TorchOperations
     except ImportError as error:
-        raise InvalidInput("input-dependency", "this needs torch: pip install 'scarfmt[encode]'") from error
+        raise missing_package("torch", "neural") from error
     if backend == "cuda" and not torch.cuda.is_available():
         raise InvalidInput("input-backend", "torch sees no CUDA GPU here", field="backend")
     return TorchOperations("cpu" if backend == "torch" else "cuda")

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from reference_decoder import explicit
 from reference_decoder.anchors import decoded_model
 from reference_decoder.dequantise import channel_values, latents, offset_values, positions
-from reference_decoder.request import ATTRIBUTES
 from scarfmt.codecs.channels import cell_widths
 from scarfmt.coding.counters import Counters
 from scarfmt.coding.reader import ALL_STREAMS, SceneModels, SceneReader
@@ -25,6 +24,7 @@ from scarfmt.container.header import HeaderFields
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.gaussians import F32, F64, AnchorModel, GaussianScene
+from scarfmt.scene.streams import ATTRIBUTES
 
 I16 = NDArray[np.int16]
 I32 = NDArray[np.int32]

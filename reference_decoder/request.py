@@ -8,23 +8,12 @@ from typing import TypedDict
 
 import numpy as np
 
-from scarfmt.container.schema import Stream
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.scene.gaussians import F64
+from scarfmt.scene.streams import ATTRIBUTES
 
 Box = tuple[Sequence[float], Sequence[float]]
-
-ATTRIBUTES = {
-    "positions": Stream.POSITION_RESIDUAL,
-    "scales": Stream.SCALE,
-    "rotations": Stream.ROTATION,
-    "opacity": Stream.OPACITY,
-    "colour": Stream.COLOUR,
-    "latents": Stream.INDICES,
-    "offsets": Stream.OFFSETS,
-}
-"""Names of what can be asked for on its own, and the sub-stream each needs; latents need LATENT too."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +25,8 @@ class DecodeRequest:
         tiles: tile indices, in the order wanted; None for all.
         box: lowest and highest world coordinates; anchors (not Gaussians) outside are left out, and tiles that
             cannot hold any inside are not read.
-        attributes: names of `ATTRIBUTES`; None for all. Classes and lattice positions are always read.
+        attributes: names of `scarfmt.scene.streams.ATTRIBUTES`; None for all. Classes and lattice positions are
+            always read.
         limits: what to accept of the file (SPEC §13).
         threads: tiles decoded side by side, 1 or more; the result does not depend on it.
         allow_truncated: use the whole layers of a file cut short instead of refusing it.

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from scarfmt.blocks.metadata import pack_metadata
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS
 
@@ -70,7 +71,7 @@ class EncodeOptions:
         return self.trains_networks or self.latent == "learned"
 
     def check(self) -> None:
-        """Check ranges.
+        """Check ranges, and that a file can hold the metadata.
 
         Raises:
             InvalidInput: ``input-options``.
@@ -93,6 +94,7 @@ class EncodeOptions:
             if getattr(self, name) not in choices:
                 said = getattr(self, name)
                 raise InvalidInput("input-options", f"{said!r} is not one of {', '.join(choices)}", field=name)
+        pack_metadata(self.metadata)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import secrets
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from os import PathLike
@@ -24,7 +25,7 @@ def atomic_write(path: str | PathLike[str], *, force: bool = False) -> Iterator[
 
     Args:
         path: destination; a symbolic link is followed, so that the link stays.
-        force: replace an existing file.
+        force: replace an existing file, keeping its permissions, and its owner where the system allows that.
 
     Raises:
         InvalidInput: the file exists and `force` is not set (refusal `output-exists`), or `path` cannot be written.
@@ -35,7 +36,7 @@ def atomic_write(path: str | PathLike[str], *, force: bool = False) -> Iterator[
             yield device
         return
     _check_free(target, force)
-    temporary = target.with_name(f".{target.name[:200]}.{secrets.token_hex(6)}.part")
+    temporary = target.with_name(f".{_shortened(target.name)}.{secrets.token_hex(6)}.part")
     stream = _create(temporary, target)
     try:
         with stream:
@@ -57,9 +58,24 @@ def _check_free(target: Path, force: bool) -> None:
         raise InvalidInput("output-exists", f"{target} exists; choose another name, or use force to overwrite it")
 
 
+def _shortened(name: str) -> str:
+    """The first 200 bytes of a file name, whole characters: systems limit names to 255 bytes."""
+    return os.fsencode(name)[:200].decode(errors="ignore")
+
+
 def _create(temporary: Path, target: Path) -> BinaryIO:
-    """Open a new file with the permissions any other new file would get."""
+    """Open a new file with the permissions of the file it will replace, or those any other new file would get."""
     try:
-        return temporary.open("xb")
+        replaced = os.stat(target) if target.exists() else None
+        # What is private stays so also while it is written.
+        mode = 0o666 if replaced is None else 0o600
+        stream = open(temporary, "xb", opener=lambda path, flags: os.open(path, flags, mode))  # noqa: SIM115
     except OSError as error:
         raise InvalidInput("output-path", f"cannot write {target}: {error.strerror}") from error
+    if replaced is not None and hasattr(os, "fchmod"):
+        # Only root may give a file away. The mode comes last: a change of owner may clear bits of it.
+        with contextlib.suppress(OSError):
+            os.fchown(stream.fileno(), replaced.st_uid, replaced.st_gid)
+        with contextlib.suppress(OSError):
+            os.fchmod(stream.fileno(), stat.S_IMODE(replaced.st_mode) & 0o777)
+    return stream

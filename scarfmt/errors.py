@@ -68,3 +68,15 @@ class LimitExceeded(ScarError):
 
 class InvalidInput(ScarError, ValueError):
     """The input of an encoder or a command cannot be used."""
+
+
+def missing_package(package: str, extra: str) -> InvalidInput:
+    """The error for work that needs a package of an extra: ``input-dependency``.
+
+    Args:
+        package: name that cannot be imported.
+        extra: the extra of pyproject.toml that brings it.
+    """
+    # pip takes the extra from the scarfmt that is installed: the command works though no index has the name.
+    message = f"this needs the package {package}: pip install 'scarfmt[{extra}]'"
+    return InvalidInput("input-dependency", message)

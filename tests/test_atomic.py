@@ -86,3 +86,34 @@ def test_device_is_written_directly() -> None:
     with atomic_write(os.devnull) as stream:
         stream.write(b"gone")
     assert not Path(os.devnull).is_file()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX permissions")
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o755])
+def test_a_replaced_file_keeps_its_permissions(tmp_path: Path, mode: int) -> None:
+    """Also while it is written: what was private never lies open."""
+    path = tmp_path / "out"
+    path.write_bytes(b"old")
+    path.chmod(mode)
+    with atomic_write(path, force=True):
+        (temporary,) = tmp_path.glob(".out.*.part")
+        assert temporary.stat().st_mode & 0o777 == mode
+    assert path.stat().st_mode & 0o777 == mode
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root may give files away")
+def test_a_replaced_file_keeps_its_owner(tmp_path: Path) -> None:
+    path = tmp_path / "out"
+    path.write_bytes(b"old")
+    os.chown(path, 1234, 2345)
+    with atomic_write(path, force=True):
+        pass
+    assert (path.stat().st_uid, path.stat().st_gid) == (1234, 2345)
+
+
+@pytest.mark.parametrize("name", ["a" * 255, "木" * 80, "é" * 127, "x" + "木" * 84])
+def test_names_as_long_as_the_system_allows_are_written(tmp_path: Path, name: str) -> None:
+    """The limit counts bytes, and the temporary name is longer than the name."""
+    with atomic_write(tmp_path / name) as stream:
+        stream.write(b"whole")
+    assert (tmp_path / name).read_bytes() == b"whole"

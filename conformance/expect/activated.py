@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from conformance.expect.expectations import Arrays
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
-from scarfmt.container.schema import Profile
 
 F64 = NDArray[np.float64]
 _LARGEST_LOG_OPACITY = -(2.0**-13)
@@ -42,10 +41,16 @@ class Activated:
         return b"".join(np.ascontiguousarray(array).astype("<f8").tobytes() for array in arrays)
 
 
-def activated(scene: QuantisedScene, arrays: Arrays) -> dict[str, Activated]:
-    """The activated values of a scene, by their names in PROTOCOL.md, of the exact arrays of its last layer."""
+def activated(scene: QuantisedScene, arrays: Arrays, camera: tuple[float, ...] | None = None) -> dict[str, Activated]:
+    """The activated values of a scene, by their names in PROTOCOL.md.
+
+    Args:
+        scene: what the file holds.
+        arrays: the exact arrays of its last layer.
+        camera: centre of the camera, in world units; None in the explicit profile, which needs none.
+    """
     with np.errstate(all="ignore"):
-        return (_anchor if scene.fields.profile == Profile.ANCHOR else _explicit)(scene, arrays)
+        return _explicit(scene, arrays) if camera is None else _anchor(scene, arrays, np.array(camera))
 
 
 # ---------------------------------------------------------------------------------------------- 7.9 networks
@@ -154,11 +159,11 @@ def _harmonics(scene: QuantisedScene, arrays: Arrays) -> Activated:
 # ---------------------------------------------------------------------------------------------- 9.6 anchor profile
 
 
-def _anchor(scene: QuantisedScene, arrays: Arrays) -> dict[str, Activated]:
+def _anchor(scene: QuantisedScene, arrays: Arrays, camera: F64) -> dict[str, Activated]:
     assert scene.decoder is not None
     latent, scale = arrays["latent"].astype(np.float64), _value(arrays, "SCALE", 6)[:, None, :]
     feature, feature_m = network(scene.decoder, latent, np.abs(latent))
-    seen = view(arrays["position"] - np.array(scene.fields.origin))[:, : scene.scene_mlps[0].inputs - feature.shape[1]]
+    seen = view(arrays["position"] - camera)[:, : scene.scene_mlps[0].inputs - feature.shape[1]]
     inputs, inputs_m = (np.concatenate([part, seen], axis=1) for part in (feature, feature_m))
     (o, o_m), (q, q_m), (c, c_m) = (
         [_by_slot(part, scene.model.slots) for part in network(net, inputs, np.abs(inputs_m))]

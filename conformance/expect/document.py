@@ -9,12 +9,13 @@ from typing import Any
 from conformance.cases import Case
 from conformance.decoders.python.answers import Answers
 from conformance.decoders.python.decoder import Decoder
-from conformance.expect.activated import activated
+from conformance.expect.activated import Activated, activated
 from conformance.expect.container_fields import METADATA_KIND, blocks_of_kind, container_fields, profile_of
 from conformance.expect.expectations import Arrays, expected_layers, expected_metadata
 from conformance.expect.features import exercised, features_of
 from conformance.expect.stages import pinned, pinned_stages, traced_arrays
 from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.schema import Profile
 
 FORMAT = "scar-conformance 2"
 BITSTREAM = "0.1"
@@ -94,11 +95,20 @@ def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, 
     stages = layers[-1]["stages"]
     layers[-1]["stages"] = {"container": {"container": container_fields(case.data)}, **stages}
     extra: Extra = {}
+    camera: dict[str, Any] = {}
     if vector_class(case.id) in ("valid", "edge") and _small(scene, states[-1]):
-        made, extra = _activated(scene, states[-1], len(states))
+        camera = _camera(case, scene)
+        made, extra = _activated(activated(scene, states[-1], camera.get("camera")), len(states))
         layers[-1]["stages"]["activated"] = made
         features |= _activated_features(features)
-    return {"layers": layers, **_metadata(case)}, extra, features
+    return {**camera, "layers": layers, **_metadata(case)}, extra, features
+
+
+def _camera(case: Case, scene: QuantisedScene) -> dict[str, Any]:
+    """``camera``, where activated values depend on it: in the anchor profile."""
+    if scene.fields.profile != Profile.ANCHOR:
+        return {}
+    return {"camera": list(case.camera or scene.fields.origin)}
 
 
 def _agree(id_: str, answers: Answers, arrays: Arrays) -> None:
@@ -113,8 +123,7 @@ def _small(scene: QuantisedScene, arrays: Arrays) -> bool:
     return anchors <= ACTIVATED_ANCHORS and anchors * scene.model.slots <= ACTIVATED_SLOTS
 
 
-def _activated(scene: QuantisedScene, arrays: Arrays, layer: int) -> tuple[dict[str, Any], Extra]:
-    made = activated(scene, arrays)
+def _activated(made: dict[str, Activated], layer: int) -> tuple[dict[str, Any], Extra]:
     paths = {name: f"activated/{layer}-{name}.bin" for name in made}
     rows = {
         name: {

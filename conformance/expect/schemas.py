@@ -117,15 +117,16 @@ def expect_schema() -> dict[str, Any]:
         "refusals": _list(_WORD, 1, unique=True),
         "from": _ID,
         "to_layer": _LAYER,
+        "camera": {**_list({"type": "number"}, 3), "maxItems": 3},
         "layers": _list(_object({"layer": _LAYER, "anchors": _COUNT, "stages": _stages()}), 1),
         "metadata": {"type": ["object", "null"]},
     }
-    optional = ("extend_to", "refusal", "stage", "refusals", "from", "to_layer", "layers", "metadata")
+    optional = ("extend_to", "refusal", "stage", "refusals", "from", "to_layer", "camera", "layers", "metadata")
     return {
         "$schema": _DRAFT,
         "title": "What a decoder must make of one conformance vector",
         **_object(properties, optional),
-        "dependentRequired": {"from": ["to_layer"], "to_layer": ["from"], "metadata": ["layers"]},
+        "dependentRequired": {"from": ["to_layer"], "to_layer": ["from"], "metadata": ["layers"], "camera": ["layers"]},
         "oneOf": [
             _result("decoded", needed=("layers",), absent=("refusal", "stage", "refusals")),
             _result("refused", needed=("refusal", "stage"), absent=("refusals", "layers")),

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from conformance.cases import Case
 from conformance.files import vector_file
-from conformance.parts import TILE_KIND, Parts, block_added, broken, header_with, remade, taken_apart
+from conformance.parts import TILE_KIND, Parts, broken, header_with, remade, taken_apart
 from conformance.scenes.container_scenes import (
     anchor_file,
     crowd_scene,
@@ -25,7 +25,6 @@ _MAX_TILES, _MAX_ENTRIES = 1 << 20, 1 << 22
 _MAX_ANCHORS, _READER_ANCHORS, _READER_GAUSSIANS = 1 << 31, 1 << 26, 1 << 28
 _MAX_BLOCK, _READER_BLOCK = 1 << 31, 1 << 28
 _MAX_TILE_ANCHORS = 1 << 16
-_MAX_METADATA = 1 << 24
 _METADATA, _PRIVATE = 64, 200
 
 
@@ -34,12 +33,10 @@ def limit_faults() -> Iterator[Case]:
     yield from _header_limits()
     yield from _expansion_limits()
     yield from _block_limits()
-    yield from _metadata_limits()
 
 
 def _refused(id_: str, purpose: str, rule: str, refusal: str, data: bytes, extend_to: int = 0) -> Case:
-    stage = "metadata" if rule == "R-7.10-1" else "container"
-    return Case(f"invalid/{id_}", purpose, data, (rule, "R-13.1-1"), refusals=(refusal,), stage=stage,
+    return Case(f"invalid/{id_}", purpose, data, (rule, "R-13.1-1"), refusals=(refusal,), stage="container",
                 extend_to=extend_to)
 
 
@@ -151,32 +148,6 @@ def _crowded() -> bytes:
         parts.layers[0].update(anchor_count=count, gaussian_count=count)
 
     return remade(vector_file(crowd_scene((_MAX_TILE_ANCHORS,))), change)
-
-
-def _metadata_limits() -> Iterator[Case]:
-    parts = long_last_block(root_file(), _MAX_METADATA + 1, kind=_METADATA, start=b"{}")
-    yield _refused("limit-metadata", "16 MiB and a byte of METADATA, refused before it is read", "R-7.10-1",
-                   "limit-metadata", parts.sealed(), parts.header["file_length"])
-    for name, purpose, text in (
-        ("empty-object-twice", "METADATA of two objects", b"{}{}"),
-        ("list", "METADATA that is a list", b"[1]"),
-        ("nan", "METADATA that holds NaN", b'{"a":NaN}'),
-        ("infinity", "METADATA that holds -Infinity", b'{"a":[-Infinity]}'),
-        ("beyond-binary64", "METADATA with a number that rounds to an infinity", b'{"a":[{"b":1e999}]}'),
-        ("whole-beyond-binary64", "METADATA with a whole number of 400 digits", b'{"a":-1' + 400 * b"0" + b"}"),
-        ("utf-16", "METADATA in UTF-16", '{"a":1}'.encode("utf-16-le")),
-        ("latin-1", "METADATA that is not UTF-8", b'{"a":"\xe9"}'),
-        ("byte-order-mark", "METADATA that starts with a byte order mark", b"\xef\xbb\xbf{}"),
-        ("comma", "METADATA with a comma after the last member", b'{"a":1,}'),
-        ("blank", "METADATA of one blank", b" "),
-    ):
-        data = remade(root_file(), block_added(text, kind=_METADATA, flags=2))
-        yield Case(f"invalid/metadata-{name}", purpose, data, ("R-7.10-1",), refusals=("bad-metadata",),
-                   stage="metadata")
-    sound = remade(root_file(), block_added(b"{}", kind=_METADATA, flags=2))
-    wrong = broken(sound, lambda p: p.entry(_METADATA).update(crc32=0))
-    yield Case("invalid/metadata-crc-zero", "METADATA whose CRC says 0", wrong, ("R-5.6-1",),
-               refusals=("crc-mismatch",), stage="metadata")
 
 
 def crc32_with_zeros(start: bytes, zeros: int) -> int:

@@ -36,6 +36,9 @@ def activation_cases() -> Iterator[Case]:
     opacity, covariance, colour = near.scene_mlps
     yield _edge("anchors-near", "anchors 1e-210 from the camera, and quaternions 1e-24 long: their squares vanish",
                 replace(near, scene_mlps=(opacity, _short(covariance), colour)), "R-9.6-1")  # fmt: skip
+    seen = _edge("anchors-camera", "Gaussians for a camera that is not at the origin of the header",
+                 build(_anchors("camera", 0.125)), "R-9.6-1")  # fmt: skip
+    yield replace(seen, camera=(3.25, -1.5, 40.0))
 
 
 def _edge(name: str, purpose: str, scene: QuantisedScene, *rules: str) -> Case:

@@ -446,5 +446,11 @@ def _annotation_cases() -> Iterator[Case]:
                 WriteOptions(metadata=escaped.replace("{", '{"n": -1e-7, ', 1).encode()))
     yield _edge("metadata-empty", "METADATA of an empty object", replace(metadata, metadata={}), rules,
                 WriteOptions(metadata=b"{}"))
+    deep = b'{"a":' + 63 * b"[" + b'"[[{{\\"[["' + 63 * b"]" + b',"b":' + 63 * b'{"":' + b"0" + 64 * b"}"
+    yield _edge("metadata-deep", "METADATA nested 64 deep, brackets in strings", replace(metadata, metadata={}),
+                ("R-7.10-1", "R-7.10-3"), WriteOptions(metadata=deep))
+    numbers = b'{"a":1,"a":[17976931348623157' + 292 * b"0" + b",-0." + 5000 * b"0" + b'1,1e-999,1E+308],"a\\u0000":0}'
+    yield _edge("metadata-numbers", "METADATA with numbers at both ends of binary64, a name twice with two values",
+                replace(metadata, metadata={}), rules, WriteOptions(metadata=numbers))
 
 

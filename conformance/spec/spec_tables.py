@@ -17,6 +17,7 @@ from conformance.spec.worked import field_table_text, hex_dump, rans_text, value
 from conformance.spec.worked_network import evaluation_rows, network_rows, table_text
 from scarfmt.container.schema import STRUCTURES, markdown_table
 from scarfmt.neural import tables
+from scarfmt.scene.streams import channel_table
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEC = ROOT / "SPEC.md"
@@ -80,6 +81,7 @@ def _parts() -> dict[str, Callable[[], str]]:
     structures = {name: (lambda name=name: markdown_table(name)) for name in STRUCTURES}
     return {
         **structures,
+        "channels": channel_table,
         "tool-ids": _tool_ids,
         "worked-hex": lambda: hex_dump(worked_file()),
         "worked-fields": lambda: field_table_text(worked_file()),

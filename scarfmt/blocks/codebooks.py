@@ -6,54 +6,67 @@ Each dimension is Rice-coded by itself: trailing dimensions of a decorrelated la
 from __future__ import annotations
 
 import numpy as np
+from construct import this
 from numpy.typing import NDArray
 
-from scarfmt.container.bytefields import ByteReader, unsigned_varint
-from scarfmt.entropy.rice import pack_rice, unpack_rice
+from scarfmt.blocks.declare import U8, Bits, Count, Record, Repeat, Rule, Scope, build, read
 from scarfmt.errors import Malformed
 from scarfmt.scene.codebooks import MAX_CODEWORDS, MAX_LATENT
 
 I64 = NDArray[np.int64]
 
+MAX_BOOKS = 2
 MAX_VALUE = 65535
+
+_DIMENSION = Record(
+    "words" / Bits(this.size) * "in codeword order",
+    Rule(
+        "R-7.8-1",
+        lambda at: int(np.abs(at["words"]).max()) <= MAX_VALUE,
+        lambda at: Malformed("bad-codebook", f"a component beyond {MAX_VALUE} (SPEC §7.8)", field="codebooks"),
+    ),
+)
+
+_BOOK = Record(
+    "number" / U8 * "0: stage 1; 1: all later stages",
+    "size" / Count(MAX_CODEWORDS) * "codewords",
+    Rule("R-7.8-1", lambda at: _sound_head(at), lambda at: _bad(f"book {at['number']} of {at['size']} codewords")),
+    "components" / Repeat(this.d, _DIMENSION),
+)
+
+CODEBOOKS = Record(
+    "d" / Count(MAX_LATENT) * "latent dimensions",
+    Rule("R-7.8-1", lambda at: bool(at["d"]), lambda at: _bad("codewords of no dimensions")),
+    "book_count" / Count(MAX_BOOKS),
+    "books" / Repeat(this.book_count, _BOOK),
+    Rule("R-7.8-1", lambda at: bool(at["books"]), lambda at: _bad("the block holds no codebook")),
+)
+
+
+def _sound_head(at: Scope) -> bool:
+    later = all(at["number"] > book["number"] for book in at["earlier"])
+    return bool(at["number"] < MAX_BOOKS and later and at["size"])
 
 
 def pack_codebooks(books: dict[int, I64]) -> bytes:
     """The payload of a CODEBOOKS block: `books` maps book number to (n, d) int64 codewords."""
     dimension = next(iter(books.values())).shape[1]
-    out = [unsigned_varint(dimension), unsigned_varint(len(books))]
-    for number in sorted(books):
-        words = books[number]
-        out += [bytes([number]), unsigned_varint(len(words))]
-        out += [pack_rice(words[:, column]) for column in range(dimension)]
-    return b"".join(out)
+    fields = [
+        {"number": number, "size": len(words), "components": [{"words": column} for column in words.T]}
+        for number, words in sorted(books.items())
+    ]
+    return build(CODEBOOKS, {"d": dimension, "book_count": len(books), "books": fields})
 
 
 def unpack_codebooks(payload: bytes) -> dict[int, I64]:
-    """The inverse of :func:`pack_codebooks`.
+    """Codewords by book number, (n, d) int64 each.
 
     Raises:
         Malformed: ``bad-codebook`` for a payload that breaks SPEC §7.8.
     """
-    reader = ByteReader(payload, "codebooks")
-    dimension = reader.count(MAX_LATENT)
-    if not dimension:
-        raise Malformed("bad-codebook", "codewords of no dimensions (SPEC §7.8)", field="codebooks")
-    count = reader.count(2)
-    books: dict[int, I64] = {}
-    for _ in range(count):
-        number, size = reader.take(1)[0], reader.count(MAX_CODEWORDS)
-        if number > 1 or (books and number <= max(books)) or size == 0:
-            raise Malformed("bad-codebook", f"book {number} of {size} codewords (SPEC §7.8)", field="codebooks")
-        columns = [_checked(unpack_rice(reader, size)) for _ in range(dimension)]
-        books[number] = np.stack(columns, axis=1)
-    if not books:
-        raise Malformed("bad-codebook", "the block holds no codebook (SPEC §7.8)", field="codebooks")
-    reader.finish()
-    return books
+    books = read(CODEBOOKS, payload, "codebooks")["books"]
+    return {book["number"]: np.stack([part["words"] for part in book["components"]], axis=1) for book in books}
 
 
-def _checked(values: I64) -> I64:
-    if int(np.abs(values).max()) > MAX_VALUE:
-        raise Malformed("bad-codebook", f"a component beyond {MAX_VALUE} (SPEC §7.8)", field="codebooks")
-    return values
+def _bad(message: str) -> Malformed:
+    return Malformed("bad-codebook", f"{message} (SPEC §7.8)", field="codebooks")

@@ -7,63 +7,97 @@ a one and a rANS stream of the table, entry by entry.
 from __future__ import annotations
 
 import numpy as np
+from construct import this
 
-from scarfmt.container.bytefields import ByteReader, unsigned_varint
+from scarfmt.blocks.declare import U8, U32, Blob, Count, Derived, Record, Repeat, Rule, Scope, Varint, build, read
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, RansEncoder
 from scarfmt.errors import Malformed
-from scarfmt.neural.grid import MAX_LEVELS, U8, GridBox, GridLevel, HashGrid, check_grid
+from scarfmt.neural.grid import MAX_LEVELS, GridBox, GridLevel, HashGrid, check_grid
+from scarfmt.neural.grid import U8 as Bits
 
 _PROBABILITY_ONE = 256
-_LENGTH_BYTES = 4
+
+_LEVEL = Record(
+    "plane" / Varint(32) * "axes: 0 xyz, 1 xy, 2 xz, 3 yz, 4 x, 5 y, 6 z",
+    "resolution" / Varint(32) * "M, cells along each axis",
+    "table_log2" / Varint(32) * "T",
+    "features" / Varint(32),
+)
+
+_TABLE = Record(
+    "ones" / U8 * "a bit is 1 in `ones` of 256 cases",
+    Rule(
+        "R-10.6-2",
+        lambda at: at["ones"] > 0,
+        lambda at: Malformed("bad-grid", "the probability of a one must not be 0 (SPEC §10.6)", field="grid"),
+    ),
+    "length" / U32,
+    "stream" / Blob(this.length) * "one rANS stream (8.2)",
+    # Here, as a damaged stream is refused before the next level is read.
+    "bits" / Derived(lambda at: _decoded(at), rules=("R-8.2-1", "R-8.2-2")),
+)
+
+HASH_GRID = Record(
+    "origin" / Repeat(3, Varint(32)) * "lattice coordinates x, y, z",
+    "extent_bits" / Varint(32) * "K: the box has sides of 2^K lattice steps",
+    "level_count" / Count(MAX_LEVELS),
+    "levels" / Repeat(this.level_count, _LEVEL),
+    "shapes" / Derived(lambda at: _checked_shapes(at), rules=("R-10.6-1",)),
+    "tables" / Repeat(this.level_count, _TABLE),
+)
 
 
-def pack_grid(grid: HashGrid) -> bytes:
-    """The payload of a HASH_GRID block: `grid` must pass its own check."""
-    numbers = [*grid.origin, grid.extent_bits, len(grid.levels)]
-    for level in grid.levels:
-        numbers += [level.plane, level.resolution, level.table_log2, level.features]
-    return b"".join([*map(unsigned_varint, numbers), *map(_pack_bits, grid.bits)])
+def _checked_shapes(at: Scope) -> tuple[GridLevel, ...]:
+    levels = tuple(GridLevel(*level.values()) for level in at["levels"])
+    check_grid(GridBox(tuple(at["origin"]), at["extent_bits"]), levels)
+    return levels
 
 
-def _pack_bits(bits: U8) -> bytes:
+def _decoded(at: Scope) -> Bits:
+    """(entries, features) uint8 of the level whose stream has just been read."""
+    level: GridLevel = at["shapes"][at["index"]]
+    decoder = RansDecoder(at["stream"])
+    bits = decoder.decode(_frequencies(at["ones"]), level.bits)
+    decoder.finish()
+    return bits.reshape(level.entries, level.features).astype(np.uint8)
+
+
+def _encoded(bits: Bits) -> dict[str, object]:
     ones = min(max(round(_PROBABILITY_ONE * float(bits.mean())), 1), _PROBABILITY_ONE - 1)
     encoder = RansEncoder()
-    encoder.encode(bits.ravel(), _table(ones))
+    encoder.encode(bits.ravel(), _frequencies(ones))
     stream = encoder.finish()
-    return bytes([ones]) + len(stream).to_bytes(_LENGTH_BYTES, "little") + stream
+    return {"ones": ones, "length": len(stream), "stream": stream}
 
 
-def _table(ones: int) -> FrequencyTable:
+def _frequencies(ones: int) -> FrequencyTable:
     """Frequencies of a bit that is 1 in `ones` of 256 cases."""
     return FrequencyTable.from_weights(np.array([_PROBABILITY_ONE - ones, ones]))
 
 
+def pack_grid(grid: HashGrid) -> bytes:
+    """The payload of a HASH_GRID block: `grid` must pass its own check."""
+    fields = {
+        "origin": grid.origin,
+        "extent_bits": grid.extent_bits,
+        "level_count": len(grid.levels),
+        "levels": [
+            {"plane": at.plane, "resolution": at.resolution, "table_log2": at.table_log2, "features": at.features}
+            for at in grid.levels
+        ],
+        "tables": [_encoded(bits) for bits in grid.bits],
+    }
+    return build(HASH_GRID, fields)
+
+
 def unpack_grid(payload: bytes) -> HashGrid:
-    """The inverse of :func:`pack_grid`.
+    """The grid of a HASH_GRID block.
 
     Raises:
         Malformed: ``bad-grid`` for a payload that breaks SPEC §10.6, ``bad-varint``, ``payload-short``,
             ``payload-long``, or the refusal of a damaged rANS stream.
         LimitExceeded: ``count-limit`` for more than 16 levels.
     """
-    reader = ByteReader(payload, "grid")
-    box = GridBox((reader.unsigned(32), reader.unsigned(32), reader.unsigned(32)), reader.unsigned(32))
-    levels = tuple(_read_level(reader) for _ in range(reader.count(MAX_LEVELS)))
-    check_grid(box, levels)
-    bits = tuple(_read_bits(reader, level) for level in levels)
-    reader.finish()
-    return HashGrid(box.origin, box.extent_bits, levels, bits)
-
-
-def _read_level(reader: ByteReader) -> GridLevel:
-    return GridLevel(reader.unsigned(32), reader.unsigned(32), reader.unsigned(32), reader.unsigned(32))
-
-
-def _read_bits(reader: ByteReader, level: GridLevel) -> U8:
-    ones = reader.take(1)[0]
-    if ones == 0:
-        raise Malformed("bad-grid", "the probability of a one must not be 0 (SPEC §10.6)", field="grid")
-    decoder = RansDecoder(reader.take(int.from_bytes(reader.take(_LENGTH_BYTES), "little")))
-    bits = decoder.decode(_table(ones), level.bits)
-    decoder.finish()
-    return bits.reshape(level.entries, level.features).astype(np.uint8)
+    fields = read(HASH_GRID, payload, "grid")
+    bits = tuple(table["bits"] for table in fields["tables"])
+    return HashGrid(tuple(fields["origin"]), fields["extent_bits"], fields["shapes"], bits)

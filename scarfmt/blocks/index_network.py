@@ -6,13 +6,14 @@ too, after the zero bits that they all end in.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from construct import this
 from numpy.typing import NDArray
 
-from scarfmt.container.bytefields import ByteReader, unsigned_varint
-from scarfmt.entropy.rice import pack_rice, pack_shifted, unpack_rice, unpack_shifted
+from scarfmt.blocks.declare import U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.network import (
@@ -32,129 +33,220 @@ from scarfmt.neural.network import (
 from scarfmt.scene.codebooks import MAX_CODEWORDS
 
 I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
 Ints = NDArray[np.integer[Any]]
 
 _OWN, _ATTENTION = 1, 2
-_FIELD = "network"
+
+MATRIX = Record(
+    "weights" / Bits(this.rows * this.columns) * "row by row",
+    # Here, as int32 would wrap a weight that the network's own check must see.
+    Rule(
+        "R-10.5-1",
+        lambda at: int(np.abs(at["weights"]).max(initial=0)) <= MAX_WEIGHT,
+        lambda at: Malformed("bad-network", f"a weight above {MAX_WEIGHT} (SPEC §10.1)", field="network"),
+    ),
+)
+"""Parameters: `rows` and `columns`."""
+
+LINEAR = Record(
+    "shift" / U8,
+    "matrix" / Use("matrix", MATRIX, rows=this.rows, columns=this.columns),
+    "biases" / Bits(this.rows, shifted=True),
+)
+"""Parameters: `rows` and `columns`."""
+
+
+def _linear(rows: Any, columns: Any) -> Use:
+    return Use("linear", LINEAR, rows=rows, columns=columns)
+
+
+# The first layer is fed a codeword, each of the others the state of the one before.
+_GRU = Record(
+    "shift" / U8,
+    "first" / Derived(lambda at: at["index"] == 0, "1 in the first recurrent layer, 0 in others"),
+    When(
+        this.first,
+        "Wi" / Repeat(this.head_count, Use("matrix", MATRIX, rows=3 * this.hidden, columns=this.codeword_dims + 1)),
+    ),
+    When(this.index > 0, "Wi" / Repeat(1, Use("matrix", MATRIX, rows=3 * this.hidden, columns=this.hidden))),
+    "Wh" / Use("matrix", MATRIX, rows=3 * this.hidden, columns=this.hidden),
+    When(this.first, "bi" / Bits(this.tokens * 3 * this.hidden, shifted=True)),
+    When(this.index > 0, "bi" / Bits(3 * this.hidden, shifted=True)),
+    "bh" / Bits(3 * this.hidden, shifted=True),
+    "start" / Bits(this.hidden, shifted=True),
+)
+
+_HEAD = Record(
+    "size" / Count(MAX_CODEWORDS),
+    "cluster_count" / Count(MAX_CLUSTERS) * "0: flat; else two-level",
+    "clusters" / Repeat(this.cluster_count, Count(MAX_CODEWORDS)),
+    "project1" / _linear(this.codeword_dims + 1, this.mixed),
+    When(this.cluster_count > 0, "project2" / _linear(this.codeword_dims + 1, this.mixed)),
+    "shift" / U8,
+    "member_shift" / U8,
+    "cluster_biases" / Bits(this.cluster_count, shifted=True),
+    "biases" / Bits(this.size, shifted=True),
+)
+
+ENTROPY_NETWORK = Record(
+    "activation_bits" / U8 * "a",
+    "flags" / U8 * "bit 0: own; bit 1: attention",
+    "latent_shift" / U8,
+    "codeword_shift" / U8,
+    "classes" / Count(MAX_INPUTS) * "C",
+    "attributes" / Count(MAX_INPUTS) * "A of §10.2",
+    "depths" / Count(MAX_INPUTS) * "D, number of occupancy targets",
+    "latents" / Count(MAX_INPUTS) * "L",
+    "grid" / Count(MAX_INPUTS) * "F",
+    "codeword_dims" / Count(MAX_CODEWORD_DIMS) * "R",
+    "embed_width" / Count(MAX_WIDTH) * "U",
+    "hidden" / Count(MAX_WIDTH) * "H",
+    "mixed" / Count(MAX_WIDTH) * "Y",
+    "gru_count" / Count(MAX_GRU_LAYERS) * "recurrent layers",
+    "tokens" / Count(MAX_TOKENS) * "T",
+    "head_count" / Count(MAX_HEADS),
+    Rule(
+        "R-10.5-1",
+        lambda at: not at["flags"] & ~(_OWN | _ATTENTION),
+        lambda at: _bad(f"reserved flags in {at['flags']:#x}"),
+    ),
+    "N" / Derived(lambda at: _inputs(at).width, "C + (A if own) + D * (A + L + 1) + F"),
+    # Here, as the product of attributes and depths is not bounded by their limits.
+    Rule(
+        "R-10.5-1",
+        lambda at: at["N"] <= MAX_INPUTS,
+        lambda at: _bad(f"{at['N']} input columns, at most {MAX_INPUTS}"),
+    ),
+    "embed1" / _linear(this.embed_width, this.N),
+    "embed2" / _linear(this.hidden, this.embed_width),
+    "gru" / Repeat(this.gru_count, _GRU),
+    When(
+        this.flags & _ATTENTION,
+        "query" / _linear(this.hidden, this.hidden),
+        "key" / _linear(this.hidden, this.hidden),
+        "value" / _linear(this.hidden, this.hidden),
+        "score_shift" / U8,
+    ),
+    "mixer" / _linear(this.mixed, 2 * this.hidden),
+    "heads" / Repeat(this.head_count, _HEAD),
+)
+
+
+def _bad(message: str) -> Malformed:
+    return Malformed("bad-network", f"{message} (SPEC §10.5)", field="network")
 
 
 def pack_network(network: IndexNetwork) -> bytes:
     """The payload of an ENTROPY_NETWORK block, of a network that passes :meth:`IndexNetwork.check`."""
-    attention = network.attention
-    out = [_pack_header(network), *(_pack_linear(layer) for layer in network.embed)]
-    for gru in network.gru:
-        out += [bytes([gru.shift]), *(_pack_matrix(matrix) for matrix in (*gru.inputs, gru.recurrent))]
-        out += [pack_shifted(array) for array in (gru.biases, gru.recurrent_biases, gru.start)]
+    attention, inputs, first = network.attention, network.inputs, network.gru[0]
+    fields: dict[str, Any] = {
+        "activation_bits": network.activation_bits,
+        "flags": _OWN * inputs.own | _ATTENTION * (attention is not None),
+        "latent_shift": inputs.latent_shift,
+        "codeword_shift": network.codeword_shift,
+        **{name: getattr(inputs, name) for name in ("classes", "attributes", "depths", "latents", "grid")},
+        "codeword_dims": network.codeword_dims,
+        "embed_width": network.embed[0].outputs,
+        "hidden": network.hidden,
+        "mixed": network.mixer.outputs,
+        "gru_count": len(network.gru),
+        "tokens": len(first.biases),
+        "head_count": len(network.heads),
+        "embed1": _linear_fields(network.embed[0]),
+        "embed2": _linear_fields(network.embed[1]),
+        "gru": [_gru_fields(layer, number == 0) for number, layer in enumerate(network.gru)],
+        "mixer": _linear_fields(network.mixer),
+        "heads": [_head_fields(head) for head in network.heads],
+    }
     if attention is not None:
-        out += [_pack_linear(layer) for layer in (attention.query, attention.key, attention.value)]
-        out.append(bytes([attention.shift]))
-    out.append(_pack_linear(network.mixer))
-    out += [_pack_head(head) for head in network.heads]
-    return b"".join(out)
+        fields |= {name: _linear_fields(getattr(attention, name)) for name in ("query", "key", "value")}
+        fields["score_shift"] = attention.shift
+    return build(ENTROPY_NETWORK, fields)
 
 
-def _pack_header(network: IndexNetwork) -> bytes:
-    inputs, first = network.inputs, network.gru[0]
-    flags = _OWN * inputs.own | _ATTENTION * (network.attention is not None)
-    shifts = bytes([network.activation_bits, flags, inputs.latent_shift, network.codeword_shift])
-    columns = (inputs.classes, inputs.attributes, inputs.depths, inputs.latents, inputs.grid)
-    widths = (network.codeword_dims, network.embed[0].outputs, network.hidden, network.mixer.outputs)
-    counts = (len(network.gru), len(first.biases), len(network.heads))
-    return shifts + b"".join(unsigned_varint(n) for n in (*columns, *widths, *counts))
+def _matrix_fields(matrix: Ints) -> dict[str, Any]:
+    return {"weights": matrix.ravel()}
 
 
-def _pack_matrix(matrix: Ints) -> bytes:
-    return pack_rice(matrix.ravel())
+def _linear_fields(layer: Linear) -> dict[str, Any]:
+    return {"shift": layer.shift, "matrix": _matrix_fields(layer.weights), "biases": layer.biases}
 
 
-def _pack_linear(layer: Linear) -> bytes:
-    return bytes([layer.shift]) + _pack_matrix(layer.weights) + pack_shifted(layer.biases)
+def _gru_fields(layer: GruLayer, first: bool) -> dict[str, Any]:
+    return {
+        "shift": layer.shift,
+        "first": first,
+        "Wi": [_matrix_fields(matrix) for matrix in layer.inputs],
+        "Wh": _matrix_fields(layer.recurrent),
+        "bi": layer.biases,
+        "bh": layer.recurrent_biases,
+        "start": layer.start,
+    }
 
 
-def _pack_head(head: Head) -> bytes:
-    out = [unsigned_varint(n) for n in (len(head.biases), len(head.clusters), *head.clusters)]
-    out += [_pack_linear(layer) for layer in head.projections]
-    out += [bytes([head.shift, head.member_shift]), pack_shifted(head.cluster_biases), pack_shifted(head.biases)]
-    return b"".join(out)
+def _head_fields(head: Head) -> dict[str, Any]:
+    return {
+        "size": len(head.biases),
+        "cluster_count": len(head.clusters),
+        "clusters": head.clusters,
+        **{f"project{number}": _linear_fields(layer) for number, layer in enumerate(head.projections, start=1)},
+        "shift": head.shift,
+        "member_shift": head.member_shift,
+        "cluster_biases": head.cluster_biases,
+        "biases": head.biases,
+    }
 
 
 def unpack_network(payload: bytes) -> IndexNetwork:
-    """The inverse of :func:`pack_network`; what depends on the codebooks is left to :meth:`IndexNetwork.check`.
+    """The index network; what depends on the codebooks is left to :meth:`IndexNetwork.check`.
 
     Raises:
         Malformed: ``bad-network`` for a network that breaks SPEC §10.5; ``bad-rice``, ``payload-short``,
             ``payload-long``, ``bad-varint``.
         LimitExceeded: ``count-limit``.
     """
-    reader = ByteReader(payload, _FIELD)
-    network = _read_network(reader)
-    reader.finish()
+    at = read(ENTROPY_NETWORK, payload, "network")
+    network = IndexNetwork(
+        activation_bits=at["activation_bits"],
+        inputs=_inputs(at),
+        codeword_dims=at["codeword_dims"],
+        codeword_shift=at["codeword_shift"],
+        embed=(_layer(at["embed1"]), _layer(at["embed2"])),
+        gru=tuple(_gru(layer, at["tokens"]) for layer in at["gru"]),
+        attention=_attention(at) if at["flags"] & _ATTENTION else None,
+        mixer=_layer(at["mixer"]),
+        heads=tuple(_head(head) for head in at["heads"]),
+    )
     network.check_structure()
     return network
 
 
-def _read_network(reader: ByteReader) -> IndexNetwork:
-    bits, flags, latent_shift, codeword_shift = reader.take(4)
-    classes, attributes, depths, latents, grid = (reader.count(MAX_INPUTS) for _ in range(5))
-    inputs = Inputs(classes, bool(flags & _OWN), attributes, depths, latents, latent_shift, grid)
-    dims, first = reader.count(MAX_CODEWORD_DIMS), reader.count(MAX_WIDTH)
-    hidden, mixed = reader.count(MAX_WIDTH), reader.count(MAX_WIDTH)
-    layers, tokens, heads = reader.count(MAX_GRU_LAYERS), reader.count(MAX_TOKENS), reader.count(MAX_HEADS)
-    # Both here, by R-10.5-1. The product of attributes and depths is not bounded by their limits.
-    if flags & ~(_OWN | _ATTENTION):
-        raise Malformed("bad-network", f"reserved flags in {flags:#x} (SPEC §10.5)", field=_FIELD)
-    if inputs.width > MAX_INPUTS:
-        raise Malformed("bad-network", f"{inputs.width} input columns, at most {MAX_INPUTS} (SPEC §10.5)", field=_FIELD)
-    return IndexNetwork(
-        activation_bits=bits,
-        inputs=inputs,
-        codeword_dims=dims,
-        codeword_shift=codeword_shift,
-        embed=(_read_linear(reader, first, inputs.width), _read_linear(reader, hidden, first)),
-        gru=tuple(
-            _read_gru(reader, hidden, hidden if number else dims + 1, 1 if number else heads, 1 if number else tokens)
-            for number in range(layers)
-        ),
-        attention=_read_attention(reader, hidden) if flags & _ATTENTION else None,
-        mixer=_read_linear(reader, mixed, 2 * hidden),
-        heads=tuple(_read_head(reader, dims + 1, mixed) for _ in range(heads)),
-    )
+def _inputs(at: Mapping[str, Any]) -> Inputs:
+    own = bool(at["flags"] & _OWN)
+    blocks = at["attributes"], at["depths"], at["latents"]
+    return Inputs(at["classes"], own, *blocks, at["latent_shift"], at["grid"])
 
 
-def _read_matrix(reader: ByteReader, rows: int, columns: int) -> I32:
-    weights = unpack_rice(reader, rows * columns)
-    # Here, as int32 would wrap a weight that the network's own check must see.
-    if len(weights) and int(np.abs(weights).max()) > MAX_WEIGHT:
-        raise Malformed("bad-network", f"a weight above {MAX_WEIGHT} (SPEC §10.1)", field=_FIELD)
-    return weights.reshape(rows, columns).astype(np.int32)
+def _matrix(at: Scope) -> I32:
+    return np.asarray(at["weights"].reshape(at["rows"], at["columns"]).astype(np.int32))
 
 
-def _read_numbers(reader: ByteReader, *shape: int) -> I64:
-    return unpack_shifted(reader, int(np.prod(shape))).reshape(shape)
+def _layer(at: Scope) -> Linear:
+    return Linear(_matrix(at["matrix"]), at["biases"], at["shift"])
 
 
-def _read_linear(reader: ByteReader, rows: int, columns: int) -> Linear:
-    shift = reader.take(1)[0]
-    return Linear(_read_matrix(reader, rows, columns), _read_numbers(reader, rows), shift)
+def _gru(at: Scope, tokens: int) -> GruLayer:
+    rows = 3 * at["hidden"]
+    biases = at["bi"].reshape(tokens if at["first"] else 1, rows)
+    matrices = tuple(_matrix(matrix) for matrix in at["Wi"])
+    return GruLayer(matrices, _matrix(at["Wh"]), biases, at["bh"], at["start"], at["shift"])
 
 
-def _read_gru(reader: ByteReader, hidden: int, columns: int, matrices: int, tokens: int) -> GruLayer:
-    shift, rows = reader.take(1)[0], 3 * hidden
-    inputs = tuple(_read_matrix(reader, rows, columns) for _ in range(matrices))
-    recurrent, biases = _read_matrix(reader, rows, hidden), _read_numbers(reader, tokens, rows)
-    return GruLayer(inputs, recurrent, biases, _read_numbers(reader, rows), _read_numbers(reader, hidden), shift)
+def _attention(at: Scope) -> Attention:
+    return Attention(_layer(at["query"]), _layer(at["key"]), _layer(at["value"]), at["score_shift"])
 
 
-def _read_attention(reader: ByteReader, hidden: int) -> Attention:
-    query, key, value = (_read_linear(reader, hidden, hidden) for _ in range(3))
-    return Attention(query, key, value, reader.take(1)[0])
-
-
-def _read_head(reader: ByteReader, dims: int, mixed: int) -> Head:
-    codewords, count = reader.count(MAX_CODEWORDS), reader.count(MAX_CLUSTERS)
-    clusters = tuple(reader.count(MAX_CODEWORDS) for _ in range(count))
-    projections = tuple(_read_linear(reader, dims, mixed) for _ in range(2 if clusters else 1))
-    shift, member_shift = reader.take(2)
-    cluster_biases, biases = _read_numbers(reader, count), _read_numbers(reader, codewords)
-    return Head(projections, clusters, cluster_biases, biases, shift, member_shift)
+def _head(at: Scope) -> Head:
+    projections = [at["project1"], *([at["project2"]] if at["cluster_count"] else [])]
+    layers, clusters = tuple(_layer(layer) for layer in projections), tuple(at["clusters"])
+    return Head(layers, clusters, at["cluster_biases"], at["biases"], at["shift"], at["member_shift"])

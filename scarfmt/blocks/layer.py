@@ -2,13 +2,28 @@
 
 from __future__ import annotations
 
-import struct
+from collections.abc import Mapping
+from typing import Any
 
-from scarfmt.container.bytefields import ByteReader, signed_varint, unsigned_varint
+from construct import this
+
+from scarfmt.blocks.declare import (
+    F64,
+    U8,
+    Count,
+    Numbers,
+    Record,
+    Repeat,
+    Rule,
+    SignedVarint,
+    Varint,
+    When,
+    build,
+    read,
+)
 from scarfmt.container.schema import Stream
 from scarfmt.errors import Malformed, Unsupported
 from scarfmt.scene.model import (
-    CHANNEL_STREAMS,
     MAX_CHANNELS,
     MAX_CLASSES,
     MAX_COMPONENTS,
@@ -18,6 +33,7 @@ from scarfmt.scene.model import (
     DecodedContext,
     LayerRow,
 )
+from scarfmt.scene.streams import CHANNEL_STREAMS
 
 STATIC, NEURAL = 0, 1
 """Entropy modes: what codes INDICES, static tables or the index network (SPEC §10.4)."""
@@ -25,35 +41,97 @@ STATIC, NEURAL = 0, 1
 Opening = tuple[tuple[Channel, ...], DecodedContext]
 """What only the LAYER block of layer 1 says."""
 
+_COMPONENT = Record(
+    "first_width" / F64 * "width of a cell after one step",
+    "by_class" / U8 * "context rule, 8.4",
+    "source_channel" / U8 * "255: none",
+    "source_component" / U8,
+    "shift" / U8,
+    Rule(
+        "R-7.11-2",
+        lambda at: at["by_class"] <= 1,
+        lambda at: Malformed("bad-channel", "by_class is not 0 or 1 (SPEC §8.4)", field="channels"),
+    ),
+    "low" / SignedVarint(33),
+)
+
+_CHANNEL = Record(
+    "stream" / U8,
+    "components" / U8,
+    Rule(
+        "R-7.11-2",
+        lambda at: at["stream"] in CHANNEL_STREAMS and 1 <= at["components"] <= MAX_COMPONENTS,
+        lambda at: Malformed(
+            "bad-channel",
+            f"no channel has stream {at['stream']} and {at['components']} components",
+            field="channels",
+        ),
+    ),
+    "rules" / Repeat(this.components, _COMPONENT),
+)
+
+_CLASS = Record(
+    "stages" / U8,
+    "steps" / Numbers({1: "u1"}, this.channel_count, 1) * "one a channel",
+)
+
+LAYER = Record(
+    "entropy_mode" / U8 * "what codes INDICES: 0 tables, 1 the index network (10.4)",
+    Rule(
+        "R-7.11-1",
+        lambda at: at["entropy_mode"] in (STATIC, NEURAL),
+        lambda at: Unsupported(
+            "unsupported-entropy-mode", f"entropy mode {at['entropy_mode']} needs a newer reader", field="entropy_mode"
+        ),
+    ),
+    When(
+        this.layer == 1,
+        "channel_count" / Count(MAX_CHANNELS),
+        "channels" / Repeat(this.channel_count, _CHANNEL),
+        "passes_log2" / U8 * "10.2",
+        "target_count" / Count(MAX_DEPTHS),
+        "occupancy_targets" / Repeat(this.target_count, Varint(16)) * "10.2",
+    ),
+    "class_count" / Count(MAX_CLASSES),
+    "classes" / Repeat(this.class_count, _CLASS),
+)
+"""Parameters: `layer`, 1-based; after layer 1, `channel_count`."""
+
 
 def pack_layer(row: LayerRow, opening: Opening | None) -> bytes:
     """The payload of a LAYER block; `opening` exactly in layer 1."""
-    out = [bytes([NEURAL if row.neural else STATIC])]
-    if opening is not None:
-        channels, context = opening
-        out.append(unsigned_varint(len(channels)))
-        out += [_pack_channel(channel) for channel in channels]
-        out += [bytes([context.passes_log2]), unsigned_varint(len(context.occupancies))]
-        out += [unsigned_varint(target) for target in context.occupancies]
-    out.append(unsigned_varint(row.class_count))
-    for stages, steps in zip(row.stages, row.steps, strict=True):
-        out.append(bytes([stages, *steps]))
-    return b"".join(out)
+    fields: dict[str, Any] = {"entropy_mode": NEURAL if row.neural else STATIC, "class_count": row.class_count}
+    fields["classes"] = [
+        {"stages": stages, "steps": bytes(steps)} for stages, steps in zip(row.stages, row.steps, strict=True)
+    ]
+    if opening is None:
+        return build(LAYER, fields, layer=0)
+    channels, context = opening
+    fields |= {"channel_count": len(channels), "channels": [_channel_fields(channel) for channel in channels]}
+    fields |= {"passes_log2": context.passes_log2, "target_count": len(context.occupancies)}
+    return build(LAYER, {**fields, "occupancy_targets": context.occupancies}, layer=1)
 
 
-def _pack_channel(channel: Channel) -> bytes:
-    out = [bytes([channel.stream, channel.components])]
-    for width, rule in zip(channel.first_width, channel.rules, strict=True):
-        out.append(struct.pack("<d", width))
-        out.append(bytes([rule.by_class, rule.source_channel, rule.source_component, rule.shift]))
-        out.append(signed_varint(rule.low))
-    return b"".join(out)
+def _channel_fields(channel: Channel) -> dict[str, Any]:
+    rules = [
+        {
+            "first_width": width,
+            "by_class": rule.by_class,
+            "source_channel": rule.source_channel,
+            "source_component": rule.source_component,
+            "shift": rule.shift,
+            "low": rule.low,
+        }
+        for width, rule in zip(channel.first_width, channel.rules, strict=True)
+    ]
+    return {"stream": channel.stream, "components": channel.components, "rules": rules}
 
 
 def unpack_layer(payload: bytes, layer: int, opening: Opening) -> tuple[LayerRow, Opening]:
-    """The inverse of :func:`pack_layer`.
+    """The row of a LAYER block, and what layer 1 says.
 
     Args:
+        payload: its bytes.
         layer: 1-based; channels and context are read in layer 1.
         opening: what layer 1 said, for later layers.
 
@@ -61,35 +139,18 @@ def unpack_layer(payload: bytes, layer: int, opening: Opening) -> tuple[LayerRow
         Unsupported: ``unsupported-entropy-mode``.
         Malformed: ``bad-channel``, or a payload that is too short or too long.
     """
-    reader = ByteReader(payload, f"layer {layer}")
-    mode = reader.take(1)[0]
-    if mode not in (STATIC, NEURAL):
-        raise Unsupported("unsupported-entropy-mode", f"entropy mode {mode} needs a newer reader", field="entropy_mode")
+    fields = read(LAYER, payload, f"layer {layer}", layer=layer, channel_count=len(opening[0]))
     if layer == 1:
-        channels = tuple(_read_channel(reader) for _ in range(reader.count(MAX_CHANNELS)))
-        opening = channels, _read_context(reader)
-    stages, steps = [], []
-    for _ in range(reader.count(MAX_CLASSES)):
-        stages.append(reader.take(1)[0])
-        steps.append(tuple(reader.take(len(opening[0]))))
-    reader.finish()
-    return LayerRow(tuple(stages), tuple(steps), mode == NEURAL), opening
+        channels = tuple(_channel(channel) for channel in fields["channels"])
+        opening = channels, DecodedContext(fields["passes_log2"], tuple(fields["occupancy_targets"]))
+    stages = tuple(row["stages"] for row in fields["classes"])
+    steps = tuple(tuple(row["steps"].tolist()) for row in fields["classes"])
+    return LayerRow(stages, steps, fields["entropy_mode"] == NEURAL), opening
 
 
-def _read_context(reader: ByteReader) -> DecodedContext:
-    passes_log2 = reader.take(1)[0]
-    return DecodedContext(passes_log2, tuple(reader.unsigned(16) for _ in range(reader.count(MAX_DEPTHS))))
-
-
-def _read_channel(reader: ByteReader) -> Channel:
-    stream, components = reader.take(2)
-    if stream not in CHANNEL_STREAMS or not 1 <= components <= MAX_COMPONENTS:
-        raise Malformed("bad-channel", f"no channel has stream {stream} and {components} components", field="channels")
-    widths, rules = [], []
-    for _ in range(components):
-        widths.append(struct.unpack("<d", reader.take(8))[0])
-        by_class, source_channel, source_component, shift = reader.take(4)
-        if by_class > 1:
-            raise Malformed("bad-channel", "by_class is not 0 or 1 (SPEC §8.4)", field="channels")
-        rules.append(ContextRule(bool(by_class), source_channel, source_component, reader.signed(33), shift))
-    return Channel(Stream(stream), tuple(widths), tuple(rules))
+def _channel(fields: Mapping[str, Any]) -> Channel:
+    rules = tuple(
+        ContextRule(bool(at["by_class"]), at["source_channel"], at["source_component"], at["low"], at["shift"])
+        for at in fields["rules"]
+    )
+    return Channel(Stream(fields["stream"]), tuple(at["first_width"] for at in fields["rules"]), rules)

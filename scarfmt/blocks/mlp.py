@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from construct import this
 from numpy.typing import NDArray
 
-from scarfmt.container.bytefields import ByteReader, compress, decompress, unsigned_varint
+from scarfmt.blocks.declare import U8, Count, Numbers, Record, Repeat, Rule, Scope, build, read
+from scarfmt.container.bytefields import compress, decompress
 from scarfmt.errors import Malformed
 
 F32 = NDArray[np.float32]
@@ -24,6 +26,44 @@ MAX_NETWORKS = 8
 MAX_LAYERS = 4
 MAX_WIDTH = 1024
 MAX_MLP_BYTES = 16 << 20
+
+
+_LAYER = Record(
+    "rows" / Count(MAX_WIDTH) * "outputs",
+    "columns" / Count(MAX_WIDTH) * "inputs",
+    "width" / U8 * "bytes a weight: 1 (i8) or 2 (i16)",
+    Rule(
+        "R-7.9-1",
+        lambda at: _fits(at),
+        lambda at: _bad(f"a layer of {at['rows']} x {at['columns']} does not fit"),
+    ),
+    "weights" / Numbers({1: "i1", 2: "i2"}, this.rows * this.columns, this.width) * "row by row",
+    "scales" / Numbers({4: "f4"}, this.rows, 4),
+    "biases" / Numbers({4: "f4"}, this.rows, 4),
+    Rule(
+        "R-7.9-1",
+        lambda at: bool(np.isfinite(at["scales"]).all() and np.isfinite(at["biases"]).all()),
+        lambda at: _bad("scales and biases must be finite"),
+    ),
+)
+
+_NETWORK = Record(
+    "layer_count" / Count(MAX_LAYERS),
+    "layers" / Repeat(this.layer_count, _LAYER),
+    Rule("R-7.9-1", lambda at: bool(at["layers"]), lambda at: _bad("a network needs a layer")),
+)
+
+NETWORKS = Record("network_count" / Count(MAX_NETWORKS), "networks" / Repeat(this.network_count, _NETWORK))
+"""The content of the frame of a DECODER_MLP or SCENE_MLP block."""
+
+
+def _fits(at: Scope) -> bool:
+    chained = not at["earlier"] or at["columns"] == at["earlier"][-1]["rows"]
+    return bool(at["rows"] and at["columns"] and at["width"] in (1, 2) and chained)
+
+
+def _bad(message: str) -> Malformed:
+    return Malformed("bad-mlp", f"{message} (SPEC §7.9)", field="mlp")
 
 
 @dataclass(frozen=True)
@@ -86,42 +126,32 @@ class QuantisedMlp:
 
 def pack_networks(networks: tuple[QuantisedMlp, ...]) -> bytes:
     """The payload of a DECODER_MLP or SCENE_MLP block."""
-    out = [unsigned_varint(len(networks))]
-    for network in networks:
-        out.append(unsigned_varint(len(network.layers)))
-        for layer in network.layers:
-            # int64: the magnitude of -32768 does not fit int16.
-            wide = int(np.abs(layer.weights.astype(np.int64)).max(initial=0)) > 127
-            out += [unsigned_varint(n) for n in layer.weights.shape] + [bytes([1 + wide])]
-            out.append(layer.weights.astype("<i2" if wide else "<i1").tobytes())
-            out += [layer.scales.astype("<f4").tobytes(), layer.biases.astype("<f4").tobytes()]
-    return compress(b"".join(out))
+    fields = [
+        {"layer_count": len(network.layers), "layers": [_layer_fields(layer) for layer in network.layers]}
+        for network in networks
+    ]
+    return compress(build(NETWORKS, {"network_count": len(networks), "networks": fields}))
+
+
+def _layer_fields(layer: Linear) -> dict[str, Any]:
+    rows, columns = layer.weights.shape
+    # int64: the magnitude of -32768 does not fit int16.
+    wide = int(np.abs(layer.weights.astype(np.int64)).max(initial=0)) > 127
+    shape = {"rows": rows, "columns": columns, "width": 1 + wide}
+    return {**shape, "weights": layer.weights, "scales": layer.scales, "biases": layer.biases}
 
 
 def unpack_networks(payload: bytes, limit: int = MAX_MLP_BYTES) -> tuple[QuantisedMlp, ...]:
-    """The inverse of :func:`pack_networks`.
+    """The networks of a DECODER_MLP or SCENE_MLP block.
 
     Raises:
         Malformed: ``bad-mlp`` for networks that break SPEC §7.9; ``bad-zstd``.
         LimitExceeded: ``content-limit``, ``count-limit``.
     """
-    reader = ByteReader(decompress(payload, limit, "mlp"), "mlp")
-    networks = tuple(_read_network(reader) for _ in range(reader.count(MAX_NETWORKS)))
-    reader.finish()
-    return networks
+    networks = read(NETWORKS, decompress(payload, limit, "mlp"), "mlp")["networks"]
+    return tuple(QuantisedMlp(tuple(_linear(layer) for layer in network["layers"])) for network in networks)
 
 
-def _read_network(reader: ByteReader) -> QuantisedMlp:
-    layers: list[Linear] = []
-    for _ in range(reader.count(MAX_LAYERS)):
-        rows, columns, width = reader.count(MAX_WIDTH), reader.count(MAX_WIDTH), reader.take(1)[0]
-        if not rows or not columns or width not in (1, 2) or (layers and columns != layers[-1].weights.shape[0]):
-            raise Malformed("bad-mlp", f"a layer of {rows} x {columns} does not fit (SPEC §7.9)", field="mlp")
-        weights = reader.array("<i2" if width == 2 else "<i1", rows * columns).reshape(rows, columns)
-        scales, biases = reader.array("<f4", rows), reader.array("<f4", rows)
-        if not (np.isfinite(scales).all() and np.isfinite(biases).all()):
-            raise Malformed("bad-mlp", "scales and biases must be finite (SPEC §7.9)", field="mlp")
-        layers.append(Linear(weights.astype(np.int16), scales.astype(np.float32), biases.astype(np.float32)))
-    if not layers:
-        raise Malformed("bad-mlp", "a network needs a layer (SPEC §7.9)", field="mlp")
-    return QuantisedMlp(tuple(layers))
+def _linear(at: Scope) -> Linear:
+    weights = at["weights"].reshape(at["rows"], at["columns"]).astype(np.int16)
+    return Linear(weights, at["scales"].astype(np.float32), at["biases"].astype(np.float32))

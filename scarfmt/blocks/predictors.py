@@ -3,81 +3,111 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from construct import this
 
-from scarfmt.container.bytefields import ByteReader, unsigned_varint
+from scarfmt.blocks.declare import U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.rice import pack_rice, pack_shifted, unpack_rice, unpack_shifted
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.predictors import MAX_HIDDEN, Predictor, bad_predictor
-from scarfmt.scene.model import ATTRIBUTE_STREAMS, MAX_CLASSES
+from scarfmt.scene.model import MAX_CLASSES
+from scarfmt.scene.streams import CONTEXT_STREAMS
 
 MAX_PREDICTORS = 1024
 """Four attribute channels of ten components, twenty steps each, are 200."""
 MAX_INPUTS = 255
 
+LAYER_OF_PREDICTOR = Record(
+    "shift" / U8,
+    "weights" / Bits(this.rows * (this.columns - MAX_CLASSES + this.classes)) * "row by row",
+    # Here, as int32 would wrap a weight that the layer's own check must see.
+    Rule(
+        "R-10.3-2",
+        lambda at: int(np.abs(at["weights"]).max(initial=0)) <= MAX_WEIGHT,
+        lambda at: bad_predictor(f"a weight above {MAX_WEIGHT}"),
+    ),
+    "biases" / Bits(this.rows, shifted=True),
+)
+"""Parameters: `rows` and `columns`."""
+
+_PREDICTOR = Record(
+    "stream" / U8,
+    "component" / U8,
+    "step" / U8,
+    "b1" / U8 * "B1 - 1",
+    "b2" / U8 * "B2 - 1",
+    "classes" / U8 * "class columns with weights, 0..15",
+    "inputs" / U8 * "N, 16..255",
+    "units" / U8 * "hidden units, 0..64",
+    Rule("R-10.3-1", lambda at: _sound_head(at), lambda at: bad_predictor("a record's head is out of range")),
+    When(this.units > 0, "hidden" / Use("layer", LAYER_OF_PREDICTOR, rows=this.units, columns=this.inputs)),
+    "output" / Use("layer", LAYER_OF_PREDICTOR, rows=2, columns=this.inputs + this.units),
+    "predictor" / Derived(lambda at: _checked(at), rules=("R-10.3-2",)),
+)
+
+PREDICTORS = Record(
+    "predictor_count" / Count(MAX_PREDICTORS),
+    Rule(
+        "R-10.3-1", lambda at: at["predictor_count"] > 0, lambda at: bad_predictor("the block holds no predictor")
+    ),
+    "predictors" / Repeat(this.predictor_count, _PREDICTOR),
+)
+
+
+def _sound_head(at: Scope) -> bool:
+    columns = at["classes"] <= MAX_CLASSES < at["inputs"] <= MAX_INPUTS
+    return bool(at["stream"] in CONTEXT_STREAMS and columns and at["units"] <= MAX_HIDDEN)
+
+
+def _checked(at: Scope) -> Predictor:
+    hidden = _linear(at["hidden"], at["classes"]) if at["units"] else None
+    output, buckets = _linear(at["output"], at["classes"]), (at["b1"] + 1, at["b2"] + 1)
+    predictor = Predictor(Stream(at["stream"]), at["component"], at["step"], hidden, output, buckets)
+    predictor.check()
+    return predictor
+
+
+def _linear(at: Scope, classes: int) -> Linear:
+    rows, columns = at["rows"], at["columns"]
+    weights = np.zeros((rows, columns), np.int32)
+    kept = at["weights"].reshape(rows, columns - MAX_CLASSES + classes)
+    weights[:, :classes], weights[:, MAX_CLASSES:] = kept[:, :classes], kept[:, classes:]
+    return Linear(weights, at["biases"], at["shift"])
+
 
 def pack_predictors(predictors: Sequence[Predictor]) -> bytes:
     """The payload of a PREDICTORS block."""
-    return unsigned_varint(len(predictors)) + b"".join(_pack(predictor) for predictor in predictors)
+    fields = {"predictor_count": len(predictors), "predictors": [_fields(predictor) for predictor in predictors]}
+    return build(PREDICTORS, fields)
 
 
-def _pack(predictor: Predictor) -> bytes:
-    layers = _layers(predictor)
+def _fields(predictor: Predictor) -> dict[str, Any]:
+    layers = [layer for layer in (predictor.hidden, predictor.output) if layer is not None]
     # Columns of classes that no weight looks at are left out.
     used = np.concatenate([layer.weights[:, :MAX_CLASSES] for layer in layers]).any(axis=0)
     classes = int(np.flatnonzero(used).max(initial=-1)) + 1
+    stream, component, step = predictor.key
     one, two = predictor.buckets
-    head = bytes([*predictor.key, one - 1, two - 1, classes, predictor.inputs, predictor.units])
-    return head + b"".join(_pack_layer(layer, classes) for layer in layers)
+    fields: dict[str, Any] = {"stream": stream, "component": component, "step": step, "b1": one - 1, "b2": two - 1}
+    fields |= {"classes": classes, "inputs": predictor.inputs, "units": predictor.units}
+    if predictor.hidden is not None:
+        fields["hidden"] = _layer_fields(predictor.hidden, classes)
+    return {**fields, "output": _layer_fields(predictor.output, classes)}
 
 
-def _layers(predictor: Predictor) -> list[Linear]:
-    return [layer for layer in (predictor.hidden, predictor.output) if layer is not None]
-
-
-def _pack_layer(layer: Linear, classes: int) -> bytes:
+def _layer_fields(layer: Linear, classes: int) -> dict[str, Any]:
     kept = np.delete(layer.weights, np.s_[classes:MAX_CLASSES], axis=1)
-    return bytes([layer.shift]) + pack_rice(kept.ravel()) + pack_shifted(layer.biases)
+    return {"shift": layer.shift, "weights": kept.ravel(), "biases": layer.biases}
 
 
 def unpack_predictors(payload: bytes) -> tuple[Predictor, ...]:
-    """The inverse of :func:`pack_predictors`.
+    """The predictors of a PREDICTORS block.
 
     Raises:
         Malformed: ``bad-predictor`` for none, or one that breaks SPEC §10.3 by itself; ``bad-rice``.
         LimitExceeded: ``count-limit``.
     """
-    reader = ByteReader(payload, "predictors")
-    count = reader.count(MAX_PREDICTORS)
-    if not count:
-        raise bad_predictor("the block holds no predictor")
-    predictors = tuple(_read(reader) for _ in range(count))
-    reader.finish()
-    return predictors
-
-
-def _read(reader: ByteReader) -> Predictor:
-    stream, component, step, one, two, classes, inputs, units = reader.take(8)
-    sane = stream in ATTRIBUTE_STREAMS and classes <= MAX_CLASSES < inputs <= MAX_INPUTS and units <= MAX_HIDDEN
-    if not sane:
-        raise bad_predictor("a record's head is out of range")
-    hidden = _read_layer(reader, (units, inputs), classes) if units else None
-    output = _read_layer(reader, (2, inputs + units), classes)
-    predictor = Predictor(Stream(stream), component, step, hidden, output, (one + 1, two + 1))
-    predictor.check()
-    return predictor
-
-
-def _read_layer(reader: ByteReader, shape: tuple[int, int], classes: int) -> Linear:
-    shift = reader.take(1)[0]
-    rows, columns = shape
-    stored = columns - MAX_CLASSES + classes
-    weights = np.zeros(shape, np.int32)
-    kept = unpack_rice(reader, rows * stored).reshape(rows, stored)
-    # Here, as int32 would wrap a weight that the layer's own check must see.
-    if kept.size and int(np.abs(kept).max()) > MAX_WEIGHT:
-        raise bad_predictor(f"a weight above {MAX_WEIGHT}")
-    weights[:, :classes], weights[:, MAX_CLASSES:] = kept[:, :classes], kept[:, classes:]
-    return Linear(weights, unpack_shifted(reader, rows), shift)
+    fields = read(PREDICTORS, payload, "predictors")
+    return tuple(record["predictor"] for record in fields["predictors"])

@@ -6,8 +6,10 @@ exit codes in :mod:`scarfmt.cli.failures`.
 
 from __future__ import annotations
 
+import io
 import os
 import signal
+import sys
 from types import FrameType
 
 import click
@@ -25,9 +27,6 @@ from scarfmt.cli.truncate import truncate
 from scarfmt.cli.validate import validate
 
 __all__ = ["cli", "main"]
-
-_SIGTERM_EXIT = 128 + signal.SIGTERM
-
 
 @click.group(cls=FailureGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="scarfmt")
@@ -51,14 +50,24 @@ for _command in (encode, decode, inspect, truncate, validate, compare, render, c
     cli.add_command(_command)
 
 
-def _terminate(_signal: int, _frame: FrameType | None) -> None:
+def _terminate(received: int, _frame: FrameType | None) -> None:
     # As an exception, so that half-written files are removed.
-    raise SystemExit(_SIGTERM_EXIT)
+    raise SystemExit(128 + received)
+
+
+def _end_cleanly_on_signals() -> None:
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # Windows has no SIGHUP
+        if number is not None and signal.getsignal(number) != signal.SIG_IGN:  # nohup ignores it: so it stays
+            signal.signal(number, _terminate)
 
 
 def main() -> None:
     """Entry point of the `scarfmt` command."""
-    signal.signal(signal.SIGTERM, _terminate)
+    _end_cleanly_on_signals()
+    # Names of files may hold bytes, and messages characters, that the terminal's encoding lacks.
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
     # Tiles are what is worth working on side by side: threads inside products this small only wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     cli(prog_name="scarfmt")

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from scarfmt.cli.failures import requires_extra
-from scarfmt.cli.files import print_json
+from scarfmt.cli.files import print_json, timeout_option
 from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
 
 if TYPE_CHECKING:
-    from scarfmt.cli.scenes import Subject
+    from scarfmt.cli.scenes import SceneOrigin, Subject
     from scarfmt.render.compare import Comparison
 
 
@@ -42,6 +42,7 @@ class Request:
 @click.option("--ssim/--no-ssim", default=True, show_default=True, help="SSIM takes as long as drawing.")
 @click.option("--photos", type=click.Path(exists=True), help="Folder with cameras.json and images/: compare with them.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout; infinite PSNR is null.")
+@timeout_option
 @requires_extra("render")
 def compare(
     a: str,
@@ -70,11 +71,14 @@ def compare(
     request = Request(ViewOptions(**views), ssim, photos)
     if photos is not None and (request.views.cameras or request.views.views or request.views.size):
         raise click.UsageError("--photos brings its own cameras: leave out --cameras, --views and --size")
+    from scarfmt.cli.scenes import scene_origin
+
+    first, second = scene_origin(a), scene_origin(b)
     with progress(as_json) as report:
         if all_layers:
-            rows = _compare_layers(a, layers_a, b, request, report)
+            rows = _compare_layers(first, layers_a, second, request, report)
         else:
-            result = _compare_pair(a, layers_a, b, layers_b, request, report)
+            result = _compare_pair(first, layers_a, second, layers_b, request, report)
     if all_layers:
         _print_layers(a, b, rows, as_json)
     else:
@@ -82,7 +86,7 @@ def compare(
 
 
 def _compare_pair(
-    a: str, layers_a: int | None, b: str, layers_b: int | None, request: Request, report: Report
+    a: SceneOrigin, layers_a: int | None, b: SceneOrigin, layers_b: int | None, request: Request, report: Report
 ) -> dict[str, Comparison]:
     """Comparison by title: of B against A, or of each against the photos."""
     from scarfmt.cli.scenes import load_subject
@@ -107,7 +111,9 @@ def _with_photos(subject: Subject, request: Request) -> Comparison:
     return compare_with_photos(subject.view, request.photos, ssim=request.ssim)
 
 
-def _compare_layers(a: str, layers_a: int | None, b: str, request: Request, report: Report) -> list[dict[str, Any]]:
+def _compare_layers(
+    a: SceneOrigin, layers_a: int | None, b: SceneOrigin, request: Request, report: Report
+) -> list[dict[str, Any]]:
     """One row per layer of B that has arrived: layer, bytes, also per Gaussian, PSNR, SSIM."""
     from scarfmt.cli.scenes import layer_table, load_subject
 

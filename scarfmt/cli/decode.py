@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json
+from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json, timeout_option
+from scarfmt.scene.streams import ATTRIBUTES
 
 if TYPE_CHECKING:
     from reference_decoder.decoded import Decoded
@@ -17,8 +18,7 @@ if TYPE_CHECKING:
     from scarfmt.container.source import ByteSource
     from scarfmt.scene.gaussians import F64
 
-ATTRIBUTE_NAMES = ("positions", "scales", "rotations", "opacity", "colour", "latents", "offsets")
-ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTE_NAMES)}."
+ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTES)}."
 
 
 def parse_box(
@@ -63,8 +63,8 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
     if value is None:
         return None
     names = value.split(",")
-    if not set(names) <= set(ATTRIBUTE_NAMES):
-        raise click.BadParameter(f"{value!r}: choose from {', '.join(ATTRIBUTE_NAMES)}")
+    if not set(names) <= set(ATTRIBUTES):
+        raise click.BadParameter(f"{value!r}: choose from {', '.join(ATTRIBUTES)}")
     return names
 
 
@@ -90,6 +90,7 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--json", "as_json", is_flag=True, help="Print what --stats tells as a JSON object on stdout.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@timeout_option
 def decode(
     input_: str,
     output: str,
@@ -174,7 +175,6 @@ def _write_npz(source: ByteSource, target: BinaryIO, request: DecodeRequest, cou
     import numpy as np
 
     from reference_decoder.decode import decode
-    from reference_decoder.request import ATTRIBUTES
     from scarfmt.formats import save_anchor_npz
     from scarfmt.scene.gaussians import AnchorModel
 
@@ -193,8 +193,6 @@ def _write_npz(source: ByteSource, target: BinaryIO, request: DecodeRequest, cou
 
 def _attribute_arrays(decoded: Decoded) -> dict[str, Any]:
     """The arrays decoded, by name: channels as coded values, with tile and class of each anchor."""
-    from reference_decoder.request import ATTRIBUTES
-
     arrays = {"tiles": decoded.tiles, "classes": decoded.classes}
     for name, stream in ATTRIBUTES.items():
         if stream in decoded.values:

@@ -15,6 +15,9 @@ from scarfmt.cli.views import FRAME_HELP
 if TYPE_CHECKING:
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
+MAX_SCENE_STREAM = 1 << 33
+"""Bytes of a scene taken from a pipe: 30 million Gaussians as a PLY."""
+
 FORMAT_IDS = ("compressed-ply", "ply", "spz", "sog", "anchor-npz", "splat")
 LATENTS = ("linear", "learned")
 ESTIMATORS = ("rotation", "straight-through")
@@ -132,7 +135,7 @@ def _read_scene(
     from scarfmt.formats.clean import clean
     from scarfmt.scene.gaussians import GaussianScene
 
-    scene, dropped = clean(load(read_origin(name), format=format_id), drop_invalid)
+    scene, dropped = clean(load(read_origin(name, MAX_SCENE_STREAM), format=format_id), drop_invalid)
     if dropped and not quiet:
         click.echo(f"left out {dropped:,} Gaussians with NaN or infinite values", err=True)
     if sh_degree is None:

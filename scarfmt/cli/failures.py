@@ -1,7 +1,7 @@
 """How failures end the command: one line on stderr, and an exit code.
 
 0: done. 1: the input is invalid, or the work failed. 2: the arguments are wrong, the output name included.
-130: interrupted (143 when terminated). Nothing half-written stays behind in any case.
+130: interrupted (143 when terminated, 129 when the terminal hangs up). Nothing half-written stays behind in any case.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, NoReturn, ParamSpec, TypeVar
 
 import click
 
-from scarfmt.errors import InvalidInput, ScarError
+from scarfmt.errors import ScarError, missing_package
 
 FAILED = 1
 WRONG_ARGUMENTS = 2
@@ -26,10 +26,12 @@ ARGUMENT_REFUSALS = frozenset(
         "input-frame",
         "input-layers",
         "input-options",
+        "input-stream",
         "input-suite",
         "input-tiles",
         "output-exists",
         "output-path",
+        "output-stream",
     }
 )
 """Refusals about what the user typed, not about what a file holds."""
@@ -39,7 +41,11 @@ T = TypeVar("T")
 
 
 def requires_extra(extra: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """A decorator: a package missing while the command runs is an error that names the pip extra to install."""
+    """A decorator: a package missing while the command runs is an error that names the pip extra to install.
+
+    Args:
+        extra: that of the command; torch has one of its own, being larger than all the rest.
+    """
 
     def decorate(command: Callable[P, T]) -> Callable[P, T]:
         @wraps(command)
@@ -50,8 +56,7 @@ def requires_extra(extra: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
                 package = (error.name or "").partition(".")[0]
                 if package in ("scarfmt", "reference_encoder", "reference_decoder", ""):
                     raise
-                message = f"this needs the package {package}: pip install 'scarfmt[{extra}]'"
-                raise InvalidInput("input-dependency", message) from error
+                raise missing_package(package, "neural" if package == "torch" else extra) from error
 
         return run
 

@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import click
 
-from scarfmt.cli.files import open_input, print_json
+from scarfmt.cli.files import open_input, print_json, timeout_option
+
+_HEAD_BYTES = 4096
+"""First request to a URL: more than the longest header."""
 
 
-@click.command(short_help="Tell what a file holds.")
+@click.command(short_help="Report what a file holds.")
 @click.argument("file")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout.")
 @click.option("--metadata", is_flag=True, help="Also read and show the metadata the file carries.")
-@click.option("--models", is_flag=True, help="Also tell what codes the symbols: tables, predictors, networks.")
+@click.option("--models", is_flag=True, help="Also report what codes the symbols: tables, predictors, networks.")
+@timeout_option
 def inspect(file: str, as_json: bool, metadata: bool, models: bool) -> None:
-    """Tell what FILE holds: counts, layers, and where the bytes go.
+    """Report what FILE holds: counts, layers, and where the bytes go.
 
-    FILE is a path, a URL or - for stdin. Only the header is read, 2 KB at most: of a URL, one small request. A file
-    cut short is told as such; that is no error here.
+    FILE is a path, a URL or - for stdin. Only the header is read, at most 2.3 KB. Of a URL that is one request of
+    4 KiB; with --metadata or --models it is one of 64 KiB, and more where those blocks lie further back. A file cut
+    short is reported as such, which is no error here.
 
     \b
     Examples:
@@ -27,7 +32,8 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool) -> None:
     """
     from scarfmt.tools import inspection
 
-    with open_input(file) as source:
+    head_bytes = None if metadata or models else _HEAD_BYTES
+    with open_input(file, head_bytes=head_bytes) as source:
         report = inspection.inspect(source, metadata=metadata)
         if models:
             from scarfmt.tools.models_report import describe_models

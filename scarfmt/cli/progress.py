@@ -19,7 +19,7 @@ Report = Callable[[str, float], None]
 @contextmanager
 def progress(quiet: bool = False) -> Iterator[Report]:
     """A function to call with (name of the stage, part of it that is done, 0..1)."""
-    if quiet or not sys.stderr.isatty():
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda _stage, _part: None
         return
     bar = _LateBar()

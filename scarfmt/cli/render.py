@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from scarfmt.cli.failures import requires_extra
+from scarfmt.cli.files import timeout_option
 from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
 
 if TYPE_CHECKING:
+    from scarfmt.cli.scenes import SceneOrigin
     from scarfmt.render.camera import Camera
     from scarfmt.scene.gaussians import F32
 
@@ -40,6 +42,7 @@ def parse_layers(_ctx: click.Context, _parameter: click.Parameter, value: str | 
 @click.option("--sheet", is_flag=True, help=f"Also put all pictures on one sheet, {SHEET}.")
 @click.option("--force", is_flag=True, help="Overwrite pictures that exist.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@timeout_option
 @requires_extra("render")
 def render(file: str, output: str, layers: str | None, sheet: bool, force: bool, quiet: bool, **views: Any) -> None:
     """Draw the scene FILE (.scar, PLY, SPZ, SOG, .splat or anchor model) into PNG pictures.
@@ -57,8 +60,11 @@ def render(file: str, output: str, layers: str | None, sheet: bool, force: bool,
     sheet_path = Path(output) if single else Path(output) / SHEET
     if single or sheet:
         _check_free(sheet_path, force)
+    from scarfmt.cli.scenes import scene_origin
+
+    origin = scene_origin(file)
     with progress(quiet) as report:
-        pictures = _draw(file, layers, ViewOptions(**views), report)
+        pictures = _draw(origin, layers, ViewOptions(**views), report)
     written = [] if single else _write_each(pictures, Path(output), force)
     if single or sheet:
         written.append(_write_sheet(pictures, sheet_path))
@@ -66,7 +72,7 @@ def render(file: str, output: str, layers: str | None, sheet: bool, force: bool,
         click.echo(f"{len(written)} pictures written to {output}", err=True)
 
 
-def _draw(file: str, layers: str | None, options: ViewOptions, report: Report) -> Pictures:
+def _draw(file: SceneOrigin, layers: str | None, options: ViewOptions, report: Report) -> Pictures:
     """Pictures, with their names, by layer ('' where there is but one set)."""
     from scarfmt.cli.scenes import load_subject
 
@@ -83,7 +89,7 @@ def _draw(file: str, layers: str | None, options: ViewOptions, report: Report) -
     return pictures
 
 
-def _layer_numbers(file: str, layers: str | None) -> list[int | None]:
+def _layer_numbers(file: SceneOrigin, layers: str | None) -> list[int | None]:
     from scarfmt.cli.scenes import layer_table
 
     if layers == ALL:

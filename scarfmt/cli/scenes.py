@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from scarfmt.cli.files import STANDARD, open_input
+from scarfmt.cli.files import STANDARD, open_input, read_origin
 from scarfmt.cli.progress import Report
 from scarfmt.container.schema import SIGNATURE
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from scarfmt.scene.gaussians import F32, F64
 
     View = GaussianScene | Callable[[Camera], F32]
+
+SceneOrigin = str | bytes
 
 
 @dataclass(frozen=True)
@@ -65,21 +67,33 @@ class Subject:
         return replace(self, view=picture)
 
 
-def is_scar(name: str) -> bool:
-    """Whether `name` is a .scar file: by its signature, or, for a URL, taken for granted."""
-    if "://" in name:
-        return True
+def scene_origin(name: str) -> SceneOrigin:
+    """Where a scene comes from: a path or URL as it is, or the bytes of a pipe, which can be read only once.
+
+    Raises:
+        click.UsageError: `-`.
+        ScarError: a pipe that cannot be read.
+    """
     if name == STANDARD:
         raise click.UsageError("this command reads its scenes from files, not from standard input")
-    path = Path(name)
+    return read_origin(name)
+
+
+def is_scar(origin: SceneOrigin) -> bool:
+    """Whether a scene is a .scar file: by its signature, or, for a URL, taken for granted."""
+    if isinstance(origin, bytes):
+        return origin.startswith(SIGNATURE)
+    if "://" in origin:
+        return True
+    path = Path(origin)
     if not path.is_file():
         return False
     with path.open("rb") as file:
         return file.read(len(SIGNATURE)) == SIGNATURE
 
 
-def layer_table(name: str) -> list[dict[str, Any]]:
-    """The layers of a .scar file that have arrived whole, as :func:`scarfmt.tools.inspection.inspect` tells them.
+def layer_table(origin: SceneOrigin) -> list[dict[str, Any]]:
+    """The layers of a .scar file that have arrived whole, as :func:`scarfmt.tools.inspection.inspect` reports them.
 
     Each also has `bytes_per_source`: bytes up to and with that layer per Gaussian (or anchor) of the encoder's input.
 
@@ -89,40 +103,45 @@ def layer_table(name: str) -> list[dict[str, Any]]:
     """
     from scarfmt.tools import inspection
 
-    if not is_scar(name):
-        raise click.UsageError(f"{name} is not a .scar file: it has no layers")
-    with open_input(name) as source:
+    if not is_scar(origin):
+        raise _no_layers(origin)
+    with open_input(origin) as source:
         report = inspection.inspect(source)
     count = report["source_count"] or report["anchors"] or 1
     rows = report["layers"][: report["layers_available"]]
     return [{**row, "bytes_per_source": row["end_offset"] / count} for row in rows]
 
 
-def load_subject(name: str, layers: int | None = None) -> Subject:
+def _no_layers(origin: SceneOrigin) -> click.UsageError:
+    name = "a pipe" if isinstance(origin, bytes) else origin
+    return click.UsageError(f"{name} is not a .scar file: it has no layers")
+
+
+def load_subject(origin: SceneOrigin, layers: int | None = None) -> Subject:
     """A scene file, ready to be drawn.
 
     Args:
-        name: path of any scene file, or URL of a .scar file.
+        origin: of :func:`scene_origin`: any scene file, or the URL of a .scar file.
         layers: layers of a .scar file to use; None for all that have arrived.
 
     Raises:
         click.UsageError: `layers` for another kind of file.
         ScarError: the file is refused.
     """
-    if is_scar(name):
-        return _subject(_decode(name, layers))
+    if is_scar(origin):
+        return _subject(_decode(origin, layers))
     if layers is not None:
-        raise click.UsageError(f"{name} is not a .scar file: it has no layers")
+        raise _no_layers(origin)
     from scarfmt.formats import load
     from scarfmt.formats.clean import clean
 
-    return _subject(clean(load(name), drop_invalid=True)[0])
+    return _subject(clean(load(origin), drop_invalid=True)[0])
 
 
-def _decode(name: str, layers: int | None) -> GaussianScene | AnchorModel:
+def _decode(origin: SceneOrigin, layers: int | None) -> GaussianScene | AnchorModel:
     from reference_decoder.decode import decode
 
-    with open_input(name) as source:
+    with open_input(origin) as source:
         return decode(source, layers=layers, allow_truncated=True).scene
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from scarfmt.cli.files import open_input, open_output
+from scarfmt.cli.files import open_input, open_output, timeout_option
 
 
 @click.command(short_help="Keep only the first layers of a file.")
@@ -13,6 +13,7 @@ from scarfmt.cli.files import open_input, open_output
 @click.option("--layers", type=click.IntRange(min=1), required=True, help="Layers to keep, from the first.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@timeout_option
 def truncate(input_: str, output: str, layers: int, force: bool, quiet: bool) -> None:
     """Keep only the first layers of INPUT (a path, a URL or -), without decoding it.
 

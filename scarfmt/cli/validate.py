@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from scarfmt.cli.failures import FAILED
-from scarfmt.cli.files import open_input, print_json
+from scarfmt.cli.files import open_input, print_json, timeout_option
 from scarfmt.cli.progress import progress
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 @click.option("--layers", type=click.IntRange(min=1), help="Check only the blocks of the first so many layers.")
 @click.option("--no-limits", is_flag=True, help="Check a file however large or slow it is: for files you trust.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing; the exit code tells.")
+@timeout_option
 @click.pass_context
 def validate(ctx: click.Context, file: str, as_json: bool, layers: int | None, no_limits: bool, quiet: bool) -> None:
     """Check FILE (a path, a URL or -) against every rule of the specification.

@@ -6,7 +6,6 @@ A layer's TABLES block holds a table only where that is cheaper than going on wi
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -19,6 +18,7 @@ from scarfmt.blocks.codebooks import pack_codebooks
 from scarfmt.blocks.hash_grid import pack_grid
 from scarfmt.blocks.index_network import pack_network
 from scarfmt.blocks.layer import pack_layer
+from scarfmt.blocks.metadata import pack_metadata
 from scarfmt.blocks.mlp import QuantisedMlp, pack_networks
 from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.codecs.channels import coarsen
@@ -122,8 +122,7 @@ def _model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, S
         group = scene.predictors[layer]
         yield Block(BlockKind.PREDICTORS, layer, pack_predictors(group), count=len(group))
     if layer == 1 and scene.metadata:
-        text = json.dumps(scene.metadata, sort_keys=True, separators=(",", ":"), allow_nan=False)
-        yield Block(BlockKind.METADATA, layer, text.encode())
+        yield Block(BlockKind.METADATA, layer, pack_metadata(scene.metadata))
 
 
 def _fit_tables(counter: SymbolCounter, known: Mapping[TableKey, SymbolTable]) -> dict[TableKey, SymbolTable]:

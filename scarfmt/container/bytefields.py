@@ -88,6 +88,10 @@ class ByteReader:
         """Go back to an earlier :attr:`position`."""
         self._at = position
 
+    def byte(self, position: int) -> int:
+        """A byte that was taken."""
+        return self._data[position]
+
     def rest(self, most: int) -> bytes:
         """The bytes not yet taken, at most `most` of them, without taking them."""
         return self._data[self._at : self._at + most]

@@ -1,4 +1,4 @@
-"""Byte layout of the `.scar` container: every structure, field, registry and identifier, once (SPEC §5, §16).
+"""Byte layout of the `.scar` container: every structure and field, once (SPEC §5).
 
 All integers are little-endian and unsigned, floats are IEEE 754 binary64, structures are packed without padding.
 A file is, in this order and with nothing between or after:
@@ -19,11 +19,19 @@ messages quote it.
 
 from __future__ import annotations
 
-from enum import IntEnum, IntFlag
 from typing import Any, NamedTuple
 
 import numpy as np
 from construct import Array, Bytes, Float64l, FormatField, Int8ul, Int16ul, Int32ul, Int64ul, Renamed, Struct
+
+# Given on here: whoever needs the layout needs the identifiers, too.
+from scarfmt.container.registries import READABLE_KINDS as READABLE_KINDS
+from scarfmt.container.registries import BlockFlag as BlockFlag
+from scarfmt.container.registries import BlockKind as BlockKind
+from scarfmt.container.registries import ColourSpace as ColourSpace
+from scarfmt.container.registries import CoordinateFrame as CoordinateFrame
+from scarfmt.container.registries import Profile as Profile
+from scarfmt.container.registries import Stream as Stream
 
 SIGNATURE = bytes.fromhex("89 53 43 41 52 0D 0A 1A 0A")
 """0x89 catches a stripped high bit, CR LF and LF catch newline translation, 0x1A stops a DOS `type`."""
@@ -33,97 +41,6 @@ VERSION = (0, 1)
 
 NO_TILE = 0xFFFFFFFF
 """Value of the directory's `tile` for a block that belongs to no tile."""
-
-
-class Profile(IntEnum):
-    """What an anchor stands for (SPEC §6)."""
-
-    EXPLICIT = 0
-    """One Gaussian per anchor; decodes to view-independent 3D Gaussians."""
-    ANCHOR = 1
-    """`slots` Gaussians per anchor, made by MLPs for a given camera (Scaffold-GS)."""
-
-
-class CoordinateFrame(IntEnum):
-    """Which world directions +x, +y, +z are."""
-
-    UNSPECIFIED = 0
-    RDF = 1
-    """Right, down, forward: COLMAP, INRIA's trainer."""
-    RUB = 2
-    """Right, up, back: OpenGL, glTF."""
-
-
-class ColourSpace(IntEnum):
-    """What the decoded colours measure."""
-
-    UNSPECIFIED = 0
-    SRGB = 1
-    """Display-referred sRGB, blended without linearisation, as 3DGS trains."""
-    LINEAR = 2
-    """Linear light, sRGB primaries."""
-
-
-class BlockKind(IntEnum):
-    """Block kinds. 1..15 are the models of a layer, 16 its tiles, 64..127 annotations, 128..255 private use.
-
-    Kind 0 is never assigned. Kinds 1..16 carry exactly the flag CRITICAL, METADATA exactly SAFE_TO_COPY.
-    Kinds 1..15 and METADATA belong to no tile; TILE always names one.
-    """
-
-    LAYER = 1
-    """Description of one layer."""
-    TABLES = 2
-    """Static frequency tables."""
-    CODEBOOKS = 3
-    """RVQ codewords."""
-    DECODER_MLP = 4
-    """Latent to spherical harmonics (explicit) or to the anchor feature (anchor profile)."""
-    SCENE_MLP = 5
-    """Opacity, covariance and colour MLPs (anchor profile)."""
-    HASH_GRID = 6
-    """Binarised hash grid, a spatial source of the index network."""
-    ENTROPY_NETWORK = 7
-    """Index network: probabilities of RVQ indices."""
-    PREDICTORS = 8
-    """Context predictors: which static table codes a channel value."""
-    TILE = 16
-    """The sub-streams of one tile of one layer."""
-    METADATA = 64
-    """One UTF-8 JSON object; in layer 1; changes nothing in the decoded scene."""
-
-
-READABLE_KINDS = frozenset(BlockKind)
-"""Kinds this package understands. A critical block of any other kind refuses the file."""
-
-
-class BlockFlag(IntFlag):
-    """Flags of a directory entry; never both. Other bits are reserved and 0."""
-
-    CRITICAL = 1
-    """A reader that does not know the kind must refuse the file."""
-    SAFE_TO_COPY = 2
-    """An editor that does not know the kind may keep the block although it changed other blocks."""
-
-
-class Stream(IntEnum):
-    """What the bytes of a block are spent on, as counted in the layer summaries."""
-
-    MODELS = 0
-    """All of every block that is not a TILE block."""
-    POSITIONS = 1
-    CLASSES = 2
-    MASKS = 3
-    POSITION_RESIDUAL = 4
-    SCALE = 5
-    ROTATION = 6
-    OPACITY = 7
-    COLOUR = 8
-    INDICES = 9
-    LATENT = 10
-    OFFSETS = 11
-    FRAMING = 12
-    """The rest of a TILE block: its sub-stream table and anything not listed."""
 
 
 STREAM_COUNT = len(Stream)
@@ -215,6 +132,11 @@ class Field(NamedTuple):
     type: str
     name: str
     description: str
+
+
+def scalar_type(field: Any) -> tuple[str, str]:
+    """What SPEC and numpy call a scalar of construct."""
+    return _SCALARS[field.fmtstr]
 
 
 def _unnamed(member: Any) -> Any:

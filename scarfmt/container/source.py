@@ -1,4 +1,4 @@
-"""Where file bytes come from: memory, a local file, or a URL read by byte ranges.
+"""Where file bytes come from: memory, a local file or pipe; URLs are in :mod:`scarfmt.container.remote`.
 
 A reader asks a :class:`ByteSource` for exact ranges and trusts only its `size`. The counters say what was really
 transferred, so tests and users can see that a partial read is partial.
@@ -7,17 +7,27 @@ transferred, so tests and users can see that a partial read is partial.
 from __future__ import annotations
 
 import os
+import stat
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import BinaryIO, Protocol, Self
 
-from scarfmt.errors import InvalidInput, Truncated
+from scarfmt.errors import InvalidInput, LimitExceeded, Truncated
 
 HEAD_BYTES = 1 << 16
-"""First request to a URL: one round trip brings the header and, for most scenes, tile table and directory."""
+"""First request to a URL: one round trip brings header, tile table and directory, and of a small scene its first layer.
+A smaller one would save at most as much, and cost a second round trip."""
+
+TIMEOUT_SECONDS = 60.0
+"""Time a request to a URL may take, besides that for its bytes."""
+
+MAX_STREAM_BYTES = 1 << 30
+"""Bytes taken from a pipe, all of which are held in memory: an endless one ends here."""
+
+_PIECE_BYTES = 1 << 20
 
 
 class ByteSource(Protocol):
@@ -46,7 +56,7 @@ class ByteSource(Protocol):
     ) -> None: ...
 
 
-class _Source:
+class RangeSource:
     """Range check, counters and context manager shared by the sources; subclasses transfer bytes in `_fetch`."""
 
     def __init__(self, size: int) -> None:
@@ -70,7 +80,7 @@ class _Source:
             Truncated: ``truncated-source`` when the source does not have them.
         """
         if offset < 0 or length < 0 or offset + length > self.size:
-            raise _short(offset, length, self.size)
+            raise short_source(offset, length, self.size)
         return self._transfer(offset, length) if length else b""
 
     def close(self) -> None:
@@ -85,13 +95,14 @@ class _Source:
         self.close()
 
 
-def _short(offset: int, length: int, size: int) -> Truncated:
+def short_source(offset: int, length: int, size: int) -> Truncated:
+    """The error for `length` bytes at `offset` of a source that ends at byte `size`."""
     return Truncated(
         "truncated-source", f"{length} bytes were asked for, but the source ends at byte {size}", offset=offset
     )
 
 
-class BytesSource(_Source):
+class BytesSource(RangeSource):
     """Bytes in memory."""
 
     def __init__(self, data: bytes | bytearray | memoryview) -> None:
@@ -102,8 +113,11 @@ class BytesSource(_Source):
         return bytes(self._data[offset : offset + length])
 
 
-class FileSource(_Source):
+class FileSource(RangeSource):
     """A local file. Only asked-for ranges are read; safe to use from several threads.
+
+    Attributes:
+        regular: whether it can be read by ranges. A pipe or a device cannot, and declares no size.
 
     Raises:
         InvalidInput: ``input-source`` when the file cannot be opened.
@@ -116,7 +130,18 @@ class FileSource(_Source):
         except OSError as error:
             raise InvalidInput("input-source", f"cannot open {path}: {error.strerror}") from error
         self._lock = threading.Lock()
-        super().__init__(os.fstat(self._file.fileno()).st_size)
+        status = os.fstat(self._file.fileno())
+        self.regular = stat.S_ISREG(status.st_mode)
+        super().__init__(status.st_size)
+
+    def drained(self) -> BytesSource:
+        """What a pipe or a device holds, up to its end; closes it.
+
+        Raises:
+            LimitExceeded: ``input-limit`` beyond `MAX_STREAM_BYTES`.
+        """
+        with self._file as file:
+            return BytesSource(read_bounded(file, file.name))
 
     def _fetch(self, offset: int, length: int) -> bytes:
         parts: list[bytes] = []
@@ -125,7 +150,7 @@ class FileSource(_Source):
             while length:
                 part = self._file.read(length)
                 if not part:
-                    raise _short(offset, length, self._file.tell())
+                    raise short_source(offset, length, self._file.tell())
                 parts.append(part)
                 length -= len(part)
         return b"".join(parts)
@@ -135,84 +160,52 @@ class FileSource(_Source):
         self._file.close()
 
 
-def _url_errors() -> tuple[type[Exception], ...]:
-    try:
-        from aiohttp import ClientError
-    except ImportError:  # without scarfmt[http] there are no http transfers to fail
-        return OSError, ValueError, ImportError
-    return OSError, ValueError, ImportError, ClientError
-
-
-class UrlSource(_Source):
-    """A URL of any protocol fsspec knows, read by ranges.
-
-    The first read within `HEAD_BYTES` brings all of them, kept for later; other reads transfer what they ask
-    for. A server that ignores ranges sends the whole file: it is then kept and asked no more.
+def read_bounded(stream: BinaryIO, name: str, limit: int = MAX_STREAM_BYTES) -> bytes:
+    """All bytes of a pipe or another stream without a size.
 
     Raises:
-        InvalidInput: ``input-source`` when the URL cannot be opened, or its protocol needs a missing package.
+        LimitExceeded: ``input-limit`` beyond `limit` bytes.
     """
-
-    def __init__(self, url: str) -> None:
-        # Here and not above: importing them takes longer than decoding a small local file.
-        from fsspec.core import url_to_fs
-
-        self._errors = _url_errors()
-        # A compressed transfer would make ranges and sizes count other bytes than the file's.
-        options: dict[str, Any] = {"headers": {"Accept-Encoding": "identity"}} if url.startswith("http") else {}
-        self._url = url
-        self._head = b""
-        try:
-            self._fs, self._path = url_to_fs(url, **options)
-            size = self._fs.size(self._path)
-        except self._errors as error:
-            raise InvalidInput("input-source", f"cannot open {url}: {error}") from error
-        if size is None:
-            raise InvalidInput("input-source", f"{url} does not tell its size: download it first")
-        super().__init__(int(size))
-
-    def _fetch(self, offset: int, length: int) -> bytes:
-        try:
-            return bytes(self._fs.cat_file(self._path, start=offset, end=offset + length))
-        except self._errors as error:
-            raise InvalidInput("input-source", f"reading {self._url} failed: {error}", offset=offset) from error
-
-    def _transfer(self, offset: int, length: int) -> bytes:
-        end = offset + length
-        if end > len(self._head) and end <= HEAD_BYTES:
-            self._head = self._checked(0, min(HEAD_BYTES, self.size))
-        if end > len(self._head):
-            data = self._checked(offset, length)
-            if len(data) == length:
-                return data
-            self._head = data
-        return self._head[offset:end]
-
-    def _checked(self, offset: int, length: int) -> bytes:
-        data = super()._transfer(offset, length)
-        if len(data) not in (length, self.size):
-            raise _short(offset, length, offset + len(data))
-        return data
+    parts: list[bytes] = []
+    left = limit + 1
+    while left and (part := stream.read(min(left, _PIECE_BYTES))):
+        parts.append(part)
+        left -= len(part)
+    if not left:
+        raise LimitExceeded("input-limit", f"{name} has more than {limit} bytes: save it to a file first")
+    return b"".join(parts)
 
 
 Origin = str | os.PathLike[str] | bytes | bytearray | memoryview | ByteSource
 """What a file can be read from: a path, a URL, its bytes, or a source that is open already."""
 
 
-def open_source(origin: Origin) -> ByteSource:
+def open_source(
+    origin: Origin, *, timeout: float = TIMEOUT_SECONDS, head_bytes: int = HEAD_BYTES
+) -> ByteSource:
     """The source for bytes, a path, or a URL (any string with ``://``); an open one is given back as it is.
 
     Use it as a context manager.
 
+    Args:
+        origin: a path may name a pipe, which is then read to its end.
+        timeout: of a URL, seconds for a request: see :class:`scarfmt.container.remote.UrlSource`.
+        head_bytes: of a URL, size of the first request.
+
     Raises:
-        InvalidInput: ``input-source`` when it cannot be opened.
+        InvalidInput: ``input-source`` when it cannot be opened; ``input-dependency`` when a package for URLs is
+            missing.
+        LimitExceeded: ``input-limit`` when a pipe holds more than `MAX_STREAM_BYTES`.
     """
     if isinstance(origin, bytes | bytearray | memoryview):
         return BytesSource(origin)
     if isinstance(origin, str) and "://" in origin:
-        return UrlSource(origin)
+        from scarfmt.container.remote import UrlSource
+
+        return UrlSource(origin, timeout=timeout, head_bytes=head_bytes)
     if isinstance(origin, str | os.PathLike):
-        return FileSource(origin)
+        source = FileSource(origin)
+        return source if source.regular else source.drained()
     return origin
 
 

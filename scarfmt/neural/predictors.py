@@ -17,7 +17,8 @@ from scarfmt.container.schema import Stream
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.context import CellMeans, cell_power, count_features, fine
-from scarfmt.scene.model import ATTRIBUTE_STREAMS, MAX_CLASSES, SceneModel
+from scarfmt.scene.model import MAX_CLASSES, SceneModel
+from scarfmt.scene.streams import CONTEXT_STREAMS
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -83,7 +84,7 @@ class Predictor:
             layer.check(AMAX, "bad-predictor")
         one, two = self.buckets
         fits = (
-            self.stream in ATTRIBUTE_STREAMS
+            self.stream in CONTEXT_STREAMS
             and self.step >= 1
             and one >= 1
             and two >= 1
@@ -117,7 +118,7 @@ def bad_predictor(message: str) -> Malformed:
 
 def input_width(model: SceneModel, channel: int) -> int:
     """Inputs of the predictors of a channel (SPEC §10.3)."""
-    own = sum(c.components for c in model.channels[: channel + 1] if c.stream in ATTRIBUTE_STREAMS)
+    own = sum(c.components for c in model.channels[: channel + 1] if c.stream in CONTEXT_STREAMS)
     return MAX_CLASSES + own + len(model.context.occupancies) * (model.channels[channel].components + 2)
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import Malformed
+from scarfmt.scene.streams import CONTEXT_STREAMS, components, needed
 
 I64 = NDArray[np.int64]
 
@@ -26,18 +27,6 @@ MAX_STAGES = 8
 MAX_STEPS = 20
 """3^19 ternary cells span more than 2^30: enough to refine any binary32 channel."""
 
-CHANNEL_STREAMS = (
-    Stream.POSITION_RESIDUAL,
-    Stream.SCALE,
-    Stream.ROTATION,
-    Stream.OPACITY,
-    Stream.COLOUR,
-    Stream.LATENT,
-    Stream.OFFSETS,
-)
-ATTRIBUTE_STREAMS = frozenset({Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR})
-"""Channels whose decoded values are context for others (SPEC §10.2)."""
-
 NO_SOURCE = 255
 
 MAX_PASSES_LOG2 = 3
@@ -46,21 +35,6 @@ MAX_OCCUPANCY = 65535
 
 MAX_FIRST_WIDTH = 2.0**96
 """With |v| < 2^31 it keeps every channel value a finite binary32, whatever symbols are decoded."""
-
-# Components of each channel a profile may have; None: as many as the latent has dimensions.
-_COMPONENTS: dict[Profile, dict[Stream, int | None]] = {
-    Profile.EXPLICIT: {
-        Stream.POSITION_RESIDUAL: 3,
-        Stream.SCALE: 3,
-        Stream.ROTATION: 3,
-        Stream.OPACITY: 1,
-        Stream.COLOUR: 3,
-        Stream.LATENT: None,
-    },
-    Profile.ANCHOR: {Stream.POSITION_RESIDUAL: 3, Stream.SCALE: 6, Stream.LATENT: None, Stream.OFFSETS: 3},
-}
-# Without scales nothing can be drawn (SPEC §9.2); without offsets slots have no place.
-_NEEDED = {Profile.EXPLICIT: {Stream.SCALE}, Profile.ANCHOR: {Stream.SCALE, Stream.OFFSETS}}
 
 
 @dataclass(frozen=True)
@@ -87,7 +61,7 @@ class Channel:
     """A quantised attribute (SPEC §6.4): value = v * first_width / 3^(n - 1) after n ternary steps.
 
     Attributes:
-        stream: the sub-stream that carries it, one of `CHANNEL_STREAMS`.
+        stream: the sub-stream that carries it, one of `streams.CHANNEL_STREAMS`.
         first_width: one a component: width of the cells of the first step, in units of the attribute; above 0, at
             most 2^96.
         rules: one context rule a component; their number is the number of components.
@@ -239,7 +213,7 @@ class SceneModel:
     @cached_property
     def attributes(self) -> tuple[int, ...]:
         """Indices of the channels whose values are context for others (SPEC §10.2)."""
-        return tuple(index for index, channel in enumerate(self.channels) if channel.stream in ATTRIBUTE_STREAMS)
+        return tuple(index for index, channel in enumerate(self.channels) if channel.stream in CONTEXT_STREAMS)
 
     def channel_index(self, stream: Stream) -> int | None:
         """Index of the channel that `stream` carries, None without it."""
@@ -253,8 +227,8 @@ def first_layers(model: SceneModel) -> tuple[int | None, int | None, int | None]
     for number, row in enumerate(model.layers, start=1):
         stages = max(row.stages)
         refined = latent is not None and any(steps[latent] for steps in row.steps)
-        for item, needed in enumerate((stages >= 1, stages >= 2, stages >= 1 or refined)):
-            if found[item] is None and needed:
+        for item, wanted in enumerate((stages >= 1, stages >= 2, stages >= 1 or refined)):
+            if found[item] is None and wanted:
                 found[item] = number
     return found[0], found[1], found[2]
 
@@ -278,10 +252,10 @@ def check_channels(channels: tuple[Channel, ...], profile: Profile) -> None:
             of components, a first width out of range, or a context source that is not coded earlier.
     """
     streams = [channel.stream for channel in channels]
-    sizes = _COMPONENTS[profile]
+    sizes = components(profile)
     if streams != sorted(set(streams)) or not set(streams) <= set(sizes):
         raise _bad_channel(f"channels {streams} must ascend and belong to the profile (SPEC §6.4)")
-    if not _NEEDED[profile] <= set(streams):
+    if not needed(profile) <= set(streams):
         raise _bad_channel("a scene needs scales, and in the anchor profile offsets (SPEC §6.4)")
     for index, channel in enumerate(channels):
         name, expected = channel.stream.name, sizes[channel.stream]

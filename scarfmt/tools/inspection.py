@@ -6,13 +6,13 @@ One read of at most 2280 bytes answers, whatever the file's size; only METADATA 
 from __future__ import annotations
 
 import json
-import math
 from typing import Any
 
+from scarfmt.blocks.metadata import parse_metadata
 from scarfmt.container.file import Container, Header
 from scarfmt.container.schema import VERSION, BlockKind, Profile, Stream
 from scarfmt.container.source import ByteSource
-from scarfmt.errors import LimitExceeded, Malformed
+from scarfmt.errors import LimitExceeded
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 
 _UNITS = {Profile.EXPLICIT: "Gaussian", Profile.ANCHOR: "anchor"}
@@ -93,8 +93,9 @@ def read_metadata(container: Container) -> dict[str, Any] | None:
     """The METADATA block's JSON object; None when there is none, or a truncated source does not reach it.
 
     Raises:
-        Malformed: ``bad-metadata`` when it is not one UTF-8 JSON object.
-        LimitExceeded: ``limit-metadata`` when it is larger than the container's limits allow.
+        Malformed: ``bad-metadata``: it breaks R-7.10-1, as :func:`scarfmt.blocks.metadata.parse_metadata` says.
+        LimitExceeded: ``limit-metadata``: it has more bytes than the container's limits allow, or is nested deeper than
+            the format allows.
     """
     entry = container.find(BlockKind.METADATA, 1)
     if entry is None or not container.is_available(entry):
@@ -102,31 +103,7 @@ def read_metadata(container: Container) -> dict[str, Any] | None:
     if entry.length > container.limits.metadata_bytes:
         message = f"{entry.length} bytes exceed this reader's limit of {container.limits.metadata_bytes}"
         raise LimitExceeded("limit-metadata", message, offset=entry.offset, field="METADATA")
-    try:
-        text = container.read_block(entry).decode("utf-8")
-        value = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_whole)
-    except (ValueError, RecursionError) as error:
-        raise Malformed("bad-metadata", f"not JSON: {error}", offset=entry.offset, field="METADATA") from error
-    if not isinstance(value, dict):
-        message = f"a JSON {type(value).__name__}, not an object"
-        raise Malformed("bad-metadata", message, offset=entry.offset, field="METADATA")
-    return value
-
-
-def _refuse_constant(name: str) -> Any:
-    raise ValueError(f"{name} is not JSON")
-
-
-def _finite(text: str) -> float:
-    number = float(text)
-    if math.isinf(number):
-        raise ValueError(f"{text[:20]} is beyond binary64")
-    return number
-
-
-def _whole(text: str) -> int:
-    _finite(text)
-    return int(text)
+    return parse_metadata(container.read_block(entry), entry.offset)
 
 
 def format_text(report: dict[str, Any]) -> str:
@@ -134,8 +111,13 @@ def format_text(report: dict[str, Any]) -> str:
     lines = [f"{name:<17} {value}" for name, value in _facts(report)]
     lines += ["", *_columns(_layer_table(report))]
     if report.get("metadata") is not None:
-        lines += ["", "metadata", json.dumps(report["metadata"], indent=2, ensure_ascii=False)]
+        lines += ["", "metadata", _shown(json.dumps(report["metadata"], indent=2, ensure_ascii=False))]
     return "\n".join(lines) + "\n"
+
+
+def _shown(text: str) -> str:
+    """JSON text without characters that a terminal acts on: those that do not print are escaped."""
+    return "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text)
 
 
 def _facts(report: dict[str, Any]) -> list[tuple[str, str]]:

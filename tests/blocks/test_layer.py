@@ -13,7 +13,6 @@ from scarfmt.container.bytefields import signed_varint, unsigned_varint
 from scarfmt.container.schema import Stream
 from scarfmt.errors import LimitExceeded, ScarError, Unsupported
 from scarfmt.scene.model import (
-    CHANNEL_STREAMS,
     MAX_CHANNELS,
     MAX_CLASSES,
     MAX_COMPONENTS,
@@ -23,6 +22,7 @@ from scarfmt.scene.model import (
     DecodedContext,
     LayerRow,
 )
+from scarfmt.scene.streams import CHANNEL_STREAMS
 from tests.samples.codec_samples import refuses
 
 BYTE = st.integers(0, 255)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -149,7 +148,7 @@ command.main()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-@pytest.mark.parametrize(("sent", "code"), [("SIGINT", 130), ("SIGTERM", 128 + signal.SIGTERM)])
+@pytest.mark.parametrize(("sent", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
 def test_an_interrupt_leaves_nothing_behind(explicit_scar: Path, tmp_path: Path, sent: str, code: int) -> None:
     script = _INTERRUPTED.format(signal=sent, name=str(explicit_scar))
     env = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
@@ -180,7 +179,8 @@ def failing(error: BaseException) -> click.Group:
     [
         (MemoryError(), 1, "out-of-memory"),
         (PermissionError(13, "Permission denied", "x.ply"), 1, "os-error: [Errno 13] Permission denied: 'x.ply'"),
-        (ModuleNotFoundError("No module", name="torch.nn"), 1, "pip install 'scarfmt[encode]'"),
+        (ModuleNotFoundError("No module", name="torch.nn"), 1, "pip install 'scarfmt[neural]'"),
+        (ModuleNotFoundError("No module", name="numba"), 1, "pip install 'scarfmt[encode]'"),
         (InvalidInput("input-frame", "which way is up?"), 2, "input-frame: which way is up?"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],

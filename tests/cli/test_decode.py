@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from reference_decoder.decode import decode as decode_file
-from reference_decoder.request import ATTRIBUTES
-from scarfmt.cli.decode import ATTRIBUTE_NAMES
 from scarfmt.coding.counters import Counters
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
@@ -67,10 +65,6 @@ def test_attributes_are_written_alone(run: Run, explicit_scar: Path, tmp_path: P
 
 def test_attributes_do_not_fit_a_ply(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
     assert run("decode", explicit_scar, tmp_path / "a.ply", "--attributes", "positions").exit_code == 2
-
-
-def test_attribute_names_are_the_decoders() -> None:
-    assert tuple(ATTRIBUTES) == ATTRIBUTE_NAMES
 
 
 def test_a_cut_file_needs_leave(run: Run, explicit_scar: Path, tmp_path: Path) -> None:

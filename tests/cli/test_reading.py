@@ -7,9 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from scarfmt.container.file import Block, write_container
+from scarfmt.container.schema import BlockKind
 from scarfmt.container.source import BytesSource, FileSource
 from scarfmt.tools.truncate import truncate
 from tests.cli.conftest import Run
+from tests.samples.container_samples import FIELDS
 
 
 def test_inspect_prints_a_table(run: Run, explicit_scar: Path) -> None:
@@ -88,3 +91,14 @@ def test_truncate_saves_a_broken_download(run: Run, explicit_scar: Path, tmp_pat
     assert run("truncate", "-", tmp_path / "a.scar", "--layers", 3, input=cut).exit_code == 1
     assert run("truncate", "-", tmp_path / "b.scar", "--layers", 2, input=cut).exit_code == 0
     assert (tmp_path / "b.scar").read_bytes() == truncate(BytesSource(explicit_scar.read_bytes()), 2)
+
+
+def test_metadata_that_no_stream_can_carry_is_refused_and_the_deepest_is_printed(run: Run, tmp_path: Path) -> None:
+    """Half a surrogate pair has no UTF-8, and printers recurse: neither ends in a traceback, as text or as JSON."""
+    deepest = b'{"a":' + 63 * b"[" + 63 * b"]" + b"}"
+    for text, status in ((b'{"a":"\\ud800"}', 1), (b'{"a":' + 700 * b"[" + 700 * b"]" + b"}", 1), (deepest, 0)):
+        target = tmp_path / "a.scar"
+        target.write_bytes(write_container(FIELDS, [], [Block(BlockKind.METADATA, 1, text)], [(0, 0)]))
+        for form in ((), ("--json",)):
+            done = run("inspect", target, "--metadata", *form)
+            assert (done.exit_code, type(done.exception)) == (status, SystemExit if status else type(None))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from tests.conformance.vector_files import FOLDERS, VECTORS, expectation_of, nam
 MANNER = Manner(operations("numpy"))
 EXPECTED = {folder: expectation_of(folder) for folder in FOLDERS}
 DECODED = [folder for folder in FOLDERS if "layers" in EXPECTED[folder]]
+METADATA = [f for f in FOLDERS if EXPECTED[f].get("stage") == "metadata" or "metadata" in EXPECTED[f]]
 RICE = [folder for folder in FOLDERS if name_of(folder).startswith(("invalid/rice-", "invalid/shift-"))]
 
 
@@ -80,8 +82,9 @@ def test_the_reference_agrees_with_the_vector(folder: Path, tmp_path: Path) -> N
         stage = "metadata" if expect["stage"] == "metadata" else "all"
         assert answer(path, 0, stage, MANNER)["refused"] == expect["refusal"]
         return
+    manner = replace(MANNER, camera=expect.get("camera"))
     for layer in expect.get("layers", []):
-        found = answer(path, layer["layer"], "all", MANNER)
+        found = answer(path, layer["layer"], "all", manner)
         if expect["result"] == "either" and "refused" in found:
             assert found["refused"] in expect["refusals"]
             continue
@@ -130,3 +133,14 @@ def test_a_decoder_written_from_the_specification_refuses_bad_rice_codes(folder:
     with pytest.raises(Refused) as caught:
         Decoder((folder / "input.scar").read_bytes())
     assert str(caught.value) == EXPECTED[folder]["refusal"]
+
+
+@pytest.mark.parametrize("folder", METADATA, ids=name_of)
+def test_a_decoder_written_from_the_specification_reads_the_same_metadata(folder: Path, tmp_path: Path) -> None:
+    """Objects, and the id of what is refused (SPEC §7.10)."""
+    expect = EXPECTED[folder]
+    found = minimal_answers.answer(whole_file(folder, tmp_path).read_bytes(), 0, "metadata")
+    if "metadata" in expect:
+        assert found == {"stages": {"metadata": {"metadata": expect["metadata"]}}}
+    else:
+        assert found["refused"] == expect["refusal"]

@@ -1,19 +1,17 @@
-"""Byte sources: exact ranges, honest counters, URLs by range requests."""
+"""Byte sources: exact ranges, honest counters, pipes."""
 
 from __future__ import annotations
 
-import re
+import os
 import threading
-from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scarfmt.container.source import HEAD_BYTES, BytesSource, FileSource, UrlSource, open_source
-from scarfmt.errors import InvalidInput, Truncated
+from scarfmt.container.source import HEAD_BYTES, BytesSource, FileSource, open_source, read_bounded
+from scarfmt.errors import InvalidInput, LimitExceeded, Truncated
 
 CONTENT = bytes(i * 7 % 251 for i in range(3 * HEAD_BYTES))
 
@@ -53,12 +51,11 @@ def test_a_file_that_shrinks_while_open_is_truncated(tmp_path: Path) -> None:
             source.read(0, 11)
 
 
-def test_missing_files_and_unknown_protocols_are_invalid_input(tmp_path: Path) -> None:
+def test_a_missing_file_is_invalid_input(tmp_path: Path) -> None:
     """Opening fails with a message, not with a traceback of the operating system."""
-    for origin in (tmp_path / "absent", f"file://{tmp_path}/absent", "nosuchprotocol://x"):
-        with pytest.raises(InvalidInput) as caught:
-            open_source(origin)
-        assert caught.value.refusal == "input-source"
+    with pytest.raises(InvalidInput) as caught:
+        open_source(tmp_path / "absent")
+    assert caught.value.refusal == "input-source"
 
 
 def test_bytes_of_any_kind_are_accepted() -> None:
@@ -67,79 +64,19 @@ def test_bytes_of_any_kind_are_accepted() -> None:
         assert open_source(data).read(1, 2) == b"bc"
 
 
-class _Server(ThreadingHTTPServer):
-    ranges = True
-    requests: list[str]
-
-
-class _Handler(BaseHTTPRequestHandler):
-    server: _Server
-
-    def do_HEAD(self) -> None:
-        self._answer(False)
-
-    def do_GET(self) -> None:
-        self._answer(True)
-
-    def _answer(self, body: bool) -> None:
-        wanted = re.fullmatch(r"bytes=(\d+)-(\d+)", self.headers.get("Range", ""))
-        data = CONTENT
-        if wanted and self.server.ranges:
-            data = CONTENT[int(wanted[1]) : int(wanted[2]) + 1]
-        self.send_response(206 if wanted and self.server.ranges else 200)
-        self.send_header("Content-Length", str(len(data)))
-        self.end_headers()
-        if body:
-            self.server.requests.append(self.headers.get("Range", ""))
-            self.wfile.write(data)
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Keep the test output quiet."""
-
-
-@pytest.fixture
-def server() -> Iterator[_Server]:
-    """An HTTP server on this machine whose every path is CONTENT."""
-    pytest.importorskip("aiohttp", reason="http sources need scarfmt[http]")
-    instance = _Server(("127.0.0.1", 0), _Handler)
-    instance.requests = []
-    thread = threading.Thread(target=instance.serve_forever, args=(0.01,))
-    thread.start()
-    yield instance
-    instance.shutdown()
-    thread.join()
-    instance.server_close()
-
-
-def test_url_head_is_fetched_once_and_ranges_exactly(server: _Server) -> None:
-    """Parsing a header costs one request; a far block costs its own bytes."""
-    with open_source(f"http://127.0.0.1:{server.server_port}/scene.scar") as source:
-        assert isinstance(source, UrlSource)
+def test_a_pipe_is_read_to_its_end(tmp_path: Path) -> None:
+    """A pipe has no size: what comes through it is the file."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_bytes, args=(CONTENT,))
+    writer.start()
+    with open_source(pipe) as source:
         assert source.size == len(CONTENT)
-        assert source.read(0, 100) == CONTENT[:100]
-        assert source.read(5000, 3000) == CONTENT[5000:8000]
-        assert (source.reads, source.bytes_read) == (1, HEAD_BYTES)
-        assert source.read(HEAD_BYTES - 10, 20) == CONTENT[HEAD_BYTES - 10 : HEAD_BYTES + 10]
-        assert source.read(150_000, 1000) == CONTENT[150_000:151_000]
-        assert (source.reads, source.bytes_read) == (3, HEAD_BYTES + 1020)
-    assert len(server.requests) == 3
-
-
-def test_a_server_without_ranges_is_asked_once(server: _Server) -> None:
-    """It sends everything each time: the first answer must serve all later reads."""
-    server.ranges = False
-    source = open_source(f"http://127.0.0.1:{server.server_port}/scene.scar")
-    assert source.read(100_000, 50) == CONTENT[100_000:100_050]
-    assert source.read(0, 50) == CONTENT[:50]
-    assert source.read(len(CONTENT) - 9, 9) == CONTENT[-9:]
-    assert (source.reads, source.bytes_read) == (1, len(CONTENT))
-
-
-def test_fsspec_protocols_work_without_a_network() -> None:
-    """Anything fsspec knows is a source; here its in-memory file system."""
-    import fsspec
-
-    with fsspec.open("memory://scarfmt-test/content", "wb") as file:
-        file.write(CONTENT)
-    with open_source("memory://scarfmt-test/content") as source:
         assert source.read(len(CONTENT) - 5, 5) == CONTENT[-5:]
+    writer.join()
+
+
+def test_an_endless_pipe_is_refused_at_a_limit() -> None:
+    with Path("/dev/zero").open("rb") as stream, pytest.raises(LimitExceeded) as caught:
+        read_bounded(stream, "/dev/zero", 100_000)
+    assert caught.value.refusal == "input-limit"

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from reference_decoder.decode import decode, iter_tiles
 from reference_decoder.decoded import Decoded
-from reference_decoder.request import ATTRIBUTES
 from scarfmt.blocks.layer import pack_layer
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
 from scarfmt.container.file import Container
@@ -19,6 +18,7 @@ from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE
 from scarfmt.errors import InvalidInput, Malformed, Truncated
+from scarfmt.scene.streams import ATTRIBUTES
 from scarfmt.tools.truncate import truncate
 from tests.samples.file_surgery import blocks_of, rebuilt
 from tests.samples.scene_samples import quantised_scenes, random_scene

@@ -43,16 +43,16 @@ export const CAPABILITIES = Object.freeze({
 /**
  * The answer to a question, in pieces of one line of JSON. What is thrown is a failure, not an answer.
  * @param {Source} source
- * @param {{layers: number, stage: string}} question
+ * @param {{layers: number, stage: string, camera?: number[]}} question camera: origin of the header without it
  * @returns {Iterable<string>}
  */
-export function answer(source, { layers, stage }) {
+export function answer(source, { layers, stage, camera }) {
   try {
     const scar = openScar(source);
     if (stage === "metadata") return metadataAnswer(scar);
     const stages = stage === "all" ? DECODED : [stage];
     if (!stages.every((name) => DECODED.includes(name))) throw new RangeError(`no stage ${stage}`);
-    return stagesJson(scar, stages, decodeStages(scar, stages, layers));
+    return stagesJson(scar, stages, decodeStages(scar, stages, layers, camera));
   } catch (error) {
     if (!(error instanceof Refused)) throw error;
     return [JSON.stringify({ refused: error.id, offset: error.offset, message: error.message })];
@@ -90,9 +90,10 @@ function* stagesJson(scar, stages, arrays) {
  * @param {Scar} scar
  * @param {string[]} stages
  * @param {number} layers
+ * @param {number[]} [camera]
  * @returns {StageArrays}
  */
-function decodeStages(scar, stages, layers) {
+function decodeStages(scar, stages, layers, camera) {
   /** @type {StageArrays} */
   const arrays = new Map(stages.map((stage) => [stage, new NamedArrays(stage === "activated")]));
   if (stages.every((stage) => stage === "container")) return arrays;
@@ -108,7 +109,7 @@ function decodeStages(scar, stages, layers) {
     addContext(tile, at("context"));
     addIndices(tile, at("indices"));
     addIntegers(tile, at("integers"));
-    addValues(scar, tile, at("sums"), at("values"), at("activated"));
+    addValues(scar, tile, at("sums"), at("values"), at("activated"), camera);
   }
   for (const [name, numbers] of trace.frequencies) at("frequencies")?.add(`frequencies.${name}`, "<u4", [], numbers);
   return arrays;
@@ -178,8 +179,9 @@ function channelRow(tile, i) {
  * @param {NamedArrays | null} sums
  * @param {NamedArrays | null} values
  * @param {NamedArrays | null} activated
+ * @param {number[]} [camera]
  */
-function addValues(scar, tile, sums, values, activated) {
+function addValues(scar, tile, sums, values, activated, camera) {
   if (sums === null && values === null && activated === null) return;
   const exact = scar.exactValues(tile);
   const { dims, channels } = tile.models;
@@ -192,7 +194,7 @@ function addValues(scar, tile, sums, values, activated) {
   if (exact.latent !== null) values?.add("latent", "<f4", [dims], exact.latent);
   if (activated === null) return;
   const rows = activatedRows(scar, tile.models);
-  for (const [name, numbers] of Object.entries(scar.activatedValues(tile, exact))) {
+  for (const [name, numbers] of Object.entries(scar.activatedValues(tile, exact, camera))) {
     activated.add(name, "<f8", rows[name], numbers);
   }
 }

@@ -2,7 +2,7 @@
 /**
  * The decoder protocol on the command line:
  *
- *     node cli.js FILE [--layers K] [--stage S]
+ *     node cli.js FILE [--layers K] [--stage S] [--camera X,Y,Z]
  *     node cli.js --session
  */
 
@@ -41,8 +41,8 @@ function write(text) {
   });
 }
 
-/** @param {{file: string, layers: number, stage: string}} question */
-async function reply({ file, layers, stage }) {
+/** @param {{file: string, layers: number, stage: string, camera?: number[]}} question */
+async function reply({ file, layers, stage, camera }) {
   if (stage === "capabilities") {
     await write(`${JSON.stringify({ capabilities: CAPABILITIES })}\n`);
     return;
@@ -50,7 +50,7 @@ async function reply({ file, layers, stage }) {
   const source = fileSource(file);
   try {
     let text = "";
-    for (const piece of answer(source, { layers, stage })) {
+    for (const piece of answer(source, { layers, stage, camera })) {
       text += piece;
       if (text.length < PIECE) continue;
       await write(text);
@@ -75,15 +75,17 @@ async function main() {
     options: {
       layers: { type: "string", default: "0" },
       stage: { type: "string", default: "all" },
+      camera: { type: "string", default: "" },
       session: { type: "boolean", default: false },
     },
   });
   if (values.session) return session();
   const layers = Number(values.layers);
   if (positionals.length !== 1 || !Number.isInteger(layers)) {
-    throw new Error("usage: cli.js FILE [--layers K] [--stage S], or cli.js --session");
+    throw new Error("usage: cli.js FILE [--layers K] [--stage S] [--camera X,Y,Z], or cli.js --session");
   }
-  return reply({ file: positionals[0], layers, stage: String(values.stage) });
+  const camera = values.camera === "" ? undefined : String(values.camera).split(",").map(Number);
+  return reply({ file: positionals[0], layers, stage: String(values.stage), camera });
 }
 
 main().catch((error) => {

@@ -43,6 +43,7 @@ export const MAX_LAYERS = 16;
 export const MAX_STAGES = 8;
 export const MAX_STEPS = 20;
 export const MAX_CLASSES = 15;
+export const MAX_METADATA_DEPTH = 64;
 
 /**
  * Limits of a reader, §13.2.

@@ -20,8 +20,8 @@ function extendedSource(bytes, length) {
   return { length, read };
 }
 
-function ask(source, layers, stage) {
-  return JSON.parse([...answer(source, { layers, stage })].join(""));
+function ask(source, layers, stage, camera) {
+  return JSON.parse([...answer(source, { layers, stage, camera })].join(""));
 }
 
 /** @returns {string[]} folders that hold an expectation */
@@ -77,7 +77,7 @@ function checkVector(folder, expect) {
     return;
   }
   for (const { layer, stages } of expect.layers) {
-    const found = ask(source, layer, "all");
+    const found = ask(source, layer, "all", expect.camera);
     assert.equal(found.refused, undefined, found.message);
     compareLayer(folder, stages, found.stages);
   }

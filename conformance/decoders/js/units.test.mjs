@@ -11,6 +11,7 @@ import { answer } from "./answers.js";
 import { Reader } from "./bytes.js";
 import { crc32 } from "./crc32.js";
 import { openScar, Refused } from "./decoder.js";
+import { parseMetadata } from "./metadata.js";
 import { exp2w, sigmoid12, tanh12 } from "./integers.js";
 import { makeVectors } from "./network_block.js";
 import { RansStream } from "./rans.js";
@@ -194,6 +195,27 @@ describe("integer networks", () => {
     assert.deepEqual([...e], [1, 0, 8, 12, 2, 64, 10, -4, 56, 15, -1, 64]);
     assert.deepEqual([...centroids], [1, 0, 8, 12, -1, 61]);
     assert.deepEqual([...deviations], [0, 0, 0, 0, 3, 3, -2, -3, -5, 3, 0, 3]);
+  });
+});
+
+describe("metadata", () => {
+  const read = (/** @type {string} */ text) => parseMetadata(new TextEncoder().encode(text));
+
+  it("is read with brackets in strings and 64 deep, and refused one level deeper", () => {
+    const deep = (/** @type {number} */ n) => `{"a[":${"[".repeat(n - 1)}"\\"[{"${"]".repeat(n - 1)}}`;
+    assert.deepEqual(Object.keys(read(deep(64)).value), ["a["]);
+    refuses(() => read(deep(65)), "limit-metadata");
+    refuses(() => read("[".repeat(200000)), "limit-metadata");
+  });
+
+  it("is refused for what JSON.parse drops or keeps in silence", () => {
+    for (const value of ['"\\ud800"', '"\\udf0d\\ud83c"', "1e309", "9".repeat(400)]) {
+      for (const text of [`{"a":${value}}`, `{"a":${value},"a":0}`, `{"b":[[${value}]]}`]) {
+        refuses(() => read(text), "bad-metadata");
+      }
+    }
+    refuses(() => read('{"\\udfff":0}'), "bad-metadata");
+    assert.deepEqual(read('{"a":"\\ud83c\\udf0d\\\\ud800"}').value, { a: "\u{1f30d}\\ud800" });
   });
 });
 

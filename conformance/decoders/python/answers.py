@@ -13,7 +13,8 @@ from typing import Any
 
 from conformance.decoders.python.decoder import NAMES, Decoder, Tile
 from conformance.decoders.python.fields import OFFSETS, POSITION_RESIDUAL, Refused
-from conformance.expect.container_fields import METADATA_KIND, blocks_of_kind, container_fields
+from conformance.decoders.python.metadata import read_metadata
+from conformance.expect.container_fields import container_fields
 
 Array = dict[str, Any]
 Arrays = dict[str, Array]
@@ -137,6 +138,8 @@ def answer(data: bytes, layers: int, stage: str) -> dict[str, Any]:
     if stage == "capabilities":
         return {"capabilities": CAPABILITIES}
     try:
+        if stage == "metadata":
+            return {"stages": {stage: {"metadata": read_metadata(data)}}}
         answers = Answers(Decoder(data, layers or None))
     except Refused as refusal:
         return {"refused": str(refusal), "offset": None, "message": "a rule is broken"}
@@ -147,9 +150,6 @@ def answer(data: bytes, layers: int, stage: str) -> dict[str, Any]:
 def _one(data: bytes, answers: Answers, stage: str) -> dict[str, Any]:
     if stage == "container":
         return {"container": container_fields(data)}
-    if stage == "metadata":
-        found = blocks_of_kind(data, METADATA_KIND)
-        return {"metadata": json.loads(found[0]) if found else None}
     return {"arrays": answers.stage(stage)}
 
 

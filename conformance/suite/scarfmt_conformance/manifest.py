@@ -87,6 +87,7 @@ class Expectation:
         refusals: ids it may be refused with.
         stage: one of `REFUSAL_STAGES`, where the refusal comes at the latest; ``tiles`` where that is not said.
         extend_to: length up to which zeros follow the file; 0 for none.
+        camera: centre of the camera, world units, for which Gaussians are pinned; None where none are.
     """
 
     purpose: str
@@ -96,6 +97,7 @@ class Expectation:
     refusals: tuple[str, ...]
     stage: str
     extend_to: int
+    camera: tuple[float, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -234,7 +236,15 @@ def _expectation(value: dict[str, Any]) -> Expectation:
         tuple(str(refusal) for refusal in refusals),
         stage,
         int(value.get("extend_to") or 0),
+        _camera(value.get("camera")),
     )
+
+
+def _camera(value: Any) -> tuple[float, ...] | None:
+    if value is None:
+        return None
+    x, y, z = (float(number) for number in value)
+    return x, y, z
 
 
 def _read_object(path: Path) -> dict[str, Any]:

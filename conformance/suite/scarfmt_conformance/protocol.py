@@ -33,7 +33,7 @@ STAGES = (
 """In the order in which a decoder comes to them."""
 
 SHOWN_CHARACTERS = 300
-_PLACES = {"file": "file", "layers": "layers", "k": "layers", "stage": "stage", "s": "stage"}
+_PLACES = {"file": "file", "layers": "layers", "k": "layers", "stage": "stage", "s": "stage", "camera": "camera"}
 _PLACE = re.compile(r"\{(" + "|".join(_PLACES) + r")\}")
 
 
@@ -45,16 +45,19 @@ class Question:
         file: absolute path.
         layers: layer to decode to, from 1; 0 for all.
         stage: one of `STAGES`, ``all`` or ``capabilities``.
+        camera: centre of the camera, world units, for which Gaussians are asked; None where none are pinned.
     """
 
     file: Path
     layers: int
     stage: str
+    camera: tuple[float, ...] | None = None
 
     def line(self) -> bytes:
         """The question as a session reads it."""
         asked = {"file": str(self.file), "layers": self.layers, "stage": self.stage}
-        return json.dumps(asked).encode() + b"\n"
+        seen = {} if self.camera is None else {"camera": self.camera}
+        return json.dumps({**asked, **seen}).encode() + b"\n"
 
 
 @dataclass(frozen=True)
@@ -161,7 +164,7 @@ def _printable_line(text: str) -> str:
 
 
 def template(text: str) -> list[str]:
-    """The words of a command with ``{file}``, ``{layers}`` and ``{stage}`` in it.
+    """The words of a command with ``{file}``, ``{layers}`` and ``{stage}`` in it; ``{camera}`` may be.
 
     Raises:
         InvalidInput: ``input-options``: a quote is not closed, or a place is missing.
@@ -190,8 +193,9 @@ def command(text: str) -> list[str]:
 
 
 def filled(words: list[str], question: Question) -> list[str]:
-    """The words of a template with a question put in."""
-    values = {"file": str(question.file), "layers": str(question.layers), "stage": question.stage}
+    """The words of a template with a question put in; the camera is ``X,Y,Z``, or empty without one."""
+    camera = ",".join(map(repr, question.camera or ()))
+    values = {"file": str(question.file), "layers": str(question.layers), "stage": question.stage, "camera": camera}
     return [_PLACE.sub(lambda match: values[_PLACES[match[1]]], word) for word in words]
 
 

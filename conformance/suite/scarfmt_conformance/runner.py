@@ -143,6 +143,7 @@ class _Task:
     layers: int
     stage: str
     judge: Callable[[Answer, dict[str, bool]], Failure | None]
+    camera: tuple[float, ...] | None = None
 
 
 def run(
@@ -306,7 +307,7 @@ def _not_claimed(suite: Suite, vector: Vector, claims: Capabilities) -> str:
 
 def _ask(decoder: Decoder, file: Path, task: _Task, result: Result, before: Result | None) -> None:
     """Ask one question and enter what comes of it into the result, or into that of the question before."""
-    reply = decoder.ask(Question(file, task.layers, task.stage))
+    reply = decoder.ask(Question(file, task.layers, task.stage, task.camera))
     _blame(result if result.questions else before, reply.before)
     result.questions += 1
     result.seconds += reply.seconds
@@ -353,7 +354,7 @@ def _tasks(vector: Vector, expectation: Expectation, stages: list[str], last_lay
     else:
         for layer in expectation.layers[-1:] if last_layer else expectation.layers:
             if pinned_stages(layer.stages, stages):
-                yield _Task(layer.layer, ALL, _judge_of(layer, stages, folder))
+                yield _Task(layer.layer, ALL, _judge_of(layer, stages, folder), expectation.camera)
         if expectation.pins_metadata and METADATA in stages:
             yield _Task(0, METADATA, lambda answer, seen: _metadata(expectation.metadata, answer, seen))
 

@@ -41,7 +41,7 @@ from scarfmt.entropy import rans, rice, symbols
 from scarfmt.neural import arithmetic, grid, network, predictors, tables
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.scene import codebooks as scene_codebooks
-from scarfmt.scene import model
+from scarfmt.scene import model, streams
 
 TEXT = SPEC.read_text()
 RULE = re.compile(r"R-\d+(?:\.\d+)?-\d+")
@@ -222,9 +222,9 @@ def test_channel_table_is_the_codes() -> None:
 
     for profile, column in ((Profile.EXPLICIT, 1), (Profile.ANCHOR, 2)):
         listed = {Stream[row[0]]: components(row[column]) for row in rows(section("6.4"))}
-        assert set(listed) == set(model.CHANNEL_STREAMS)
-        sizes, needed = model._COMPONENTS[profile], model._NEEDED[profile]
-        assert listed == {s: (sizes[s], s in needed) if s in sizes else None for s in model.CHANNEL_STREAMS}
+        assert set(listed) == set(streams.CHANNEL_STREAMS)
+        sizes, needed = streams.components(profile), streams.needed(profile)
+        assert listed == {s: (sizes[s], s in needed) if s in sizes else None for s in streams.CHANNEL_STREAMS}
 
 
 def test_the_worked_rice_code_is_the_codes() -> None:

@@ -41,6 +41,13 @@ def test_a_command_is_split_as_a_shell_would_and_filled_without_one() -> None:
     assert filled(words, question) == expected
 
 
+def test_a_command_may_ask_for_the_camera() -> None:
+    """Three numbers that read back exactly; nothing where no camera is asked for."""
+    words = template("x {file} {layers} {stage} --camera={camera}")
+    assert filled(words, Question(Path("a"), 0, "all", (1e272, -0.1, 0.0)))[-1] == "--camera=1e+272,-0.1,0.0"
+    assert filled(words, Question(Path("a"), 0, "all"))[-1] == "--camera="
+
+
 @pytest.mark.parametrize(
     ("text", "missing"),
     [("x", "{file}, {layers}, {stage}"), ("x {file} {k}", "{stage}"), ("x {layers} {s}", "{file}")],

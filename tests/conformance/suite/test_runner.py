@@ -75,6 +75,20 @@ def test_each_layer_is_asked_for_and_metadata_where_pinned(suite: SuiteWriter) -
     assert stub.asked == [(1, "all"), (2, "all")] * 2 + [(0, "metadata")]
 
 
+def test_the_camera_of_the_vector_is_asked_for(suite: SuiteWriter) -> None:
+    """Data of the vector, not of the protocol: expect.json has it."""
+    suite.decoded("valid/seen", layers=two_layers(), camera=[1, -2.5, 0])
+    suite.decoded("valid/unseen", layers=two_layers())
+    cameras = []
+
+    def note(question: Question) -> Values:
+        cameras.append(question.camera)
+        return right(question)
+
+    ask(suite, Stub(note))
+    assert cameras == [(1.0, -2.5, 0.0)] * 2 + [None] * 2
+
+
 def test_a_file_without_metadata_has_none(suite: SuiteWriter) -> None:
     """Null that is pinned is compared."""
     suite.decoded("valid/none", metadata=None)

@@ -102,6 +102,8 @@ def test_the_question_of_a_session_is_one_line_of_json(tmp_path: Path) -> None:
     line = Question(tmp_path / "new\nline é", 3, "all").line()
     assert line.count(b"\n") == 1
     assert json.loads(line) == {"file": str(tmp_path / "new\nline é"), "layers": 3, "stage": "all"}
+    seen = Question(tmp_path / "any", 0, "all", (1e-300, -0.0, 0.1))
+    assert json.loads(seen.line())["camera"] == [1e-300, -0.0, 0.1]
 
 
 def test_two_lines_fail_a_session(suite: SuiteWriter) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from reference_encoder.latent.autoencoder import AutoencoderOptions, Sampler, VectorCodebook, train
+from reference_encoder.latent.autoencoder import Autoencoder, AutoencoderOptions, Sampler, VectorCodebook, train
 from reference_encoder.latent.learned import best_latents, learned_latent
 from reference_encoder.latent.linear import Latent
 from reference_encoder.latent.rvq import RvqOptions, RvqResult
@@ -132,6 +132,107 @@ def test_training_beats_the_untrained_network() -> None:
         return float((chosen.distortion[3] + latent.lost).sum())
 
     assert error(300) < 0.7 * error(1)
+
+
+def _trained(vectors: np.ndarray, options: AutoencoderOptions) -> Autoencoder:
+    return train(vectors, np.ones(len(vectors)), options)
+
+
+def _outputs(trained: Autoencoder, z: np.ndarray) -> np.ndarray:
+    """What a linear decoder makes of (N, d) latents."""
+    [(weights, biases)] = trained.decoder
+    return np.asarray(z @ weights.T + biases)
+
+
+def _sums(trained: Autoencoder, stages: int) -> list[np.ndarray]:
+    """(N, d) sums of the nearest codewords of 1.. stages."""
+    out, total = [], np.zeros_like(trained.encoded)
+    for book in [trained.coarse] + [trained.residual] * (stages - 1):
+        left = trained.encoded - total
+        total = total + book[np.linalg.norm(left[:, None] - book[None], axis=2).argmin(axis=1)]
+        out.append(total)
+    return out
+
+
+@pytest.mark.parametrize(("loss", "expected"), [("l1", 0.0), ("l2", 1.0)])
+def test_the_loss_is_the_one_asked_for(loss: str, expected: float) -> None:
+    """A column that the one latent dimension has no room for becomes its median under L1, its mean under L2."""
+    draw = np.random.default_rng(0)
+    x = np.stack([10 * draw.normal(size=2000), 5.0 * (np.arange(2000) % 5 == 0)], axis=1).astype(np.float32)
+    one_stage = RvqOptions(16, 1, 0.0, 0, 0, 5)
+    options = AutoencoderOptions(one_stage, 1, loss=loss, steps=250, batch=256, learning_rate=0.02)
+    trained = _trained(x, options)
+    assert np.median(_outputs(trained, trained.encoded)[:, 1]) == pytest.approx(expected, abs=0.2)
+
+
+def test_commitment_pulls_latents_towards_their_codewords() -> None:
+    """Share of the latents' variance that one codeword leaves: a quarter without the loss, less the more it weighs."""
+    x, left = _vectors(), []
+    for weight in (0.0, 0.25, 4.0):
+        one = replace(OPTIONS, rvq=replace(OPTIONS.rvq, codewords=16, stages=1), layer_norm=False, commitment=weight)
+        trained = _trained(x, one)
+        left.append(float(((trained.encoded - _sums(trained, 1)[0]) ** 2).sum() / trained.encoded.var(axis=0).sum()))
+    assert left[1] < 0.85 * left[0]
+    assert left[2] < 0.95 * left[1]
+
+
+def test_the_shared_residual_codebook_serves_later_stages_too() -> None:
+    """It learns from all of them: from the second alone its words are too long for what the fifth has left."""
+    trained = _trained(_vectors(), replace(OPTIONS, rvq=replace(OPTIONS.rvq, codewords=8, stages=5), steps=300))
+    left = [float(((trained.encoded - total) ** 2).sum()) for total in _sums(trained, 5)]
+    assert left[4] < 0.45 * left[1]
+
+
+def _what_the_decoder_saw(options: AutoencoderOptions) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    """Of each step, the (batch, d) projector output and decoder input; no layer normalisation, a linear decoder."""
+    x = _vectors()
+    made: list[torch.Tensor] = []
+    seen: list[tuple[torch.Tensor, torch.Tensor]] = []
+
+    def watch(module: torch.nn.Module, inputs: tuple[torch.Tensor, ...], output: torch.Tensor) -> None:
+        if not isinstance(module, torch.nn.Linear) or not torch.is_grad_enabled():
+            return
+        if module.in_features == x.shape[1]:
+            made.append(output.detach())
+        else:
+            seen.append((made[-1], inputs[0].detach()))
+
+    hook = torch.nn.modules.module.register_module_forward_hook(watch)
+    try:
+        _trained(x, options)
+    finally:
+        hook.remove()
+    assert len(seen) == options.steps
+    return seen
+
+
+def _kinds(values: torch.Tensor) -> int:
+    """How many different rows, up to rounding."""
+    return len(torch.unique((values * 1e4).round(), dim=0))
+
+
+WATCHED = replace(OPTIONS, rvq=RvqOptions(8, 3, 0.0, 0, 0, 5), layer_norm=False, steps=80)
+
+
+@pytest.mark.parametrize("estimator", ["rotation", "straight-through"])
+def test_the_decoder_sees_first_latents_then_a_mix_then_codewords(estimator: str) -> None:
+    """The curriculum of paper §3.6: a quarter of the steps continuous, a quarter of soft injection, then hard."""
+    seen = _what_the_decoder_saw(replace(WATCHED, estimator=estimator))
+    moved = [float((z - got).norm() / z.norm()) for z, got in seen]
+    assert max(moved[:20]) == 0.0
+    assert all(0 < share < 1 for share in moved[21:40])
+    # The share of the quantised latent grows: means over several steps, as each keeps its own number of stages.
+    assert np.mean(moved[21:27]) < 0.5 * np.mean(moved[34:40])
+    soft, hard = [_kinds(got) for _, got in seen[21:40]], [_kinds(got) for _, got in seen[41:]]
+    assert min(soft) > 200
+    assert min(hard) <= 7
+
+
+def test_stages_are_dropped_at_random_in_training() -> None:
+    """Some batches keep one stage, some all: with 7 codewords a book, at most 7 and 49 sums of one and two."""
+    hard = [_kinds(got) for _, got in _what_the_decoder_saw(WATCHED)[41:]]
+    one, two = sum(kinds <= 7 for kinds in hard), sum(7 < kinds <= 49 for kinds in hard)
+    assert min(one, two, len(hard) - one - two) >= 5
 
 
 def test_the_final_codebook_pass_does_not_hurt() -> None:

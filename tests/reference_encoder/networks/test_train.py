@@ -226,6 +226,66 @@ def test_the_file_codes_with_the_very_frequencies_of_training(shape: NetworkShap
                 state = evaluator.advance(state, stage, rows.codes[:, stage - 1].astype(np.int64))
 
 
+def _sharp(model: IndexModel) -> None:
+    """Make attention choose: barely trained, its scores are near 0 and every state has the same share."""
+    assert model.attention is not None
+    for dense in (model.attention.query, model.attention.key, model.attention.value):
+        dense.theta.data *= 6
+
+
+def _attention_case(exact: bool) -> tuple[torch.Tensor, torch.Tensor]:
+    """(n, H) embeddings, and what attention makes of them given the same states for all."""
+    rows = _rows(np.random.default_rng(13).normal(size=(64, 10)) * 90, np.full((64, 3), 5))
+    model = build(rows, _books(), ((), ()), replace(SHAPE, attention=True), 0)
+    _sharp(model)
+    assert model.attention is not None
+    batch = Examples(rows).batch(torch.arange(len(rows)))
+    h = model.embed(batch.inputs, exact)
+    return h, model.attention(h, model.histories(batch.codes, exact, 2), exact)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_the_query_of_attention_is_the_spatial_embedding(exact: bool) -> None:
+    """With the same history, places far apart weigh the states differently, and a gradient says how."""
+    h, context = _attention_case(exact)
+    (slope,) = torch.autograd.grad(context.sum(), h)
+    context = context.detach()
+    assert float((context.std(0) / context.abs().mean().clamp_min(1e-9)).max()) > 0.1
+    assert int((slope.abs().sum(1) > 0).sum()) > len(h) // 2
+
+
+def test_attention_codes_with_the_very_frequencies_of_training() -> None:
+    """Bit for bit with what the file would hold, where the query decides: shares of states are not all alike."""
+    draw, books = np.random.default_rng(14), _books(8, 8)
+    rows = _rows(draw.normal(size=(200, 10)) * 90, draw.integers(0, 8, (200, 3)))
+    model = build(rows, books, ((), ()), replace(SHAPE, attention=True, weight_limit=2000), 0)
+    _sharp(model)
+    inputs = Inputs(classes=1, own=True, attributes=3, depths=1, latents=2, latent_shift=0, grid=0)
+    evaluator = Evaluator(export(model, inputs, books), books)
+    batch = Examples(rows).batch(torch.arange(len(rows)))
+    h, state = evaluator.embed(rows.inputs), evaluator.start(len(rows))
+    for stage in (1, 2):
+        state = evaluator.advance(state, stage, rows.codes[:, stage - 1].astype(np.int64))
+    with torch.no_grad():
+        embedded, states = model.embed(batch.inputs, True), model.histories(batch.codes, True, 2)
+        mine = model.context(embedded, states, True)
+        forgetful = model.context(embedded, states[:1] * 3, True)
+    np.testing.assert_array_equal(mine.numpy(), evaluator.context(h, state))
+    assert not torch.equal(mine, forgetful)
+
+
+def test_training_teaches_attention_what_to_ask() -> None:
+    """The query's weights move: the loss reaches them through the shares."""
+    draw = np.random.default_rng(15)
+    rows = _rows(draw.normal(size=(400, 4)) * 60, draw.integers(0, 8, (400, 3)))
+    shape = replace(SHAPE, attention=True)
+    before = build(rows, _books(), ((), ()), shape, QUICK.seed)
+    trained = train(rows, _books(), ((), ()), shape, replace(QUICK, epochs=1, weight_rate=0.0)).model
+    assert before.attention is not None
+    assert trained.attention is not None
+    assert not torch.equal(before.attention.query.theta, trained.attention.query.theta)
+
+
 @pytest.mark.parametrize("two_level", [False, True])
 def test_trained_bits_are_those_of_the_integer_frequencies(two_level: bool) -> None:
     model, _, rows = _exported(SHAPE, two_level)

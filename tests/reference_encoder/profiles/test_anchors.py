@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from reference_decoder.anchors import gaussians
 from reference_decoder.decode import decode
 from reference_encoder.encode import EncodeOptions, encode
+from reference_encoder.measure.anchor_sensitivity import measure_anchors
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import load
@@ -52,6 +54,11 @@ def picture(model: AnchorModel, camera: Camera) -> np.ndarray:
     return np.asarray(render(made.scene, camera, colours=made.colours))
 
 
+def nearest(places: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """(M,) which of (N, 3) `places` is nearest to each of (M, 3) `wanted`."""
+    return np.asarray(np.linalg.norm(wanted[:, None] - places[None], axis=2).argmin(axis=1))
+
+
 def test_anchor_model_round_trip() -> None:
     """Every layer is a valid file's prefix; the last looks like the source; bytes repeat."""
     model, cameras = small_model(), ring(6)
@@ -67,6 +74,39 @@ def test_anchor_model_round_trip() -> None:
     ]
     assert found == sorted(found)
     assert found[-1] > 33
+
+
+def test_what_no_network_reads_costs_nothing() -> None:
+    """Noise in features that feed no network adds next to no bytes: the networks' Jacobian prices errors."""
+    model, options = small_model(), EncodeOptions(quality=42, effort=1, layers=3, cameras=ring(4))
+    unread = slice(4, 8)
+    mlps = {}
+    for name, mlp in model.mlps.items():
+        first = mlp.weights[0].copy()
+        first[:, unread] = 0
+        mlps[name] = Mlp((first, mlp.weights[1]), mlp.biases)
+    quiet = model.features.copy()
+    quiet[:, unread] = 0
+    sizes = [len(encode(replace(model, features=f, mlps=mlps), options)) for f in (quiet, model.features)]
+    assert sizes[1] < 1.05 * sizes[0]
+
+
+def test_slots_turn_on_over_the_layers_the_most_visible_first() -> None:
+    """The first layer spends its bytes on the slots that show most, not on every slot of its anchors."""
+    model, cameras = small_model(), ring(4)
+    data = encode(model, EncodeOptions(quality=42, effort=1, layers=3, cameras=cameras))
+    first, last = decode(data, layers=1).scene, decode(data).scene
+    assert isinstance(first, AnchorModel)
+    assert isinstance(last, AnchorModel)
+    assert first.slot_mask is not None
+    assert last.slot_mask is not None
+    near = nearest(last.anchors, first.anchors)
+    early, ever = first.slot_mask, last.slot_mask[near]
+    assert not (early & ~ever).any()
+    assert 0.1 * ever.sum() < early.sum() < 0.6 * ever.sum()
+    source = nearest(model.anchors, first.anchors)
+    seen = measure_anchors(model, cameras, 0, lambda _fraction: None).shape[source]
+    assert np.median(seen[early]) > 3 * np.median(seen[ever & ~early])
 
 
 def test_networks_are_required() -> None:

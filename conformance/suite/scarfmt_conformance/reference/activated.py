@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,18 +15,19 @@ from scarfmt.scene.gaussians import F64, AnchorModel, GaussianScene
 Arrays = dict[str, NDArray[Any]]
 
 
-def activated_arrays(decoded: Decoded, dtype: type) -> Arrays:
+def activated_arrays(decoded: Decoded, dtype: type, camera: Sequence[float] | None = None) -> Arrays:
     """The values of SPEC §9.3 to §9.6.
 
     Args:
         decoded: with all attributes.
         dtype: float32, what a decode gives; float64, the reference of the tolerances, and free of overflow
             where only float32 is too narrow.
+        camera: centre of the camera, world units, for Gaussians of the anchor profile; None: `origin` of the header.
     """
     scene = decoded.activated(dtype)
     if isinstance(scene, GaussianScene):
         return _gaussians(scene)
-    return {"feature": scene.features, **_slots(scene, np.array(decoded.fields.origin), dtype)}
+    return {"feature": scene.features, **_slots(scene, np.array(camera or decoded.fields.origin), dtype)}
 
 
 def _gaussians(scene: GaussianScene) -> Arrays:

@@ -13,7 +13,7 @@ import json
 import os
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TextIO
 
 from scarfmt import __version__
@@ -49,11 +49,13 @@ class Manner:
         operations: arithmetic of the index network.
         tile_by_tile: every tile read and decoded on its own, by ranges, not all in one go with threads.
         single: activated values in binary32, as a decode gives them, not in binary64.
+        camera: centre of the camera, world units, for Gaussians of the anchor profile; None: `origin` of the header.
     """
 
     operations: Operations
     tile_by_tile: bool = False
     single: bool = False
+    camera: tuple[float, ...] | None = None
 
 
 def answer(path: str, layers: int, stage: str, manner: Manner) -> Answer:
@@ -104,37 +106,43 @@ def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Ite
         return
     models = reader.models(layers or None)
     if "models" in wanted:
-        yield "models", _exact(of.models(models))
+        yield "models", hashed(of.models(models))
     if wanted == ("models",):
         return
     found = of.decoding(reader, models, manner.tile_by_tile)
     for name, arrays in of.EXACT.items():
         if name in wanted:
-            yield name, _exact(arrays(found))
+            yield name, hashed(arrays(found))
     if "activated" in wanted:
-        yield "activated", _numbers(of.activated(found, manner.single))
+        yield "activated", encoded(of.activated(found, manner.single, manner.camera))
 
 
-def _exact(arrays: dict[str, NDArray[Any]]) -> Answer:
-    """Hashes, and the first numbers for someone who looks for a bug."""
+def _little(array: NDArray[Any]) -> NDArray[Any]:
+    """The array as answers have it, little-endian: most NumPy functions give the byte order of the machine."""
+    return array.astype(array.dtype.newbyteorder("<"))
+
+
+def hashed(arrays: dict[str, NDArray[Any]]) -> Answer:
+    """Arrays of an exact stage as they are answered: hashes, and the first numbers for someone who looks for a bug."""
     out = {}
     for name, array in sorted(arrays.items()):
-        data = array.tobytes()
+        little = _little(array)
         out[name] = {
-            "dtype": array.dtype.str,
-            "shape": list(array.shape),
-            "sha256": hashlib.sha256(data).hexdigest(),
-            "first": array.ravel()[:_SHOWN].tolist(),
+            "dtype": little.dtype.str,
+            "shape": list(little.shape),
+            "sha256": hashlib.sha256(little.tobytes()).hexdigest(),
+            "first": little.ravel()[:_SHOWN].tolist(),
         }
     return {"arrays": out}
 
 
-def _numbers(arrays: dict[str, NDArray[Any]]) -> Answer:
+def encoded(arrays: dict[str, NDArray[Any]]) -> Answer:
+    """Activated arrays as they are answered: the numbers themselves, in base64."""
     out = {}
     for name, array in sorted(arrays.items()):
-        little = array.astype(array.dtype.newbyteorder("<"))
+        little = _little(array)
         data = base64.b64encode(little.tobytes()).decode("ascii")
-        out[name] = {"dtype": little.dtype.str, "shape": list(array.shape), "data": data}
+        out[name] = {"dtype": little.dtype.str, "shape": list(little.shape), "data": data}
     return {"arrays": out}
 
 
@@ -142,12 +150,21 @@ def session(questions: TextIO, answers: TextIO, manner: Manner) -> None:
     """Answer the questions of a stream, a line each, until it ends."""
     for line in questions:
         question = json.loads(line)
-        _write(answer(question["file"], question["layers"], question["stage"], manner), answers)
+        asked = replace(manner, camera=tuple(question.get("camera") or ()) or None)
+        _write(answer(question["file"], question["layers"], question["stage"], asked), answers)
 
 
 def _write(reply: Answer, stream: TextIO) -> None:
     stream.write(json.dumps(reply, allow_nan=False, separators=(",", ":")) + "\n")
     stream.flush()
+
+
+def _camera(text: str) -> tuple[float, ...] | None:
+    """Three numbers with commas between them; nothing for None."""
+    if not text:
+        return None
+    x, y, z = map(float, text.split(","))
+    return x, y, z
 
 
 def _arguments(arguments: list[str] | None) -> argparse.Namespace:
@@ -158,6 +175,7 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("file", nargs="?", help="the file, or its URL")
     parser.add_argument("--session", action="store_true", help="answer questions from standard input instead")
     parser.add_argument("--layers", type=int, default=0, help="layer to decode to, 0 for all (default)")
+    parser.add_argument("--camera", type=_camera, help="X,Y,Z of the camera; the origin of the header without it")
     parser.add_argument("--stage", default="all", choices=("all", "capabilities", *STAGES), help="what to answer")
     parser.add_argument("--backend", default="numpy", help="what computes the index network: numpy, torch or cuda")
     parser.add_argument("--access", default="whole", choices=("whole", "range"), help="all in one go, or tile by tile")
@@ -177,7 +195,7 @@ def main(arguments: list[str] | None = None) -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from reference_decoder.backends import operations
 
-    manner = Manner(operations(parsed.backend), parsed.access == "range", parsed.precision == "single")
+    manner = Manner(operations(parsed.backend), parsed.access == "range", parsed.precision == "single", parsed.camera)
     if parsed.session:
         session(sys.stdin, sys.stdout, manner)
     else:

@@ -1,0 +1,97 @@
+"""METADATA blocks: one JSON object about the scene (SPEC §7.10)."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
+from scarfmt.limits import MAX_METADATA_DEPTH
+
+_STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?+', re.DOTALL)
+_BRACKET = re.compile(rb"[\[\]{}]")
+# Of JSON that was parsed: a pair of surrogates, one that is alone (the group), or any other escape.
+_ESCAPE = re.compile(r"\\u[dD][89abAB]..\\u[dD][c-fC-F]..|(\\u[dD][89a-fA-F]..)|\\.")
+
+
+def pack_metadata(metadata: Mapping[str, Any]) -> bytes:
+    """A METADATA block: keys sorted by code point, no white space (R-7.10-2).
+
+    Args:
+        metadata: strings, numbers, booleans, None, lists and dicts of them.
+
+    Raises:
+        InvalidInput: ``input-options``: JSON cannot hold it, or a reader would refuse it.
+    """
+    try:
+        data = json.dumps(metadata, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+        parse_metadata(data)
+    except (TypeError, ValueError, RecursionError, Malformed, LimitExceeded) as error:
+        reason = error.message if isinstance(error, Malformed | LimitExceeded) else str(error)
+        raise InvalidInput("input-options", f"metadata: {reason}", field="metadata") from error
+    return data
+
+
+def parse_metadata(data: bytes, offset: int | None = None) -> dict[str, Any]:
+    """The object of a METADATA block.
+
+    Nesting is checked first: how deep a JSON parser gets depends on the interpreter.
+
+    Args:
+        data: the block.
+        offset: of the block in the file, bytes, for messages.
+
+    Raises:
+        LimitExceeded: ``limit-metadata``: nested deeper than `MAX_METADATA_DEPTH` (R-7.10-3).
+        Malformed: ``bad-metadata``: no JSON object in UTF-8, a number beyond binary64, or half a surrogate pair,
+            also in a member that is not reported because its name comes again (R-7.10-1).
+    """
+    deepest = nesting(data)
+    if deepest > MAX_METADATA_DEPTH:
+        message = f"nested {deepest} deep; {MAX_METADATA_DEPTH} is the most"
+        raise LimitExceeded("limit-metadata", message, offset=offset, field="METADATA")
+    try:
+        text = data.decode("utf-8")
+        value = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_whole)
+        _refuse_lone_surrogates(text)
+    except ValueError as error:
+        raise Malformed("bad-metadata", f"not JSON: {error}", offset=offset, field="METADATA") from error
+    if not isinstance(value, dict):
+        message = f"a JSON {type(value).__name__}, not an object"
+        raise Malformed("bad-metadata", message, offset=offset, field="METADATA")
+    return value
+
+
+def nesting(data: bytes) -> int:
+    """How many brackets are open at once at most, those in strings aside, in any bytes (R-7.10-3)."""
+    depth = deepest = 0
+    for bracket in _BRACKET.findall(_STRING.sub(b"", data)):
+        depth += 1 if bracket in b"[{" else -1
+        deepest = max(deepest, depth)
+    return deepest
+
+
+def _refuse_constant(name: str) -> Any:
+    raise ValueError(f"{name} is not JSON")
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if math.isinf(number):
+        raise ValueError(f"{text[:20]} is beyond binary64")
+    return number
+
+
+def _whole(text: str) -> int:
+    # At most 309 digits are left after this, fewer than interpreters refuse to convert.
+    _finite(text)
+    return int(text)
+
+
+def _refuse_lone_surrogates(text: str) -> None:
+    alone = next((found[1] for found in _ESCAPE.finditer(text) if found[1]), None)
+    if alone is not None:
+        raise ValueError(f"{alone} is half a surrogate pair")

@@ -1,0 +1,313 @@
+"""URLs read by byte ranges, with bounded memory and time, whatever the server answers.
+
+http and https go through the session of fsspec's file system, so that an answer is read piece by piece and no further
+than asked for. Other protocols go through fsspec's plug-ins: they bound memory themselves, time is bounded here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import queue
+import re
+import threading
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from scarfmt.container.source import HEAD_BYTES, TIMEOUT_SECONDS, RangeSource, short_source
+from scarfmt.errors import InvalidInput, ScarError, missing_package
+
+if TYPE_CHECKING:
+    from aiohttp import ClientResponse
+
+SLOWEST_BYTES_PER_SECOND = 1 << 12
+"""A request gets its timeout plus the time that its bytes take at this rate: a large block may arrive slowly, and a
+server that sends a byte now and then comes to an end."""
+
+WHOLE_ANSWER_BYTES = 1 << 28
+"""Largest file taken from a server that ignores ranges: what was read of it stays in memory. As much as the default
+limit of one block."""
+
+_REDIRECTS = 10
+_OK, _PARTIAL, _NO_SUCH_RANGE = 200, 206, 416
+
+T = TypeVar("T")
+
+
+class _Transport(Protocol):
+    """How the bytes of one URL are fetched; any exception of `open` and `fetch` is a failure with a reason.
+
+    Attributes:
+        whole: whether the server ignores ranges: `fetch` is then called for consecutive ranges alone.
+    """
+
+    whole: bool
+
+    def open(self, length: int) -> tuple[int, bytes]:
+        """The size of the file, and its first `length` bytes, or fewer."""
+        ...
+
+    def fetch(self, offset: int, length: int) -> bytes:
+        """At most `length` bytes from `offset`."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class UrlSource(RangeSource):
+    """A URL of any protocol fsspec knows, read by ranges.
+
+    Opening transfers the first `head_bytes`, which are kept: a later read transfers what it lacks of its range.
+    A server that ignores ranges sends the whole file: it is read as far as asked for, and kept.
+
+    Args:
+        url: any string with ``://``.
+        timeout: seconds that a request may take, besides its bytes at `SLOWEST_BYTES_PER_SECOND`.
+        head_bytes: size of the first request.
+
+    Raises:
+        InvalidInput: ``input-source`` when the URL cannot be opened or read, with the reason; ``input-dependency``
+            when fsspec or aiohttp is missing.
+    """
+
+    def __init__(self, url: str, *, timeout: float = TIMEOUT_SECONDS, head_bytes: int = HEAD_BYTES) -> None:
+        self._url = url
+        self._lock = threading.Lock()
+        self._transport = _transport(url, timeout)
+        size, self._head = self._attempt("open", None, lambda: self._transport.open(head_bytes))
+        super().__init__(size)
+        self.reads, self.bytes_read = 1, len(self._head)
+
+    def _attempt(self, what: str, offset: int | None, act: Callable[[], T]) -> T:
+        try:
+            return act()
+        except (ScarError, MemoryError):
+            raise
+        except Exception as error:  # plug-ins of fsspec raise whatever their libraries do
+            raise InvalidInput("input-source", f"cannot {what} {self._url}: {_reason(error)}", offset=offset) from error
+
+    def _fetch(self, offset: int, length: int) -> bytes:
+        data = self._attempt("read", offset, lambda: self._transport.fetch(offset, length))
+        if len(data) != length:
+            raise short_source(offset, length, offset + len(data))
+        return data
+
+    def _transfer(self, offset: int, length: int) -> bytes:
+        end = offset + length
+        if self._transport.whole:
+            with self._lock:
+                if end > len(self._head):
+                    self._head += super()._transfer(len(self._head), end - len(self._head))
+        kept = len(self._head)
+        if end <= kept:
+            return self._head[offset:end]
+        if offset >= kept:
+            return super()._transfer(offset, length)
+        return self._head[offset:] + super()._transfer(kept, end - kept)
+
+    def close(self) -> None:
+        """Close the connection, if one is held."""
+        self._transport.close()
+
+
+def _transport(url: str, timeout: float) -> _Transport:
+    try:
+        import fsspec  # noqa: F401 - here and not above: importing it takes longer than decoding a small local file
+    except ModuleNotFoundError as error:
+        raise missing_package("fsspec", "http") from error
+    if not re.match(r"https?://", url):
+        return _Plugin(url, timeout)
+    try:
+        import aiohttp  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise missing_package("aiohttp", "http") from error
+    return _Http(url, timeout)
+
+
+def _seconds(timeout: float, length: int) -> float:
+    return timeout + length / SLOWEST_BYTES_PER_SECOND
+
+
+def _reason(error: Exception) -> str:
+    """Why a transfer failed, in a few words, also where the library's exception has none."""
+    names = {kind.__name__ for kind in type(error).__mro__}
+    if isinstance(error, TimeoutError):
+        return "no complete answer in time (--timeout gives it more)"
+    if "NonHttpUrlRedirectClientError" in names:
+        return f"redirected to {error}, which is neither http nor https"
+    if "TooManyRedirects" in names:
+        return f"redirected more than {_REDIRECTS} times"
+    if "InvalidURL" in names:
+        return f"not a valid URL: {error}"
+    if isinstance(error, asyncio.IncompleteReadError):
+        return "the answer ends early"
+    if isinstance(error, FileNotFoundError):
+        return "there is no such file"
+    return " ".join(str(error).split())[:200] or type(error).__name__  # one line: some quote the answer
+
+
+class _Plugin:
+    """A protocol other than http: fsspec's own reading, in a thread that is left behind when time is up."""
+
+    whole = False
+
+    def __init__(self, url: str, timeout: float) -> None:
+        self._url = url
+        self._timeout = timeout
+        self._file_system: Any = None
+        self._path = ""
+
+    def open(self, length: int) -> tuple[int, bytes]:
+        return self._within(length, lambda: self._open(length))
+
+    def _open(self, length: int) -> tuple[int, bytes]:
+        from fsspec.core import url_to_fs
+
+        self._file_system, self._path = url_to_fs(self._url)
+        size = self._file_system.size(self._path)
+        if size is None:
+            raise ValueError("its size is unknown: download it first")
+        return int(size), self._file_system.cat_file(self._path, start=0, end=min(length, int(size)))
+
+    def fetch(self, offset: int, length: int) -> bytes:
+        def read() -> bytes:
+            return bytes(self._file_system.cat_file(self._path, start=offset, end=offset + length))
+
+        return self._within(length, read)
+
+    def _within(self, length: int, act: Callable[[], T]) -> T:
+        outcome: queue.SimpleQueue[tuple[T, None] | tuple[None, BaseException]] = queue.SimpleQueue()
+
+        def work() -> None:
+            try:
+                outcome.put((act(), None))
+            except BaseException as error:
+                outcome.put((None, error))
+
+        threading.Thread(target=work, daemon=True, name="scarfmt-url").start()
+        try:
+            result, error = outcome.get(timeout=_seconds(self._timeout, length))
+        except queue.Empty:
+            raise TimeoutError from None
+        if error is not None:
+            raise error
+        return result  # type: ignore[return-value]
+
+    def close(self) -> None:
+        """Nothing is held open between reads."""
+
+
+class _Http:
+    """http and https: no more of an answer's body is read than was asked for."""
+
+    def __init__(self, url: str, timeout: float) -> None:
+        from fsspec.core import url_to_fs
+
+        self.whole = False
+        self._timeout = timeout
+        self._url = url
+        self._url_to_fs = url_to_fs
+        self._size = 0
+        self._response: ClientResponse | None = None
+
+    def open(self, length: int) -> tuple[int, bytes]:
+        self._file_system, _ = self._url_to_fs(self._url)
+        return self._within(length, self._open(length))
+
+    def fetch(self, offset: int, length: int) -> bytes:
+        return self._within(length, self._fetch(offset, length))
+
+    def _within(self, length: int, work: Awaitable[T]) -> T:
+        from fsspec.asyn import sync
+
+        async def limited() -> T:
+            async with asyncio.timeout(_seconds(self._timeout, length)):
+                return await work
+
+        result: T = sync(self._file_system.loop, limited)
+        return result
+
+    async def _get(self, first: int, last: int) -> ClientResponse:
+        from aiohttp import ClientTimeout
+
+        session = await self._file_system.set_session()
+        # A compressed transfer would make ranges and sizes count other bytes than the file's.
+        headers = {"Range": f"bytes={first}-{last}", "Accept-Encoding": "identity"}
+        response: ClientResponse = await session.get(
+            self._file_system.encode_url(self._url),
+            headers=headers,
+            timeout=ClientTimeout(total=None),
+            max_redirects=_REDIRECTS,
+        )
+        if response.headers.get("Content-Encoding", "identity") != "identity":
+            response.close()
+            raise ValueError("the server sends it compressed: download it first")
+        return response
+
+    async def _open(self, length: int) -> tuple[int, bytes]:
+        response = await self._get(0, length - 1)
+        try:
+            self._size = _size_of(response)
+            self.whole = response.status == _OK
+            if response.status == _NO_SUCH_RANGE:
+                return 0, b""
+            data = await _body(response, min(length, self._size))
+        except BaseException:
+            response.close()
+            raise
+        if self.whole:
+            self._response = response
+        else:
+            response.close()
+        return self._size, data
+
+    async def _fetch(self, offset: int, length: int) -> bytes:
+        if self._response is not None:
+            return await _body(self._response, length)
+        response = await self._get(offset, offset + length - 1)
+        try:
+            if _size_of(response) != self._size or response.status != _PARTIAL:
+                raise ValueError("the file changed while it was read")
+            if _first_of(response) != offset:
+                raise ValueError("the server sent another part of the file than asked for")
+            return await _body(response, length)
+        finally:
+            response.close()  # which keeps the connection where the answer ended here
+
+    def close(self) -> None:
+        if self._response is not None:
+            self._file_system.loop.call_soon_threadsafe(self._response.close)
+
+
+def _size_of(response: ClientResponse) -> int:
+    """Bytes of the whole file, as the answer to a request for a range declares them.
+
+    Raises:
+        ValueError: the answer is a failure, or does not say.
+    """
+    content_range = response.headers.get("Content-Range", "")
+    total = re.fullmatch(r"bytes (?:\d+-\d+|\*)/(\d{1,18})", content_range)
+    if response.status == _PARTIAL and total:
+        return int(total[1])
+    if response.status == _NO_SUCH_RANGE and content_range == "bytes */0":
+        return 0
+    if response.status not in (_OK, _PARTIAL):
+        raise ValueError(f"the server answered {response.status} {response.reason or ''}".rstrip())
+    if response.status == _PARTIAL or response.content_length is None:
+        raise ValueError("the server does not give the size of the file: download it first")
+    if response.content_length > WHOLE_ANSWER_BYTES:
+        raise ValueError(f"the server has no byte ranges, and sends {response.content_length} bytes: download it first")
+    return response.content_length
+
+
+def _first_of(response: ClientResponse) -> int:
+    """First byte of the range that an answer brings, -1 where it does not say."""
+    found = re.match(r"bytes (\d{1,18})-", response.headers.get("Content-Range", ""))
+    return int(found[1]) if found else -1
+
+
+async def _body(response: ClientResponse, length: int) -> bytes:
+    """The next `length` bytes of an answer, or fewer where it ends."""
+    try:
+        return await response.content.readexactly(length)
+    except asyncio.IncompleteReadError as error:
+        return error.partial

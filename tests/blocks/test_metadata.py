@@ -1,0 +1,113 @@
+"""METADATA blocks: what is refused does not depend on the interpreter, and what is written is read back."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scarfmt.blocks.metadata import nesting, pack_metadata, parse_metadata
+from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
+from scarfmt.limits import MAX_METADATA_DEPTH
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers(-(10**300), 10**300) | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+)  # fmt: skip
+
+
+def deep(levels: int) -> bytes:
+    return b'{"a":' + (levels - 1) * b"[" + (levels - 1) * b"]" + b"}"
+
+
+@given(st.dictionaries(st.text(max_size=5), VALUES, max_size=4))
+def test_what_is_written_is_read_back(value: dict[str, object]) -> None:
+    assert parse_metadata(pack_metadata(value)) == value
+
+
+def test_the_deepest_object_is_read_and_one_level_more_refused() -> None:
+    """R-7.10-3, at its very limit."""
+    assert nesting(deep(MAX_METADATA_DEPTH)) == MAX_METADATA_DEPTH
+    parse_metadata(deep(MAX_METADATA_DEPTH))
+    with pytest.raises(LimitExceeded) as caught:
+        parse_metadata(deep(MAX_METADATA_DEPTH + 1), 77)
+    assert (caught.value.refusal, caught.value.offset) == ("limit-metadata", 77)
+
+
+@pytest.mark.parametrize("levels", [1_000, 100_000, 1_000_000])
+def test_no_stack_decides_how_deep_is_too_deep(levels: int) -> None:
+    """Parsers that recurse end at depths that differ by interpreter and by what called them."""
+    limit = sys.getrecursionlimit()
+    try:
+        sys.setrecursionlimit(150)
+        for data in (deep(levels), levels * b"[", levels * b'{"a":'):
+            with pytest.raises(LimitExceeded):
+                parse_metadata(data)
+    finally:
+        sys.setrecursionlimit(limit)
+
+
+@given(st.binary(max_size=40) | st.text('[]{}"\\a', max_size=40).map(str.encode))
+def test_nesting_is_that_of_the_specification_for_any_bytes(data: bytes) -> None:
+    """Against the loop of SPEC §7.10, byte by byte."""
+    depth = deepest = 0
+    quoted = False
+    at = iter(data)
+    for byte in at:
+        if quoted:
+            if byte == ord("\\"):
+                next(at, None)
+            elif byte == ord('"'):
+                quoted = False
+        elif byte == ord('"'):
+            quoted = True
+        elif byte in b"[{":
+            depth += 1
+            deepest = max(deepest, depth)
+        elif byte in b"]}":
+            depth -= 1
+    assert nesting(data) == deepest
+
+
+@pytest.mark.parametrize(
+    "text",
+    [r'"\ud800"', r'"\uDFFF"', r'"\ud83c \udf0d"', r'"\udf0d\ud83c"', r'"\\\ud800"', r'["\ud800\ud83c\udf0d"]',
+     "1e309", "-1e309", "1" + 309 * "0", "9" * 5000],
+)  # fmt: skip
+@pytest.mark.parametrize("form", ['{"a":%s}', '{"a":%s,"a":0}', '{"b":{"a":[%s]}}'])
+def test_values_that_readers_differ_about_are_refused_wherever_they_stand(text: str, form: str) -> None:
+    """R-7.10-1: also in a member whose name comes again, which json.loads drops."""
+    with pytest.raises(Malformed) as caught:
+        parse_metadata((form % text).encode())
+    assert caught.value.refusal == "bad-metadata"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [(r'"\ud83c\udf0d"', "\U0001f30d"), (r'"\\ud800"', r"\ud800"), (r'"\uD83C\uDF0D\\udf0d"', "\U0001f30d\\udf0d"),
+     ("9" * 308, int("9" * 308)), ("0." + 6000 * "0" + "1", 0.0), ("1" + 5000 * "0" + "e-5000", 1.0)],
+)  # fmt: skip
+def test_pairs_escaped_backslashes_and_long_numbers_are_read(text: str, value: object) -> None:
+    assert parse_metadata(f'{{"a":{text}}}'.encode()) == {"a": value}
+
+
+@pytest.mark.parametrize(
+    "value",
+    ["\ud800", 1e999, 10**400, float("nan"), json.loads(70 * "[" + 70 * "]"), {1, 2}],
+    ids=["surrogate", "infinity", "long", "nan", "deep", "set"],
+)
+def test_an_encoder_refuses_what_no_reader_would_take(value: object) -> None:
+    with pytest.raises(InvalidInput) as caught:
+        pack_metadata({"a": value})
+    assert (caught.value.refusal, caught.value.field) == ("input-options", "metadata")
+
+
+def test_an_object_within_itself_is_refused() -> None:
+    loop: dict[str, object] = {}
+    loop["a"] = loop
+    with pytest.raises(InvalidInput):
+        pack_metadata(loop)
