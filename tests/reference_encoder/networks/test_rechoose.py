@@ -200,7 +200,7 @@ def test_targets_are_those_the_scene_was_decided_by() -> None:
 
 def test_a_round_that_does_not_pay_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Indices at random cost more bytes and more error: the file stays what it is without them."""
-    monkeypatch.setitem(neural.ROUNDS, 1, 1)
+    monkeypatch.setitem(neural.EFFORTS, 1, replace(neural.EFFORTS[1], rounds=1))
     scene = _scene(Profile.EXPLICIT, 2, False)
     targets, learned = _targets(scene), _learned(scene)
     rounds: list[Learned] = []
@@ -221,7 +221,7 @@ def test_a_round_that_pays_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     targets, learned = _targets(scene), _learned(scene)
     data = write_scene(learned.scene)
     assert neural.with_rounds(learned, targets, OPTIONS, silent) is learned
-    monkeypatch.setitem(neural.ROUNDS, 1, 1)
+    monkeypatch.setitem(neural.EFFORTS, 1, replace(neural.EFFORTS[1], rounds=1))
     changed = write_scene(another_round(learned, targets, OPTIONS, silent).scene)
     found = neural.with_rounds(learned, targets, OPTIONS, silent)
     assert write_scene(found.scene) == changed
