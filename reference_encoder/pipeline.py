@@ -34,7 +34,8 @@ from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
 from reference_encoder.tuning import LARGE_SCENE, LAYER_VIEWS
 from scarfmt.coding.writer import Report, silent, write_scene
-from scarfmt.errors import InvalidInput
+from scarfmt.engines import best_engine
+from scarfmt.errors import InvalidInput, missing_package
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 
@@ -81,13 +82,14 @@ def check_torch(scene: GaussianScene | AnchorModel, options: EncodeOptions) -> N
     anchors = isinstance(scene, AnchorModel)
     if not (anchors or options.needs_torch) or find_spec("torch") is not None:
         return
+    missing = missing_package("torch", "neural")
     if anchors:
-        message = "to measure an anchor model the package torch is needed: install torch"
+        advice = "the networks of an anchor model cannot be measured without"
     elif options.latent == "learned":
-        message = "--latent learned needs the package torch: install torch, or leave the option out"
+        advice = "or leave out --latent learned"
     else:
-        message = "training networks needs the package torch: install torch, or use --effort 1 or --decode-budget 0"
-    raise InvalidInput("input-dependency", message)
+        advice = "or use --effort 1 or --decode-budget 0, which train no networks"
+    raise InvalidInput(missing.refusal, f"{missing.message}; {advice}")
 
 
 def measured(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report) -> Profile:
@@ -167,7 +169,7 @@ def smallest_file(plain: Quantised, options: EncodeOptions, report: Report = sil
         options: `decode_budget` bounds what is tried; of `effort`, 1 tries nothing, and 3 several networks.
         report: told (stage, fraction done).
     """
-    static = write_scene(plain.scene, report)
+    static = write_scene(plain.scene, report, best_engine())
     if not options.trains_networks:
         return static
     from reference_encoder.networks.candidates import affordable_predictors, with_index_network, with_rounds
@@ -177,10 +179,10 @@ def smallest_file(plain: Quantised, options: EncodeOptions, report: Report = sil
     if learned is not None and learned.bits < 8 * index_bytes(static):
         if plain.targets is not None:
             learned = with_rounds(learned, plain.targets, options, report)
-        data, neural = write_scene(learned.scene, report), replace(plain, scene=learned.scene)
+        data, neural = write_scene(learned.scene, report, best_engine()), replace(plain, scene=learned.scene)
         if latent_cost(neural, data) < latent_cost(plain, static):
             return _smaller(static, data)
-    return static if predicted_scene is None else _smaller(static, write_scene(predicted_scene, report))
+    return static if predicted_scene is None else _smaller(static, write_scene(predicted_scene, report, best_engine()))
 
 
 def _smaller(static: bytes, neural: bytes) -> bytes:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from reference_encoder.decide.assemble import Quantised
+from scarfmt.blocks.tables import pack_tables
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.bytefields import compress
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.source import BytesSource
-from scarfmt.entropy.symbols import SymbolTable, TableKey, pack_tables
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import LimitExceeded
 from scarfmt.limits import DEFAULT_LIMITS, FORMAT_LIMITS, Limits
 from scarfmt.tools.truncate import truncate
