@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.container.file import Tile
+from scarfmt.container.morton import deinterleave, interleave
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH
 from scarfmt.scene.model import Lattice
-from scarfmt.scene.morton import deinterleave, interleave
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

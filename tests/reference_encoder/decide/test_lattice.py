@@ -15,8 +15,8 @@ from reference_encoder.decide.lattice import (
     place,
     split,
 )
+from scarfmt.container.morton import deinterleave
 from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LOCAL_BITS
-from scarfmt.scene.morton import deinterleave
 
 
 def rebuilt(placement: Placement) -> np.ndarray:
