@@ -102,7 +102,7 @@ def _run(most: int, cost: float) -> dict[str, Any]:
         for p, s in kinds
     ]
     file = {"file_bytes": 1000, "layer_bytes": [400, 500], "front_bytes": 100, "model_bytes": 50, "tiles": 3}
-    named = {"scene": "a", "coded": "static", "most": most, "anchors": 9, "machine": "m"}
+    named = {"scene": "a", "coded": "static", "most": most, "anchors": 9}
     return {**named, **file, "cpu": 2.0, "opening": 0.1, "symbols": 4, "regions": regions}
 
 
