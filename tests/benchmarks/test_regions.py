@@ -14,11 +14,11 @@ from benchmarks.scaling_scenes import recut
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode
 from reference_encoder.tuning import LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.header import header_length
 from scarfmt.container.source import BytesSource, FileSource
+from scarfmt.counters import Counters
 
 COUNTS = [(0.01, 5), (0.1, 3)]
 

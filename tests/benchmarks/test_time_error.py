@@ -19,9 +19,9 @@ from reference_decoder.decode import decode
 from reference_encoder.decide import lattice
 from reference_encoder.networks import candidates as neural
 from reference_encoder.networks import defaults
-from scarfmt.coding.counters import Coding, Counters, Part
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
+from scarfmt.counters import Coding, Counters, Part
 from scarfmt.engines import choice
 from scarfmt.scene.codebooks import Codebooks
 

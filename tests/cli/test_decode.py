@@ -11,10 +11,10 @@ import pytest
 
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode as decode_file
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import HEAD_BYTES
+from scarfmt.counters import Counters
 from scarfmt.formats import load
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from tests.cli.conftest import Run
