@@ -1,4 +1,4 @@
-"""Huffman-coded literals that are not used up exactly: faulty by RFC 8878, section 4.2.2, and yet read by libzstd.
+"""Huffman-coded literals that are not used up exactly: faulty by RFC 8878, 4.2.2, and yet read by libzstd.
 
 SPEC §5.8 lets a reader take them. The literals are weights of tables that code nothing, and every symbol of the tree is
 a legal weight, so that whatever a lax reader makes of the last bits, the scene is the same.

@@ -112,10 +112,10 @@ def test_the_reference_refuses_a_byte_beyond_the_limit_of_work(folder: Path) -> 
 
 
 @pytest.mark.parametrize("folder", DECODED, ids=name_of)
-def test_the_work_of_the_reference_is_that_of_the_specification(folder: Path) -> None:
+def test_the_work_of_the_reference_is_that_of_the_specification(folder: Path, tmp_path: Path) -> None:
     """work(k) of SPEC §13.2, computed from what the second decoder reads."""
     data = (folder / "input.scar").read_bytes()
-    with open_source(str(folder / "input.scar")) as source:
+    with open_source(str(whole_file(folder, tmp_path))) as source:
         reader = SceneReader(source, limits=FORMAT_LIMITS)
         for layer in EXPECTED[folder]["layers"]:
             models = reader.models(layer["layer"])
