@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from scarfmt import kernel
+from scarfmt.engines import choice
 
 
 def machine() -> dict[str, str | bool]:
@@ -18,7 +18,7 @@ def machine() -> dict[str, str | bool]:
         "byteorder": sys.byteorder,
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "kernel": kernel.enabled(),
+        "kernel": choice().absence is None,
     }
 
 

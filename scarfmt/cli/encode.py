@@ -15,9 +15,6 @@ from scarfmt.cli.views import FRAME_HELP
 if TYPE_CHECKING:
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-MAX_SCENE_STREAM = 1 << 33
-"""Bytes of a scene taken from a pipe: 30 million Gaussians as a PLY."""
-
 FORMAT_IDS = ("compressed-ply", "ply", "spz", "sog", "anchor-npz", "splat")
 LATENTS = ("linear", "learned")
 ESTIMATORS = ("rotation", "straight-through")
@@ -131,11 +128,11 @@ def encode(
 def _read_scene(
     name: str, format_id: str | None, sh_degree: int | None, drop_invalid: bool, quiet: bool
 ) -> GaussianScene | AnchorModel:
-    from scarfmt.formats import load
+    from scarfmt.formats import MAX_PIPE_BYTES, load
     from scarfmt.formats.clean import clean
     from scarfmt.scene.gaussians import GaussianScene
 
-    scene, dropped = clean(load(read_origin(name, MAX_SCENE_STREAM), format=format_id), drop_invalid)
+    scene, dropped = clean(load(read_origin(name, MAX_PIPE_BYTES), format=format_id), drop_invalid)
     if dropped and not quiet:
         click.echo(f"left out {dropped:,} Gaussians with NaN or infinite values", err=True)
     if sh_degree is None:

@@ -18,7 +18,7 @@ from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import Refused
 from conformance.expect.stages import EXACT
 from conformance.expect.work import Work
-from reference_decoder.backends import operations
+from reference_decoder.backends import backend
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.work import extent
 from scarfmt.container.source import BytesSource, open_source
@@ -27,7 +27,7 @@ from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
 from tests.conformance.vector_files import FOLDERS, VECTORS, expectation_of, name_of
 
-MANNER = Manner(operations("numpy"))
+MANNER = Manner(backend("auto"))
 EXPECTED = {folder: expectation_of(folder) for folder in FOLDERS}
 DECODED = [folder for folder in FOLDERS if "layers" in EXPECTED[folder]]
 METADATA = [f for f in FOLDERS if EXPECTED[f].get("stage") == "metadata" or "metadata" in EXPECTED[f]]

@@ -1,0 +1,210 @@
+"""Structures that the compiled library shares with Python, as kernel.h and its neighbours declare them."""
+
+from __future__ import annotations
+
+from ctypes import POINTER, Structure, c_float, c_int64, c_uint64, c_void_p
+
+DEPTHS, HEADS, GRU_LAYERS = 4, 2, 4
+
+
+class Rans(Structure):
+    """State of a rANS decoder."""
+
+    _fields_ = (("state", c_uint64), ("left", c_uint64), ("words", c_void_p))
+
+
+class Tables(Structure):
+    """Static tables by kind."""
+
+    _fields_ = (
+        ("kinds", c_int64),
+        ("number", c_void_p),
+        ("starts", c_void_p),
+        ("sums", c_void_p),
+        ("values", c_void_p),
+        ("used", c_void_p),
+    )
+
+
+class Members(Structure):
+    """Codewords of the clusters of a two-level head."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("clusters", "width", "largest")),
+        *((name, c_void_p) for name in ("starts", "places", "weights", "offsets")),
+    )
+
+
+class Cells(Structure):
+    """Sums over the anchors of each cell."""
+
+    _fields_ = (
+        ("depths", c_int64),
+        ("columns", c_int64),
+        ("cell", c_void_p * DEPTHS),
+        ("sums", c_void_p * DEPTHS),
+        ("sizes", c_int64 * DEPTHS),
+    )
+
+
+class Predictor(Structure):
+    """One component's predictor."""
+
+    _fields_ = (
+        ("units", c_int64),
+        ("rows", c_int64),
+        ("weights", c_void_p),
+        ("biases", c_void_p),
+        ("output", c_void_p),
+        ("output_biases", c_float * 2),
+        ("last", c_float * 2),
+    )
+
+
+class Rule(Structure):
+    """One component's static context."""
+
+    _fields_ = tuple((name, c_int64) for name in ("by_class", "low", "shift", "source", "component", "columns"))
+
+
+class Channel(Structure):
+    """One channel in one tile-layer."""
+
+    _fields_ = (
+        ("count", c_int64),
+        ("components", c_int64),
+        *((name, c_void_p) for name in ("classes", "values", "first", "steps", "rules", "sources", "settled")),
+        ("settled_columns", c_int64),
+        ("settled_stride", c_int64),
+        ("cells", Cells),
+        *((name, c_void_p) for name in ("inputs", "kind", "symbols", "order", "counts")),
+        ("step", c_int64),
+        *((name, c_void_p) for name in ("predictors", "tables", "given", "kinds_out", "symbols_out")),
+    )
+
+
+class ChannelLayer(Structure):
+    """What a layer brings of a channel."""
+
+    _fields_ = (
+        ("start", c_int64),
+        ("stop", c_int64),
+        *((name, c_void_p) for name in ("before", "after", "by_code")),
+        ("passes_log2", c_int64),
+        *((name, c_void_p) for name in ("tables", "predictors", "chosen", "anchors", "read")),
+    )
+
+
+class Nodes(Structure):
+    """Nodes of one level of the tree of positions."""
+
+    _fields_ = (("start", c_void_p), ("count", c_void_p), ("prefix", c_void_p))
+
+
+class Positions(Structure):
+    """The positions of one tile-layer."""
+
+    _fields_ = (
+        ("total", c_int64),
+        ("bits", c_int64),
+        ("codes", c_void_p),
+        ("open", c_void_p),
+        ("here", Nodes),
+        ("below", Nodes),
+        *((name, c_void_p) for name in ("lower", "rest", "counts", "symbols", "order", "kind")),
+        ("static_read", c_int64),
+        ("uniform_read", c_int64),
+    )
+
+
+class GridLevel(Structure):
+    """One level of a hash grid."""
+
+    _fields_ = (
+        ("dims", c_int64),
+        ("axes", c_int64 * 3),
+        *((name, c_int64) for name in ("resolution", "table_log2", "features", "dense")),
+        ("bits", c_void_p),
+    )
+
+
+class Grid(Structure):
+    """A hash grid."""
+
+    _fields_ = (
+        ("levels", c_int64),
+        ("origin", c_int64 * 3),
+        ("extent_bits", c_int64),
+        ("width", c_int64),
+        ("level", POINTER(GridLevel)),
+    )
+
+
+class Embedding(Structure):
+    """What the embedding of the index network reads."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("classes", "own", "attributes", "latents", "latent_shift", "grid", "amax")),
+        *((name, c_void_p) for name in ("anchor_class", "settled", "features")),
+    )
+
+
+class Linear(Structure):
+    """One rounded layer of the index network."""
+
+    _fields_ = (
+        ("inputs", c_int64),
+        ("outputs", c_int64),
+        ("weights", c_void_p),
+        ("biases", c_void_p),
+        ("low", c_float),
+        ("high", c_float),
+    )
+
+
+class Recurrence(Structure):
+    """One recurrent layer of the index network."""
+
+    _fields_ = (
+        ("tokens", c_void_p * HEADS),
+        *((name, c_void_p) for name in ("inputs", "biases", "recurrent", "offsets")),
+    )
+
+
+class Head(Structure):
+    """The head of one codebook."""
+
+    _fields_ = (("first", Linear), ("second", Linear), ("top", Linear), ("members", POINTER(Members)))
+
+
+class Network(Structure):
+    """The index network, without attention."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("classes", "own", "attributes", "latents", "latent_shift", "grid")),
+        *((name, c_int64) for name in ("amax", "hidden", "mixed", "layers")),
+        ("embed", Linear * 2),
+        ("mix_embedding", Linear),
+        ("mix_state", Linear),
+        *((name, c_void_p) for name in ("mix_start", "after_first", "sigmoid", "tanh", "exp2")),
+        ("gru", Recurrence * GRU_LAYERS),
+        ("heads", Head * HEADS),
+        ("books", c_void_p * HEADS),
+        ("sizes", c_int64 * HEADS),
+    )
+
+
+class Indices(Structure):
+    """The indices of one tile-layer."""
+
+    _fields_ = (
+        ("count", c_int64),
+        ("stages", c_int64),
+        *((name, c_void_p) for name in ("classes", "settled", "features", "indices", "before", "after", "by_code")),
+        ("passes_log2", c_int64),
+        ("cells", Cells),
+        *((name, c_void_p) for name in ("chosen", "anchors", "means", "lanes", "shares", "states", "weights")),
+        *((name, c_void_p) for name in ("coded", "clusters", "outputs", "counts", "order", "logits")),
+        *((name, c_void_p) for name in ("member_weights", "found")),
+        ("modelled", c_int64),
+    )
