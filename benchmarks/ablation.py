@@ -31,13 +31,14 @@ from benchmarks.entropy_variants import BranchedMlp, GruOnly, StageMlp, build_va
 from benchmarks.latent import at_bits, learned_curves, thinned
 from benchmarks.report import SCRATCH, load_results, machine, save_results
 from benchmarks.scenes import chosen
-from reference_encoder.decide.assemble import codebook_size
 from reference_encoder.latent.autoencoder import AutoencoderOptions
+from reference_encoder.latent.fit import codebook_size
 from reference_encoder.latent.rvq import RvqOptions
 from reference_encoder.networks.defaults import shape_for
 from reference_encoder.networks.export import export
 from reference_encoder.networks.grid import BinaryGrid, Lookup, default_levels, fit_box, wave_grid
-from reference_encoder.networks.model import IndexModel, NetworkShape
+from reference_encoder.networks.model import IndexModel
+from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.networks.train import Examples, TrainOptions, measure, train
 from reference_encoder.options import ESTIMATORS
 from scarfmt.blocks.codebooks import pack_codebooks
@@ -285,7 +286,7 @@ def _trained(
     others at those of the held rows.
     """
     epochs = job.rows[2]
-    options = TrainOptions(epochs=epochs, batch=BATCH, rate=RATE, quantised=quantised, patience=0.0, seed=job.seed)
+    options = TrainOptions(epochs, BATCH, RATE, quantised=quantised, patience=0.0, seed=job.seed)
     seen, unseen = (None if grid is None else grid.lookup(p) for p in (data.train_positions, data.held_positions))
     began = time.process_time()
     try:

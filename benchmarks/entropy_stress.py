@@ -25,7 +25,7 @@ from benchmarks.entropy_operations import CountingOperations, DoubleOperations, 
 from benchmarks.entropy_precision import measure_training, training_rows
 from benchmarks.report import machine, replace_section, save_results, table
 from benchmarks.scenes import REPOSITORY
-from conformance.decoders.python.integer_oracle import Oracle
+from conformance.writer.oracle import Oracle
 from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.torch_operations import TorchOperations
 from scarfmt.neural.arithmetic import Linear
@@ -138,9 +138,9 @@ def oracle_rows(question: Question) -> Rows:
     ys = [oracle.context(x, codes) for x, codes in zip(question.x.tolist(), question.codes.tolist(), strict=True)]
     head = case.network.heads[book]
     if not head.two_level:
-        return [np.array([oracle.flat(book, y) for y in ys]) - 1]
+        return [np.array([oracle.top(book, y) for y in ys]) - 1]
     members = [np.array([oracle.members(book, y, i) for y in ys]) - 1 for i in range(len(head.clusters))]
-    return [np.array([oracle.clusters(book, y) for y in ys]) - 1, *members]
+    return [np.array([oracle.top(book, y) for y in ys]) - 1, *members]
 
 
 def equal(found: Rows, wanted: Rows) -> bool:

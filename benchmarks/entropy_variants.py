@@ -12,7 +12,8 @@ import torch
 
 from reference_encoder.networks.dataset import IndexRows
 from reference_encoder.networks.layers import Dense, Scale
-from reference_encoder.networks.model import IndexModel, InputStatistics, NetworkShape
+from reference_encoder.networks.model import IndexModel, InputStatistics
+from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.networks.train import code_uses
 from scarfmt.scene.codebooks import Codebooks
 

@@ -29,12 +29,12 @@ from benchmarks import child
 from benchmarks.encoded import kept_path, note_path
 from benchmarks.report import add_arguments, load_results, machine, replace_section, save_results, table
 from benchmarks.scenes import Scene, chosen
-from reference_encoder.anchor_profile import encode_anchors
-from reference_encoder.explicit_profile import encode_explicit
+from reference_encoder import pipeline
+from reference_encoder.networks import candidates as neural
 from reference_encoder.networks import defaults
-from reference_encoder.networks import smallest_file as neural
+from reference_encoder.networks.candidates import with_index_network, with_predictors
 from reference_encoder.networks.clusters import Clusters
-from reference_encoder.networks.smallest_file import index_bytes, with_index_network, with_predictors
+from reference_encoder.networks.file_costs import index_bytes
 from reference_encoder.networks.train import TrainOptions
 from reference_encoder.options import EncodeOptions
 from scarfmt.coding.writer import QuantisedScene, silent, write_scene
@@ -42,7 +42,6 @@ from scarfmt.engines import best_engine
 from scarfmt.formats import load
 from scarfmt.formats.clean import clean
 from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.gaussians import AnchorModel
 
 NAME = "gain"
 SCENES = ["plush-toys", "plush-on-bed", "plush-dog", "plush-on-bed, anchors"]
@@ -55,9 +54,7 @@ _SHORT_EPOCHS = 1
 def quantised(scene: Scene, options: EncodeOptions) -> QuantisedScene:
     """What the encoder decides for a scene, before any network."""
     source, _ = clean(load(scene.path), drop_invalid=True)
-    if isinstance(source, AnchorModel):
-        return encode_anchors(source, options, silent)[0]
-    return encode_explicit(source, options, silent)[0]
+    return pipeline.quantised(source, options).scene
 
 
 @contextmanager

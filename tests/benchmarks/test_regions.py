@@ -12,7 +12,7 @@ from benchmarks.regions import TILES, markdown, shares, spread
 from benchmarks.regions_jobs import CORE, PLACES, boxes, choose, sizes, times
 from benchmarks.scaling_scenes import recut
 from reference_decoder.decode import decode
-from reference_encoder.decide.lattice import LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
+from reference_encoder.tuning import LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
 from scarfmt.coding.counters import Counters
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene

@@ -16,8 +16,8 @@ from benchmarks.time_error_decoding import ways
 from benchmarks.time_error_files import at_equal_error
 from reference_decoder.decode import decode
 from reference_encoder.decide import lattice
+from reference_encoder.networks import candidates as neural
 from reference_encoder.networks import defaults
-from reference_encoder.networks import smallest_file as neural
 from scarfmt.coding.counters import Coding, Counters, Part
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile

@@ -11,7 +11,7 @@ import pytest
 
 from reference_decoder.decode import decode
 from reference_encoder.encode import EncodeOptions, encode
-from reference_encoder.explicit_profile import encode_explicit
+from reference_encoder.pipeline import quantised
 from scarfmt.coding.writer import keep_layers, write_scene
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
@@ -59,12 +59,12 @@ def test_same_input_same_bytes(scene: GaussianScene, data: bytes) -> None:
 def test_truncation_is_an_identity(scene: GaussianScene) -> None:
     """truncate(encode(L), k) is byte-equal to writing k layers with the same models."""
     options = replace(OPTIONS, decode_budget=0)
-    quantised, _ = encode_explicit(scene, options)
-    layers = len(quantised.model.layers)
+    plain = quantised(scene, options).scene
+    layers = len(plain.model.layers)
     assert layers >= 3
     whole = encode(scene, options)
     for kept in range(1, layers + 1):
-        assert truncate(BytesSource(whole), kept) == write_scene(keep_layers(quantised, kept))
+        assert truncate(BytesSource(whole), kept) == write_scene(keep_layers(plain, kept))
 
 
 def test_every_layer_looks_better(scene: GaussianScene, data: bytes) -> None:
