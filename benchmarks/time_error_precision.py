@@ -18,7 +18,8 @@ from unittest import mock
 import numpy as np
 
 from benchmarks import child
-from benchmarks.encoded import encoded, kept_path, note_path
+from benchmarks.child import note_path
+from benchmarks.encoded import encoded, kept_path
 from benchmarks.gain import hardly_trained, quantised
 from benchmarks.quality import distortion
 from benchmarks.scenes import Scene, chosen

@@ -76,7 +76,7 @@ def test_every_layer_looks_better(scene: GaussianScene, data: bytes) -> None:
         for layer in range(1, layers + 1)
     ]
     assert found == sorted(found)
-    assert found[-1] > 36
+    assert found[-1] > 37
 
 
 def test_quality_buys_bytes(scene: GaussianScene, data: bytes) -> None:
@@ -85,7 +85,7 @@ def test_quality_buys_bytes(scene: GaussianScene, data: bytes) -> None:
     assert len(better) > len(data)
     cameras = orbit_cameras(scene, 2, width=240, height=180)
     gain = [compare(scene, decode(file).scene, cameras, ssim=False).mean_psnr_db for file in (data, better)]
-    assert gain[1] > gain[0] + 3
+    assert gain[1] > gain[0] + 9
 
 
 @pytest.mark.parametrize("estimator", ["rotation", "straight-through"])
@@ -96,7 +96,7 @@ def test_learned_latent_is_selectable(scene: GaussianScene, data: bytes, estimat
     assert file != data
     assert file == encode(scene, options)
     cameras = orbit_cameras(scene, 2, width=240, height=180)
-    assert compare(scene, decode(file).scene, cameras, ssim=False).mean_psnr_db > 34
+    assert compare(scene, decode(file).scene, cameras, ssim=False).mean_psnr_db > 37
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,6 @@ from reference_decoder.bake import bake
 from reference_decoder.decode import decode, iter_tiles
 from reference_decoder.dequantise import tile_boxes
 from reference_decoder.stream_ply import export_ply
-from scarfmt.coding.counters import Coding, Counters, Part, transfers
 from scarfmt.coding.engine import NumpyEngine
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.tile import needed_streams, put_layer
@@ -34,6 +33,7 @@ from scarfmt.container.directory import tile_frame
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE, unpack_table
+from scarfmt.counters import Coding, Counters, Part, transfers
 from scarfmt.entropy.emitters import Emitter, Values
 from scarfmt.entropy.keys import TableKey
 from scarfmt.neural.operations import NUMPY, Array, Operations

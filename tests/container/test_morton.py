@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scarfmt.scene.morton import MAX_BITS, deinterleave, interleave
+from scarfmt.container.morton import MAX_BITS, deinterleave, interleave
 
 COORDINATE = st.integers(0, (1 << MAX_BITS) - 1)
 
