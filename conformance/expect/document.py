@@ -78,7 +78,7 @@ def _origin(case: Case) -> dict[str, Any]:
 
 def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, set[str]]:
     """``layers`` and ``metadata``, the files of activated values, the features."""
-    decoder = Decoder(case.data)
+    decoder = Decoder(case.data, case.layers)
     answers = Answers(decoder)
     states = [
         {**arrays, **traced_arrays(trace)}

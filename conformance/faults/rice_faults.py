@@ -99,3 +99,5 @@ def _shift_faults(equal: bytes) -> Iterator[Fault]:
     yield ("shift-32", "zeros shifted by 32", *_SHIFT_RULE, ending(bytes([MAX_PARAMETER + 1]) + tail[1:]))
     yield ("shift-wide", "1 shifted by 31", *_SHIFT_RULE,
            ending(bytes([MAX_PARAMETER]) + rice(np.ones(len(biases), np.int64).tolist())))
+    yield ("shift-low", "-1 shifted by 31: -2^31, which 32 bits hold", *_SHIFT_RULE,
+           ending(bytes([MAX_PARAMETER]) + rice((-np.ones(len(biases), np.int64)).tolist())))

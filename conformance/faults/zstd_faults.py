@@ -97,6 +97,8 @@ def _head_faults(content: bytes) -> Iterator[Fault]:
     yield ("checksum", "a content checksum", "R-5.8-1", "bad-zstd", zstd_frame(size, body + bytes(4), flags=4))
     yield ("reserved-bit", "the reserved bit of the frame header descriptor", "R-5.8-4", "bad-zstd",
            zstd_frame(size, body, flags=8))
+    yield ("reserved-bit-large", "the reserved bit, and more content stated than there may be: the bit comes first",
+           "R-5.8-4", "bad-zstd", zstd_frame(64 * _MIB + 1, body, flags=8))
     yield ("magic", "the magic number of the frames before version 0.8", "R-5.8-4", "bad-zstd",
            bytes.fromhex("27b52ffd") + zstd_frame(size, body)[4:])
 
