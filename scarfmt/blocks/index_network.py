@@ -14,6 +14,8 @@ from construct import this
 from numpy.typing import NDArray
 
 from scarfmt.blocks.declare import U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
+from scarfmt.blocks.spec import BlockSpec, Writing, numbers
+from scarfmt.container.registries import BlockKind
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.network import (
@@ -31,6 +33,7 @@ from scarfmt.neural.network import (
     Inputs,
 )
 from scarfmt.scene.codebooks import MAX_CODEWORDS
+from scarfmt.scene.model import first_neural_layer
 
 I32 = NDArray[np.int32]
 Ints = NDArray[np.integer[Any]]
@@ -250,3 +253,21 @@ def _head(at: Scope) -> Head:
     projections = [at["project1"], *([at["project2"]] if at["cluster_count"] else [])]
     layers, clusters = tuple(_layer(layer) for layer in projections), tuple(at["clusters"])
     return Head(layers, clusters, at["cluster_biases"], at["biases"], at["shift"], at["member_shift"])
+
+
+def _taken(writing: Writing) -> IndexNetwork | None:
+    return writing.parts.network if first_neural_layer(writing.parts.model) == writing.layer else None
+
+
+SPEC = BlockSpec(
+    kind=BlockKind.ENTROPY_NETWORK,
+    section="10.5",
+    declaration=ENTROPY_NETWORK,
+    parse=lambda payload, reading: unpack_network(payload),
+    pack=pack_network,
+    taken=_taken,
+    count=lambda network: 1,
+    elements="1",
+    layers=lambda model: numbers(first_neural_layer(model)),
+    required=True,
+)

@@ -21,7 +21,8 @@ from scarfmt.blocks.declare import (
     build,
     read,
 )
-from scarfmt.container.schema import Stream
+from scarfmt.blocks.spec import BlockSpec, Reading, Writing
+from scarfmt.container.registries import BlockKind, Stream
 from scarfmt.errors import Malformed, Unsupported
 from scarfmt.scene.model import (
     MAX_CHANNELS,
@@ -154,3 +155,27 @@ def _channel(fields: Mapping[str, Any]) -> Channel:
         for at in fields["rules"]
     )
     return Channel(Stream(fields["stream"]), tuple(at["first_width"] for at in fields["rules"]), rules)
+
+
+def _taken(writing: Writing) -> tuple[LayerRow, Opening | None]:
+    model = writing.parts.model
+    return model.layers[writing.layer - 1], (model.channels, model.context) if writing.layer == 1 else None
+
+
+def _parameters(payload: bytes, reading: Reading) -> dict[str, Any]:
+    return {"layer": reading.layer, "channel_count": len(reading.opening[0])}
+
+
+SPEC = BlockSpec(
+    kind=BlockKind.LAYER,
+    section="7.11",
+    declaration=LAYER,
+    parse=lambda payload, reading: unpack_layer(payload, reading.layer, reading.opening),
+    pack=lambda value: pack_layer(*value),
+    taken=_taken,
+    count=lambda value: int(value[0].class_count),
+    elements="classes in its row",
+    layers=lambda model: range(1, len(model.layers) + 1),
+    required=True,
+    parameters=_parameters,
+)

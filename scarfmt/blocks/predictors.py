@@ -9,7 +9,8 @@ import numpy as np
 from construct import this
 
 from scarfmt.blocks.declare import U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
-from scarfmt.container.schema import Stream
+from scarfmt.blocks.spec import BlockSpec
+from scarfmt.container.registries import BlockKind, Stream
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.predictors import MAX_HIDDEN, Predictor, bad_predictor
 from scarfmt.scene.model import MAX_CLASSES
@@ -111,3 +112,15 @@ def unpack_predictors(payload: bytes) -> tuple[Predictor, ...]:
     """
     fields = read(PREDICTORS, payload, "predictors")
     return tuple(record["predictor"] for record in fields["predictors"])
+
+
+SPEC = BlockSpec(
+    kind=BlockKind.PREDICTORS,
+    section="10.3",
+    declaration=PREDICTORS,
+    parse=lambda payload, reading: unpack_predictors(payload),
+    pack=pack_predictors,
+    taken=lambda writing: writing.parts.predictors.get(writing.layer) or None,
+    count=len,
+    elements="predictors",
+)
