@@ -45,6 +45,7 @@ from scarfmt.blocks.hash_grid import pack_grid
 from scarfmt.blocks.index_network import pack_network
 from scarfmt.cli.scenes import load_subject
 from scarfmt.coding.writer import write_scene
+from scarfmt.engines import best_engine
 from scarfmt.neural.network import Inputs
 from scarfmt.render.compare import compare
 
@@ -187,7 +188,7 @@ def _first_columns(data: Sample, count: int) -> Sample:
 def _quantiser(job: Job) -> Record:
     found = encoded(job.scene, job.variant)
     scene = found.scene
-    data = write_scene(scene)
+    data = write_scene(scene, engine=best_engine())
     indices, tables, _ = static_bytes(scene)
     samples = sample(job.scene, job.variant, *job.rows[:2])
     waves = _waves(samples)

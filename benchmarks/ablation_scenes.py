@@ -31,11 +31,12 @@ from reference_encoder.networks.defaults import LATENTS
 from reference_encoder.networks.smallest_file import CONTEXT
 from reference_encoder.networks.train import code_uses
 from reference_encoder.options import EFFORTS, EncodeOptions
+from scarfmt.blocks.tables import fit_table, pack_tables
 from scarfmt.codecs.indices import put_indices
 from scarfmt.coding.writer import QuantisedScene, silent
 from scarfmt.container.bytefields import compress
 from scarfmt.container.directory import local_bits, tile_frame
-from scarfmt.entropy.symbols import SymbolCounter, fit_table, pack_tables
+from scarfmt.entropy.emitters import SymbolCounter
 from scarfmt.formats import load
 from scarfmt.formats.clean import clean
 from scarfmt.scene.codebooks import Codebooks

@@ -136,10 +136,10 @@ def _decode(job: Job) -> dict[str, Any]:
 
     def once() -> None:
         nonlocal count
-        backend = job.get("backend", "numpy")
+        backend = job.get("backend", "auto")
         count = len(decode(job["file"], threads=job["threads"], layers=job.get("layers"), backend=backend).scene)
 
-    if job.get("backend", "numpy") != "numpy":
+    if job.get("backend", "auto") in ("torch", "cuda"):
         import torch
 
         # Threads are over tiles, the decoder's own.

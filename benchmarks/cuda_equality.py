@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.entropy_cases import Clock, Shape, decode_batch, make_batch, make_case
 from benchmarks.entropy_stress import equal, make_question, rows_of
 from benchmarks.scenes import REPOSITORY
-from reference_decoder.backends import BACKENDS, operations
+from reference_decoder.backends import TORCH, operations
 from reference_decoder.decode import decode
 from scarfmt.entropy.rans import RansDecoder
 from scarfmt.errors import InvalidInput
@@ -92,7 +92,7 @@ def _vectors() -> list[Path]:
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", type=Path, help="files to decode besides the conformance vectors")
-    parser.add_argument("--backend", choices=BACKENDS, default="cuda")
+    parser.add_argument("--backend", choices=TORCH, default="cuda")
     chosen = parser.parse_args(arguments)
     try:
         do = operations(chosen.backend)

@@ -131,7 +131,7 @@ def decode_batch(evaluator: Evaluator, case: Case, x: F32, source: SymbolSource,
     out = np.empty((case.stages, len(x)), np.int64)
     for stage in range(1, case.stages + 1):
         with clock.part("context"):
-            y = evaluator.context(h, state)
+            y = evaluator.mixed(h, state)
         out[stage - 1] = _decode_stage(evaluator, case.network.heads[int(stage > 1)], int(stage > 1), y, source, clock)
         if stage < case.stages:
             with clock.part("advance"):

@@ -26,6 +26,7 @@ from benchmarks.entropy_precision import measure_training, training_rows
 from benchmarks.report import machine, replace_section, save_results, table
 from benchmarks.scenes import REPOSITORY
 from conformance.decoders.python.integer_oracle import Oracle
+from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.torch_operations import TorchOperations
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.evaluator import Evaluator
@@ -123,11 +124,11 @@ def rows_of(evaluator: Evaluator, question: Question) -> Rows:
     state = evaluator.start(len(question.x))
     for stage, column in enumerate(question.codes.T, start=1):
         state = evaluator.advance(state, stage, column)
-    y = evaluator.context(evaluator.embed(question.x), state)
+    y = evaluator.mixed(evaluator.embed(question.x), state)
     head = question.case.network.heads[book]
     if not head.two_level:
-        return [evaluator.flat_rows(book, y)]
-    return [evaluator.cluster_rows(book, y), *(evaluator.member_rows(book, y, i) for i in range(len(head.clusters)))]
+        return [first_rows(evaluator, book, y)]
+    return [first_rows(evaluator, book, y), *(member_rows(evaluator, book, y, i) for i in range(len(head.clusters)))]
 
 
 def oracle_rows(question: Question) -> Rows:

@@ -38,6 +38,7 @@ from reference_encoder.networks.smallest_file import index_bytes, with_index_net
 from reference_encoder.networks.train import TrainOptions
 from reference_encoder.options import EncodeOptions
 from scarfmt.coding.writer import QuantisedScene, silent, write_scene
+from scarfmt.engines import best_engine
 from scarfmt.formats import load
 from scarfmt.formats.clean import clean
 from scarfmt.scene.codebooks import Codebooks
@@ -112,7 +113,7 @@ def len_of(scene: QuantisedScene) -> int:
 def _keep(path: str, scene: QuantisedScene, anchors: int, seconds: float) -> None:
     note = {"anchors": anchors, "seconds": seconds}
     note_path(Path(path)).write_text(json.dumps(note), encoding="utf-8")
-    Path(path).write_bytes(write_scene(scene))
+    Path(path).write_bytes(write_scene(scene, engine=best_engine()))
 
 
 def files(scene: Scene, quality: float, effort: int = 2, kinds: Sequence[str] = (NEURAL,)) -> dict[str, dict[str, Any]]:

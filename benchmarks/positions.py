@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 
 from benchmarks.report import add_arguments, load_results, replace_section, save_results, table
 from benchmarks.scenes import SCENES, chosen
+from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.cli.scenes import load_subject
 from scarfmt.codecs.positions import get_positions, put_positions
-from scarfmt.entropy.symbols import SymbolCounter, SymbolReader, SymbolWriter, fit_table, pack_table
+from scarfmt.entropy.emitters import SymbolCounter, SymbolWriter
+from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.limits import MAX_LOCAL_BITS
 from scarfmt.scene.morton import interleave
 

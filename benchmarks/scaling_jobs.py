@@ -47,6 +47,7 @@ def rewrite(job: Job) -> dict[str, Any]:
     """Write the scene of `file` to `out`: without networks if `static`, in `tile_anchors`, `copies` times."""
     from reference_encoder.networks.smallest_file import within_limits
     from scarfmt.coding.writer import write_scene
+    from scarfmt.engines import best_engine
 
     scene = read_scene(job["file"])
     if job.get("static"):
@@ -55,7 +56,7 @@ def rewrite(job: Job) -> dict[str, Any]:
         scene = recut(scene, job["tile_anchors"])
     scene = copies(scene, job.get("copies", 1))
     start = time.perf_counter()
-    data = write_scene(scene)
+    data = write_scene(scene, engine=best_engine())
     Path(job["out"]).write_bytes(data)
     seconds = time.perf_counter() - start
     return {"seconds": seconds, "bytes": len(data), "within_limits": within_limits(data), **summary(scene)}

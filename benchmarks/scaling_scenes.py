@@ -20,6 +20,7 @@ from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import local_bits
 from scarfmt.container.file import Tile
 from scarfmt.container.source import open_source
+from scarfmt.engines import best_engine
 from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.model import DecodedContext, SceneModel
@@ -34,7 +35,7 @@ _REACH = 8
 def read_scene(path: str | Path) -> QuantisedScene:
     """Everything a file holds but its metadata: written again, it decodes to the same."""
     with open_source(path) as source:
-        reader = SceneReader(source)
+        reader = SceneReader(source, engine=best_engine())
         models = reader.models()
         contents = tuple(content for _, content in reader.tiles(models))
     return QuantisedScene(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
@@ -18,10 +17,10 @@ from scarfmt_conformance.reference.stages import EXACT, Decoding, models
 from benchmarks.entropy_operations import DoubleOperations, IntegerOperations, PermutedOperations
 from benchmarks.scenes import REPOSITORY
 from reference_decoder.backends import operations
-from scarfmt import kernel as compiled
 from scarfmt.coding.reader import SceneModels, SceneReader
 from scarfmt.coding.tile import NeuralModels, TileContent
 from scarfmt.container.source import open_source
+from scarfmt.engines import choice, engine_named
 from scarfmt.errors import InvalidInput
 from scarfmt.neural.arithmetic import Linear, round_shift
 from scarfmt.neural.operations import NumpyOperations, Operations
@@ -35,11 +34,6 @@ THREADS = (2, 4)
 F32 = NDArray[np.float32]
 I64 = NDArray[np.int64]
 Digests = dict[str, str]
-
-
-def kernel() -> Any:
-    """The module of the compiled kernel, None where it was not built."""
-    return compiled if compiled.available() else None
 
 
 @dataclass(frozen=True)
@@ -125,7 +119,7 @@ class OtherModels(SceneModels):
 
 
 def _models(found: SceneModels, manner: Manner) -> SceneModels:
-    uses_kernel = kernel() is not None and not manner.bare
+    uses_kernel = choice().absence is None and not manner.bare
     if uses_kernel or (manner.seed is None and not manner.whole):
         return found
     other = OtherModels(**vars(found))
@@ -145,9 +139,9 @@ def decoding(path: Path, layers: int | None, manner: Manner = BASE, most_tiles: 
     Raises:
         Malformed, Unsupported, LimitExceeded: the file is refused.
     """
-    bare: AbstractContextManager[Any] = kernel().disabled() if manner.bare and kernel() is not None else nullcontext()
-    with bare, open_source(path.read_bytes() if manner.in_memory else path) as source:
-        reader = SceneReader(source, operations=manner.make())
+    engine = engine_named("numpy" if manner.bare else "auto", manner.make())
+    with open_source(path.read_bytes() if manner.in_memory else path) as source:
+        reader = SceneReader(source, engine=engine)
         scene = _models(reader.models(layers), manner)
         count = reader.header.tile_count
         tiles = np.unique(np.linspace(0, count - 1, min(count, most_tiles or count)).round().astype(int))
@@ -207,7 +201,7 @@ def manners() -> dict[str, Manner]:
     out["arithmetic: int64, predictors too"] = Manner(make=IntegerOperations, whole=True, bare=True)
     out["access: from memory"] = Manner(in_memory=True)
     out["access: tile by tile, last first"] = Manner(tile_by_tile=True, seed=0)
-    if kernel() is not None:
+    if choice().absence is None:
         out["compiled kernel: off"] = Manner(bare=True)
         out["compiled kernel: off, 4 threads"] = Manner(bare=True, threads=4)
     return out

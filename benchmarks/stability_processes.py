@@ -47,7 +47,7 @@ def decode_in(environment: Mapping[str, str], paths: Sequence[Path], real: Path 
     Raises:
         subprocess.CalledProcessError: it failed, also where a library had none of the kernels it was told to take.
     """
-    backend = "torch" if any(name in environment for name in TORCH) else "numpy"
+    backend = "torch" if any(name in environment for name in TORCH) else "auto"
     job = {"paths": list(map(str, paths)), "real": None if real is None else str(real), "backend": backend}
     return child.run(environment, job="benchmarks.stability_processes:decode_job", **job)
 

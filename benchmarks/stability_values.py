@@ -9,11 +9,12 @@ from typing import Any
 
 import mpmath
 import numpy as np
+from numpy.typing import NDArray
 
 from conformance.decoders.python import integer_oracle as oracle
-from reference_decoder.dequantise import channel_values, latents, positions
-from scarfmt import kernel
+from reference_decoder.dequantise import latents, positions
 from scarfmt.container.directory import Tile
+from scarfmt.engines import best_engine, choice
 from scarfmt.entropy.rans import (
     MAX_ALPHABET,
     TOTAL,
@@ -23,8 +24,8 @@ from scarfmt.entropy.rans import (
     RansEncoder,
     SymbolSource,
 )
-from scarfmt.kernel.rans import KernelRansDecoder
-from scarfmt.neural.context import FINE_LIMIT, CellMeans, fine
+from scarfmt.neural.context import FINE_LIMIT, CellMeans
+from scarfmt.neural.context_operations import fine
 from scarfmt.neural.operations import NUMPY
 from scarfmt.neural.tables import EXP2_LAST, SIGMOID, TANH, exp2_table
 from scarfmt.scene.codebooks import Codebooks
@@ -78,7 +79,7 @@ def _channels(rng: np.random.Generator, count: int) -> Edge:
     steps[::3] = MAX_STEPS
     differ, worst, at = 0, 0.0, ""
     for value, width, n in zip(v.tolist(), step.tolist(), steps.tolist(), strict=True):
-        found = float(channel_values(np.array([[value]], np.int32), [width], np.array([n]))[0, 0])
+        found = float(best_engine().channel_values(np.array([[value]], np.int32), [width], np.array([n]))[0, 0])
         true = Fraction(width) / 3 ** (n - 1)
         differ += found != rounded32(Fraction(float(Fraction(float(true)) * value)))
         apart = float(abs(Fraction(found) - true * value) / Fraction(2) ** max(_exponent(found) - 23, _LEAST32))
@@ -154,7 +155,7 @@ def _fine(rng: np.random.Generator, count: int) -> Edge:
         v = np.concatenate([near, near + 1, [0, LARGEST, -LARGEST, power, -power], rng.integers(-LARGEST, LARGEST, 20)])
         v = v[np.abs(v) <= LARGEST]
         wanted = [max(-FINE_LIMIT, min(FINE_LIMIT, (2048 * x + power) // (2 * power))) for x in v.tolist()]
-        differ += int(np.count_nonzero(fine(v[:, None], np.array([n]))[:, 0] != wanted))
+        differ += int(np.count_nonzero(fine(v[:, None], np.array([n]), best_engine())[:, 0] != wanted))
         cases += len(v)
     return _edge("fine value", cases, f"v {LARGEST:,}, {MAX_STEPS} steps: 2048 v + 3ⁿ⁻¹ = 2^42.0", "§10.2", differ)
 
@@ -170,7 +171,7 @@ def _means(rng: np.random.Generator, count: int) -> Edge:
             values = rng.choice(some, size)
             # 2 S + n = 2 n k - 1 where that can be.
             values[0] += ((-1 - size) // 2 - int(values.sum())) % size - size
-            sums = cells.sums(1)
+            sums = best_engine().cell_sums(cells, 1)
             sums.add(np.arange(size), values[:, None])
             total = int(values.sum())
             found = int(sums.around(np.array([0]))[0].ravel()[0])
@@ -207,15 +208,19 @@ def _tables(rng: np.random.Generator) -> Edge:
 
 def _decoders(data: bytes) -> list[SymbolSource]:
     """Every decoder there is, at the start of a stream."""
-    library = kernel.functions()
-    compiled = [] if library is None else [KernelRansDecoder(library, data)]
+    compiled = [] if choice().absence is not None else [best_engine().rans_decoder(data)]
     return [RansDecoder(data), PureRansDecoder(data), *compiled]
+
+
+def _unasked() -> NDArray[np.float64]:
+    """The rows that a reader asks for where it takes no logits: the compiled one does."""
+    raise AssertionError
 
 
 def _compiled_logits(rng: np.random.Generator) -> list[Edge]:
     """Symbols the compiled decoder finds from logits itself: all equal, far apart, beyond the table, at their ends."""
-    library, cases, differ = kernel.functions(), 0, 0
-    if library is None:
+    cases = differ = 0
+    if choice().absence is not None:
         return []
     for size in (2, 3, 63, 64, 65, 1000, MAX_ALPHABET):
         logits = np.round(rng.normal(size=(size, _SYMBOLS)) * rng.choice([0, 1, 30, 150, 1e6], _SYMBOLS))
@@ -223,7 +228,7 @@ def _compiled_logits(rng: np.random.Generator) -> list[Edge]:
         logits[:, 0] = rng.choice([1 - TOTAL, TOTAL - 1], size)
         logits[:, 1] = rng.choice([0, -511, -512], size)
         words = rng.integers(1, 2**32, 2 * _SYMBOLS, dtype=np.uint64).astype("<u4").tobytes()
-        found = KernelRansDecoder(library, words).decode_logits(logits)
+        found = best_engine().symbol_reader(words, {}).read_logits(logits, _unasked, 1)
         weights = NUMPY.frequency_rows(logits.copy(), NUMPY.constant(exp2_table()))
         differ += int(np.count_nonzero(found != RansDecoder(words).decode_rows(weights)))
         cases += found.size

@@ -8,8 +8,8 @@ from typing import Any
 from benchmarks import child, gain
 from benchmarks.encoded import encoded
 from benchmarks.scenes import Scene
-from scarfmt import kernel
 from scarfmt.container.source import open_source
+from scarfmt.engines import choice
 from scarfmt.tools.models_report import describe_models
 
 Record = dict[str, Any]
@@ -45,11 +45,11 @@ def cuda_here() -> bool:
 def ways() -> dict[str, child.Job]:
     """Jobs, but for their file, of every way to decode that this machine offers, by name."""
     backends = ("numpy", "torch", *(["cuda"] if cuda_here() else []))
-    kernels = {"": "0", **({", kernel": "1"} if kernel.available() else {})}
+    kernels = {"": "0", **({", kernel": "1"} if choice().absence is None else {})}
     return {
         f"{backend}, {threads} thread{'s' * (threads > 1)}{name}": {
             "job": "decode",
-            "backend": backend,
+            "backend": "auto" if backend == "numpy" else backend,
             "threads": threads,
             "environment": {"SCARFMT_KERNEL": switch},
         }
@@ -62,7 +62,7 @@ def ways() -> dict[str, child.Job]:
 def missing() -> list[str]:
     """What this machine does not offer, in words."""
     out = [] if cuda_here() else ["torch sees no CUDA GPU here, so none was measured"]
-    return out + ([] if kernel.available() else ["the compiled kernel is not built here, so all is without it"])
+    return out + ([] if choice().absence is None else ["the compiled kernel is not built here, so all is without it"])
 
 
 def measure_ways(scene: Scene, quality: float, effort: int, rounds: int, names: Sequence[str] | None = None) -> Record:

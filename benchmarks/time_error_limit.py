@@ -25,22 +25,22 @@ from benchmarks.scenes import Scene
 from reference_decoder import explicit
 from reference_decoder.decode import decode
 from reference_decoder.decoded import Decoded
-from scarfmt import kernel
-from scarfmt.entropy import symbols
+from scarfmt.coding import engine
+from scarfmt.engines import best_engine, choice
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, SymbolSource, uniform_table
-from scarfmt.kernel.rans import KernelRansDecoder
 from scarfmt.neural.operations import NumpyOperations
 from scarfmt.neural.predictor_group import PredictorGroup
 from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.gaussians import GaussianScene
 
+_ENGINE = type(best_engine())
 STAGES = {
     "models": ("scarfmt.coding.reader", "SceneReader.models"),
-    "positions": ("scarfmt.coding.tile", "get_positions"),
+    "positions": (_ENGINE.__module__, f"{_ENGINE.__name__}.get_positions"),
     "classes": ("scarfmt.coding.tile", "get_classes"),
-    "channel values": ("scarfmt.coding.tile", "get_channel"),
+    "channel values": (_ENGINE.__module__, f"{_ENGINE.__name__}.get_channel"),
     "indices, static": ("scarfmt.coding.tile", "get_indices"),
-    "indices, network": ("scarfmt.coding.tile", "get_neural_indices"),
+    "indices, network": (_ENGINE.__module__, f"{_ENGINE.__name__}.get_neural_indices"),
     "to world units": ("reference_decoder.decode", "tile_part"),
     "activation": ("reference_decoder.decoded", "Decoded.activated"),
 }
@@ -87,7 +87,7 @@ def stages(job: Record) -> Record:
         del scene
         if not best or whole < best["whole"]:
             best = {**seconds, _OTHER: whole - sum(seconds.values()), "whole": whole}
-    return {"stages": best, "kernel": kernel.enabled(), "walls": [best["whole"]], "cpus": [best["whole"]]}
+    return {"stages": best, "kernel": choice().absence is None, "walls": [best["whole"]], "cpus": [best["whole"]]}
 
 
 @dataclass
@@ -141,13 +141,12 @@ def record(path: str) -> Recording:
             return super().decode_rows(weights)
 
     with (
-        kernel.disabled(),
         mock.patch.object(NumpyOperations, "product", counted_product),
         mock.patch.object(PredictorGroup, "__init__", noted),
         mock.patch.object(PredictorGroup, "contexts", counted_contexts),
-        mock.patch.object(symbols, "RansDecoder", Reading),
+        mock.patch.object(engine, "RansDecoder", Reading),
     ):
-        decoded = decode(path)
+        decoded = decode(path, backend="numpy")
     kept.arrays += [(array.shape, array.dtype) for array in _results(decoded)]
     network = decoded.models.decoder
     if network is not None:
@@ -178,8 +177,7 @@ def multiply_all(kept: Recording) -> None:
 
 def readers(words: bytes) -> list[SymbolSource]:
     """The rANS decoders there are, at the beginning of `words`."""
-    library = kernel.functions()
-    return [RansDecoder(words), *([] if library is None else [KernelRansDecoder(library, words)])]
+    return [RansDecoder(words), *([best_engine().rans_decoder(words)] if choice().absence is None else [])]
 
 
 def read_all(kept: Recording, source: SymbolSource) -> None:
@@ -221,7 +219,7 @@ def _seconds(act: Callable[[], object]) -> float:
 def measure_limit(scene: Scene, quality: float, effort: int, rounds: int) -> Record:
     """Stages of one decode with the kernel and without, in turns, and the least that it could take."""
     path = encoded(scene, quality, effort)["path"]
-    modes = {"off": "0", **({"on": "1"} if kernel.available() else {})}
+    modes = {"off": "0", **({"on": "1"} if choice().absence is None else {})}
     job = {"job": "benchmarks.time_error_limit:stages", "file": path}
     jobs = {name: {**job, "environment": {"SCARFMT_KERNEL": value}} for name, value in modes.items()}
     found = child.in_turns(jobs, rounds)

@@ -33,6 +33,7 @@ from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import silent, write_scene
 from scarfmt.container.directory import local_bits
 from scarfmt.container.source import open_source
+from scarfmt.engines import best_engine
 from scarfmt.tools.inspection import inspect
 
 QUALITY = 41.0
@@ -89,7 +90,7 @@ def networks(job: Record) -> Record:
         if learned is None:
             return {"rows": []}
         path = Path(job["paths"][len(rows)])
-        path.write_bytes(write_scene(learned.scene))
+        path.write_bytes(write_scene(learned.scene, engine=best_engine()))
         seconds = time.perf_counter() - began
         shape = made[-1]
         bits = {"weight_bits": shape.weight_bits, "activation_bits": shape.activation_bits}
@@ -176,7 +177,7 @@ def _measured(scene: Scene, paths: dict[str, Path], rounds: int, facts: Callable
 def _position_facts(path: Path) -> Row:
     """Mean bits of an axis in a tile, over anchors, and bits an anchor of positions and their residuals."""
     with open_source(path) as source:
-        reader = SceneReader(source)
+        reader = SceneReader(source, engine=best_engine())
         entries = [reader.container.tile_entries(tile, reader.layers) for tile in range(reader.header.tile_count)]
         anchors = [sum(entry.count for entry in row if entry) for row in entries]
         bits = [local_bits(reader.header.fields, tile) for tile in reader.container.tiles]

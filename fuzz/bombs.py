@@ -23,11 +23,13 @@ from scarfmt.blocks.index_network import pack_network
 from scarfmt.blocks.layer import pack_layer
 from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
 from scarfmt.blocks.predictors import pack_predictors
+from scarfmt.blocks.tables import pack_tables
 from scarfmt.container.bytefields import compress, unsigned_varint
 from scarfmt.container.file import Block, HeaderFields, Tile, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.substreams import pack_substreams
-from scarfmt.entropy.symbols import SymbolTable, TableKey, pack_tables
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.neural.arithmetic import Linear as Exact
 from scarfmt.neural.network import Inputs
 from scarfmt.neural.predictors import Predictor, input_width
@@ -62,7 +64,7 @@ def zero_tables(model: SceneModel, contexts: int = 5, largest: int = 17) -> dict
 
 def one_symbol(value: int = 0) -> SymbolTable:
     """A table that reads nothing."""
-    return SymbolTable.from_weights(np.array([value], np.int64), np.ones(1, np.int64))
+    return SymbolTable(np.array([value], np.int64), np.ones(1, np.int64))
 
 
 def build(
@@ -148,8 +150,8 @@ def many_contexts(anchors: int, tiles: int, size: int) -> bytes:
                 context = 16 * kind + (0 if key.step == 1 else 2)
                 tables[TableKey(key.stream, key.component, key.step, context)] = one_symbol()
     rng = np.random.default_rng(1)
-    tables[TableKey(Stream.CLASSES, 0, 0, 0)] = SymbolTable.from_weights(np.arange(15), np.ones(15, np.int64))
-    from scarfmt.entropy.symbols import SymbolWriter
+    tables[TableKey(Stream.CLASSES, 0, 0, 0)] = SymbolTable(np.arange(15), np.ones(15, np.int64))
+    from scarfmt.entropy.emitters import SymbolWriter
 
     writer = SymbolWriter(tables)
     writer.emit(TableKey(Stream.CLASSES, 0, 0, 0), rng.permutation(np.arange(anchors) % 15))
@@ -195,7 +197,7 @@ def large_tables(tables: int, symbols: int, size: int) -> bytes:
     """Tables that nothing needs, of few bytes."""
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),))
     found = zero_tables(model)
-    table = SymbolTable.from_weights(np.arange(symbols), np.ones(symbols, np.int64))
+    table = SymbolTable(np.arange(symbols), np.ones(symbols, np.int64))
     found.update({TableKey(200, n >> 16, n >> 8 & 255, n & 255): table for n in range(tables)})
     return build(model, [2], tables=dict(sorted(found.items())), models=_filler(size))
 

@@ -1,33 +1,47 @@
-"""What can compute the index network: NumPy, or torch on a CPU or an NVIDIA GPU (SPEC §10.5: equal results)."""
+"""Backends by name: an engine, or one whose index network torch computes (SPEC §10.5: equal results)."""
 
 from __future__ import annotations
 
+from scarfmt.coding.engine import Engine
+from scarfmt.engines import NAMES, engine_named
 from scarfmt.errors import InvalidInput
 from scarfmt.neural.operations import NUMPY, Operations
 
-BACKENDS = ("numpy", "torch", "cuda")
+TORCH = ("torch", "cuda")
+BACKENDS = (*NAMES, *TORCH)
+"""What `--backend` takes."""
 
 
-def operations(backend: str) -> Operations:
-    """The array operations of a backend.
+def backend(name: str) -> Engine:
+    """The engine of a backend.
 
     Args:
-        backend: "numpy"; "torch", on the CPU; "cuda".
+        name: "auto", "kernel" or "numpy" as of :func:`scarfmt.engines.engine_named`; "torch", on the CPU, or "cuda":
+            the best engine, with torch for the index network.
 
     Raises:
-        InvalidInput: ``input-backend`` for another name, or "cuda" without such a GPU; ``input-dependency`` without
-            torch.
+        InvalidInput: ``input-backend`` for another name, "kernel" where there is none, or "cuda" without such a GPU;
+            ``input-dependency`` without torch.
     """
-    if backend == "numpy":
+    if name not in BACKENDS:
+        raise InvalidInput("input-backend", f"{name!r} is not one of {', '.join(BACKENDS)}", field="backend")
+    return engine_named("auto", operations(name)) if name in TORCH else engine_named(name)
+
+
+def operations(name: str) -> Operations:
+    """The array operations of a backend: those of torch for "torch" and "cuda", else NumPy's.
+
+    Raises:
+        InvalidInput: as of :func:`backend`.
+    """
+    if name not in TORCH:
         return NUMPY
-    if backend not in BACKENDS:
-        raise InvalidInput("input-backend", f"{backend!r} is not one of {', '.join(BACKENDS)}", field="backend")
     try:
         import torch
 
         from reference_decoder.torch_operations import TorchOperations
     except ImportError as error:
         raise InvalidInput("input-dependency", "this needs torch: pip install 'scarfmt[encode]'") from error
-    if backend == "cuda" and not torch.cuda.is_available():
+    if name == "cuda" and not torch.cuda.is_available():
         raise InvalidInput("input-backend", "torch sees no CUDA GPU here", field="backend")
-    return TorchOperations("cpu" if backend == "torch" else "cuda")
+    return TorchOperations("cpu" if name == "torch" else "cuda")

@@ -10,7 +10,7 @@ from typing import Unpack
 
 import numpy as np
 
-from reference_decoder.backends import operations
+from reference_decoder.backends import backend as engine_of
 from reference_decoder.decoded import Decoded, joined, tile_part
 from reference_decoder.dequantise import tile_boxes
 from reference_decoder.request import DecodeRequest, RequestFields, requested
@@ -76,7 +76,7 @@ class _Decoding:
             source,
             limits=request.limits,
             allow_truncated=request.allow_truncated,
-            operations=operations(request.backend),
+            engine=engine_of(request.backend),
         )
         self.threads = request.threads
         self.counters = counters

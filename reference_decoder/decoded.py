@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from reference_decoder import explicit
 from reference_decoder.anchors import decoded_model
-from reference_decoder.dequantise import channel_values, latents, offset_values, positions
+from reference_decoder.dequantise import latents, offset_values, positions
 from scarfmt.codecs.channels import cell_widths
 from scarfmt.coding.counters import Counters
 from scarfmt.coding.reader import ALL_STREAMS, SceneModels, SceneReader
@@ -177,7 +177,7 @@ def tile_part(
         elif channel.stream == Stream.POSITION_RESIDUAL:
             residuals = content.values[index] * cell_widths(channel.first_width, steps)
         else:
-            values[channel.stream] = channel_values(content.values[index], channel.first_width, steps)
+            values[channel.stream] = reader.engine.channel_values(content.values[index], channel.first_width, steps)
     return Decoded(
         reader.header.fields,
         models,

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt import kernel
-from scarfmt.codecs.channels import REACH, cell_widths, width_table
+from scarfmt.codecs.channels import REACH, in_binary32
 from scarfmt.container.directory import Table, Tile
 from scarfmt.errors import Malformed
-from scarfmt.kernel.values import kernel_values
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Lattice
 from scarfmt.scene.morton import deinterleave
@@ -27,28 +25,9 @@ U64 = NDArray[np.uint64]
 Ints = NDArray[np.integer[Any]]
 
 
-def channel_values(values: Ints, step: Sequence[float], steps: I64) -> F32:
-    """(n, components) float32 values of a channel: binary32(binary64(v) * cell width) (SPEC §9.2).
-
-    Args:
-        values: (n, components) int32, v after `steps` steps.
-        step: (components) first cell widths.
-        steps: (n,) ternary steps received.
-    """
-    library = kernel.functions()
-    if library is not None and values.dtype == np.int32:
-        return kernel_values(library, np.ascontiguousarray(values), steps, width_table(tuple(step)))
-    return _single(values, cell_widths(step, steps))
-
-
 def offset_values(values: Ints, step: Sequence[float]) -> F32:
     """(n, K, 3) float32 offsets of (n, K, 3) int32: binary32(binary64(v) * step) (SPEC §9.2)."""
-    return _single(values, np.asarray(step, np.float64))
-
-
-def _single(values: Ints, widths: F64) -> F32:
-    with np.errstate(over="ignore", under="ignore"):  # an infinity or a zero is what rounding prescribes
-        return (values.astype(np.float64) * widths).astype(np.float32)
+    return in_binary32(values, np.asarray(step, np.float64))
 
 
 def corners(lattice_bits: int, depth: NDArray[np.uint8], prefix: U64) -> F64:

@@ -30,7 +30,7 @@ class DecodeRequest:
         limits: what to accept of the file (SPEC §13).
         threads: tiles decoded side by side, 1 or more; the result does not depend on it.
         allow_truncated: use the whole layers of a file cut short instead of refusing it.
-        backend: what computes the index network, one of `reference_decoder.backends.BACKENDS`; the result does not
+        backend: the engine, one of `reference_decoder.backends.BACKENDS`; the result does not
             depend on it.
     """
 
@@ -41,7 +41,7 @@ class DecodeRequest:
     limits: Limits = DEFAULT_LIMITS
     threads: int = 1
     allow_truncated: bool = False
-    backend: str = "numpy"
+    backend: str = "auto"
 
     def names(self) -> frozenset[str]:
         """The attributes to decode: a box needs positions, whatever else is asked for.

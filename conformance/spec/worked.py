@@ -11,6 +11,7 @@ import numpy as np
 from conformance.expect.expectations import expected_layers
 from conformance.files import substream_bytes, vector_file
 from conformance.scenes.made import worked_scene
+from scarfmt.blocks.tables import unpack_tables
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.file import Container, Entry
 from scarfmt.container.schema import (
@@ -26,7 +27,8 @@ from scarfmt.container.schema import (
 )
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import unpack_table
-from scarfmt.entropy.symbols import SymbolTable, TableKey, unpack_tables
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 
 Row = tuple[int, int, str, str]
 _SHOWN_BYTES = 13

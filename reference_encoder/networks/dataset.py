@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import TileFrame
-from scarfmt.neural.context import CellMeans, count_features, depth_shifts, fine, passes
+from scarfmt.engines import best_engine
+from scarfmt.neural.context import CellMeans, count_features, depth_shifts, passes
+from scarfmt.neural.context_operations import fine
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
 from scarfmt.scene.morton import deinterleave
@@ -228,7 +230,7 @@ def _means(
     place = np.full(len(before), -1)
     place[wanted] = np.arange(len(wanted))
     known, group = np.flatnonzero(before > 0), np.flatnonzero(before < after)
-    sums = cells.sums(columns + options.latents)
+    sums = best_engine().cell_sums(cells, columns + options.latents)
     sums.add(known, np.concatenate([attributes, latents[0]], axis=1)[known])
     values = np.concatenate([attributes, latents[1]], axis=1)
     for part in passes(len(group), options.passes_log2):
@@ -255,7 +257,7 @@ def attribute_values(model: SceneModel, layer: int, content: TileContent, order:
     for index in model.attributes:
         steps, final = model.steps(layer, index, classes), model.steps(last, index, classes)
         now = coarsen(content.values[index][order], (final - steps)[:, None])
-        out.append(fine(now, steps))
+        out.append(fine(now, steps, best_engine()))
     return np.concatenate(out, axis=1)
 
 

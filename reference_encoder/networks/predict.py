@@ -23,7 +23,9 @@ from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.coding.tile import NeuralModels, TileContent, put_layer
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.entropy.symbols import Emitter, SymbolCounter, TableKey, Values
+from scarfmt.engines import best_engine
+from scarfmt.entropy.emitters import Emitter, SymbolCounter, Values
+from scarfmt.entropy.keys import TableKey
 from scarfmt.errors import Malformed
 from scarfmt.neural.predicted import Predictors
 from scarfmt.neural.predictors import MAX_CONTEXTS, Predictor, first_use
@@ -79,7 +81,7 @@ class Recorder:
         self.symbols.append(values[self._kept])
 
 
-class _Tap:
+class _Tap(Emitter):
     """An emitter that hands recorders their symbols."""
 
     def __init__(self, recorders: Mapping[Key, Recorder]) -> None:
@@ -247,7 +249,7 @@ def _run(
 ) -> None:
     for layer in range(1, len(model.layers) + 1):
         for frame, content in zip(frames, contents, strict=True):
-            put_layer(model, layer, frame, content, lambda _: emitter, neural)
+            put_layer(model, layer, frame, content, lambda _: emitter, neural, best_engine())
 
 
 def _static_bits(

@@ -28,6 +28,7 @@ from reference_encoder.networks.predict import choose_predictors
 from reference_encoder.networks.train import Trained, TrainOptions, build, code_uses, train
 from reference_encoder.networks.view import NetworkView
 from reference_encoder.options import EncodeOptions
+from scarfmt.blocks.tables import pack_tables
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, Report, silent, write_scene
@@ -35,7 +36,9 @@ from scarfmt.container.bytefields import compress
 from scarfmt.container.directory import local_bits
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.source import BytesSource
-from scarfmt.entropy.symbols import SymbolTable, TableKey, pack_tables
+from scarfmt.engines import best_engine
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import LimitExceeded
 from scarfmt.limits import DEFAULT_LIMITS, FORMAT_LIMITS, Limits
 from scarfmt.neural.network import IndexNetwork
@@ -64,7 +67,7 @@ def smallest_file(
         report: told (stage, fraction done).
         targets: what the codewords are to reproduce; None keeps the indices as they are.
     """
-    static = write_scene(scene, report)
+    static = write_scene(scene, report, best_engine())
     if options.effort == 1 or options.decode_budget == 0:
         return static
     predicted = with_predictors(scene, options, report)
@@ -73,10 +76,10 @@ def smallest_file(
     learned = with_index_network(predicted or scene, options, report)
     if learned is not None and learned.bits < 8 * index_bytes(static):
         learned = learned if targets is None else with_rounds(learned, targets, options, report)
-        data = write_scene(learned.scene, report)
+        data = write_scene(learned.scene, report, best_engine())
         if _cost(learned.scene, data, targets) < _cost(scene, static, targets):
             return _smaller(static, data)
-    return static if predicted is None else _smaller(static, write_scene(predicted, report))
+    return static if predicted is None else _smaller(static, write_scene(predicted, report, best_engine()))
 
 
 def _cost(scene: QuantisedScene, data: bytes, targets: Targets | None) -> float:

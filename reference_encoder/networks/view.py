@@ -12,6 +12,7 @@ from reference_encoder.networks.dataset import ContextOptions, IndexRows, index_
 from reference_encoder.networks.grid import fit_box, wave_grid
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import local_bits, tile_frame
+from scarfmt.engines import best_engine
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import Inputs
 from scarfmt.scene.model import SceneModel
@@ -45,7 +46,8 @@ class NetworkView:
         return self._with_features(*_placed_rows(scene, self.seen, tiles, most, seed))
 
     def _with_features(self, rows: IndexRows, positions: I64) -> IndexRows:
-        return replace(rows, inputs=np.concatenate([rows.inputs, self.grid.features(positions)], axis=1))
+        features = best_engine().grid_features(self.grid, positions)
+        return replace(rows, inputs=np.concatenate([rows.inputs, features], axis=1))
 
     def columns(self, model: SceneModel) -> Inputs:
         """Meaning of the columns of the inputs."""

@@ -81,10 +81,10 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--threads", type=click.IntRange(1, 256), default=1, show_default=True, help="Tiles decoded at once.")
 @click.option(
     "--backend",
-    type=click.Choice(["numpy", "torch", "cuda"]),
-    default="numpy",
+    type=click.Choice(["auto", "kernel", "numpy", "torch", "cuda"]),
+    default="auto",
     show_default=True,
-    help="What computes the index network; the result is the same.",
+    help="The engine that computes; the result is the same.",
 )
 @click.option("--stats", is_flag=True, help="Tell what was read and computed, and the time, on stderr.")
 @click.option("--json", "as_json", is_flag=True, help="Print what --stats tells as a JSON object on stdout.")

@@ -6,7 +6,6 @@ the attribute is v_n * step / 3^(n-1). Cells nest, so any prefix of steps is its
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
@@ -14,24 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt import kernel
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import (
-    Emitter,
-    GroupEmitter,
-    StepKey,
-    SymbolReader,
-    TableKey,
-    emit_by_context,
-    missing_table,
-    read_by_context,
-)
+from scarfmt.entropy.emitters import Emitter
+from scarfmt.entropy.keys import CONTEXTS, StepKey, TableKey
+from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
-from scarfmt.kernel.channel import BAD_TRIT, VALUE_RANGE, KernelChannel
-from scarfmt.kernel.rans import ALL_READ, CONTEXTS, KernelRansDecoder
 from scarfmt.neural.predicted import PredictedChannel
 from scarfmt.scene.model import MAX_STEPS, NO_SOURCE, Channel, ContextRule
 
+F32 = NDArray[np.float32]
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
@@ -96,15 +86,11 @@ def put_channel(
         predicted: the channel's predictors, if it has any.
     """
     values, at = final
-    library = kernel.functions()
-    if library is not None and isinstance(emitter, GroupEmitter) and (predicted is None or predicted.compilable):
-        _put_compiled(emitter, library, channel, classes, (before, after), final, first, predicted)
-        return
 
     def put(part: I64, step: int, components: Sequence[int], kinds: Sequence[I64], coarse: I64) -> I64:
         here = coarsen(values[part[:, None], components].T, at[part] - step)
         for component, contexts, now, before in zip(components, kinds, here, coarse, strict=True):
-            emit_by_context(emitter, TableKey(channel.stream, component, step, 0), contexts, now - 3 * before)
+            emitter.emit_by_context(TableKey(channel.stream, component, step, 0), contexts, now - 3 * before)
         return here
 
     for step in steps_coded(before, after):
@@ -120,10 +106,10 @@ def put_channel(
             key = TableKey(channel.stream, component, step, 0)
             here = coarsen(values[chosen, component], at[chosen] - step)
             if step == 1:
-                emit_by_context(emitter, key, contexts(rule, kinds, first, chosen), here)
+                emitter.emit_by_context(key, contexts(rule, kinds, first, chosen), here)
             else:
                 coarse = coarsen(here, 1)
-                emit_by_context(emitter, key, trit_contexts(rule, kinds, coarse), here - 3 * coarse)
+                emitter.emit_by_context(key, trit_contexts(rule, kinds, coarse), here - 3 * coarse)
         if predicted is not None:
             predicted.settle(step, chosen, coarsen(values[chosen], (at[chosen] - step)[:, None]))
 
@@ -149,11 +135,6 @@ def get_channel(
         Malformed: ``bad-trit`` or ``value-range`` for symbols outside SPEC §7.5.
     """
 
-    compiled = reader.compiled
-    if compiled is not None and (predicted is None or predicted.compilable):
-        _get_compiled(reader, compiled, channel, classes, (before, after), values, first, predicted)
-        return
-
     def get(part: I64, step: int, components: Sequence[int], kinds: Sequence[I64], coarse: I64) -> I64:
         symbols = _read_components(reader, channel, step, components, kinds)
         here = _in_range(symbols if step == 1 else 3 * coarse + _checked(symbols), channel)
@@ -173,76 +154,13 @@ def get_channel(
         if step == 1:
             for component, rule in enumerate(channel.rules):
                 key = TableKey(channel.stream, component, 1, 0)
-                here = read_by_context(reader, key, contexts(rule, kinds, first, chosen)).astype(np.int64)
+                here = reader.read_by_context(key, contexts(rule, kinds, first, chosen)).astype(np.int64)
                 first[-1][chosen, component] = _in_range(here, channel)
             values[chosen] = first[-1][chosen]
         else:
             values[chosen] = _refined(reader, channel, step, kinds, values[chosen]).T
         if predicted is not None:
             predicted.settle(step, chosen, values[chosen])
-
-
-def _put_compiled(
-    emitter: GroupEmitter,
-    library: ctypes.CDLL,
-    channel: Channel,
-    classes: I64,
-    steps: tuple[I64, I64],
-    final: tuple[Ints, I64],
-    first: FirstValues,
-    predicted: PredictedChannel | None,
-) -> None:
-    """As :func:`put_channel`, a call of the compiled library for each step."""
-    (before, after), (values, at) = steps, final
-    known = np.where(before[:, None] > 0, coarsen(values, (at - before)[:, None]), 0).astype(np.int32)
-    sources = [np.ascontiguousarray(array, np.int32) for array in first]
-    target = KernelChannel(library, channel, classes, known, sources, before.astype(np.int64))
-    for step in steps_coded(before, after):
-        chosen = np.flatnonzero((before < step) & (after >= step))
-        if not len(chosen):
-            continue
-        given = np.zeros(values.shape, np.int32)
-        given[chosen] = coarsen(values[chosen], (at[chosen] - step)[:, None])
-        parts, around, predictors = [chosen], None, None
-        if predicted is not None and predicted.covers(step):
-            parts, around = predicted.passes(chosen), predicted.surroundings
-            predictors = predicted.packed(step)
-        key = StepKey(channel.stream, tuple(range(channel.components)), step)
-        for kinds, symbols in target.write(step, parts, given, around, predictors):
-            emitter.emit_grouped(key, kinds, symbols)
-
-
-def _get_compiled(
-    reader: SymbolReader,
-    compiled: KernelRansDecoder,
-    channel: Channel,
-    classes: I64,
-    steps: tuple[I64, I64],
-    values: I32,
-    first: Sequence[I32],
-    predicted: PredictedChannel | None,
-) -> None:
-    """As :func:`get_channel`, one call of the compiled library."""
-    before, after = steps
-    if np.array_equal(before, after):
-        return
-    coded = steps_between(before, after)
-    at = np.empty(len(classes), np.int64)
-    target = KernelChannel(compiled.functions, channel, classes, values, first, at)
-    tables = reader.tables.packed_steps(channel.stream, channel.components, coded)
-    around = predictors = None
-    if predicted is not None:
-        around, predictors = predicted.surroundings, predicted.packed_steps(coded)
-    found, at_step, received = target.read(compiled, coded, steps, tables, around, predictors)
-    if found == BAD_TRIT:
-        raise _bad_trit()
-    if found == VALUE_RANGE:
-        raise _value_range(channel)
-    if found != ALL_READ:
-        raise missing_table(StepKey(channel.stream, tuple(range(channel.components)), at_step).table(found))
-    reader.static += sum(received) * channel.components
-    if predicted is not None:
-        predicted.count(coded, received)
 
 
 def steps_coded(before: I64, after: I64) -> range:
@@ -324,21 +242,23 @@ def _reach_of(values: Ints) -> int:
 
 def _in_range(values: I64, channel: Channel) -> I64:
     if _reach_of(values) > VALUE_LIMIT:
-        raise _value_range(channel)
+        raise value_range(channel)
     return values
 
 
-def _value_range(channel: Channel) -> Malformed:
+def value_range(channel: Channel) -> Malformed:
+    """The refusal of a value that leaves 32 bits."""
     return Malformed("value-range", "a channel value leaves 32 bits (SPEC §7.5)", field=channel.stream.name)
 
 
 def _checked(trits: Ints) -> Ints:
     if _reach_of(trits) > 1:
-        raise _bad_trit()
+        raise bad_trit()
     return trits
 
 
-def _bad_trit() -> Malformed:
+def bad_trit() -> Malformed:
+    """The refusal of a refinement by more than one trit."""
     return Malformed("bad-trit", "a refinement is not -1, 0 or 1 (SPEC §7.5)", field="trit")
 
 
@@ -359,6 +279,23 @@ def cell_widths(step: Sequence[float], steps: I64) -> F64:
         steps: (n,) ternary steps received, 0..20.
     """
     return width_table(tuple(step)).take(steps, axis=0)
+
+
+def channel_values(values: Ints, step: Sequence[float], steps: I64) -> F32:
+    """(n, components) float32 values of a channel: binary32(binary64(v) * cell width) (SPEC §9.2).
+
+    Args:
+        values: (n, components) int32, v after `steps` steps.
+        step: (components) first cell widths.
+        steps: (n,) ternary steps received, 0..20.
+    """
+    return in_binary32(values, cell_widths(step, steps))
+
+
+def in_binary32(values: Ints, widths: F64) -> F32:
+    """binary32(binary64(v) * width) of integers and widths whose shapes fit (SPEC §9.2)."""
+    with np.errstate(over="ignore", under="ignore"):  # an infinity or a zero is what rounding prescribes
+        return (values.astype(np.float64) * widths).astype(np.float32)
 
 
 def check_reach(values: Ints, step: Sequence[float], steps: I64) -> None:

@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import Emitter, SymbolReader, TableKey
+from scarfmt.entropy.emitters import Emitter
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
 
 I64 = NDArray[np.int64]

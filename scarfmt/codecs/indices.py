@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import Emitter, SymbolReader, TableKey, emit_by_context, read_by_context
+from scarfmt.entropy.emitters import Emitter
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
 
 I64 = NDArray[np.int64]
@@ -35,7 +37,7 @@ def put_indices(emitter: Emitter, indices: Ints, classes: I64, before: I64, afte
         chosen = np.flatnonzero((before < stage) & (after >= stage))
         part = indices[chosen]
         key = TableKey(Stream.INDICES, stage, 0, 0)
-        emit_by_context(emitter, key, _contexts(part, classes[chosen], stage), part[:, stage - 1])
+        emitter.emit_by_context(key, _contexts(part, classes[chosen], stage), part[:, stage - 1])
 
 
 def get_indices(
@@ -54,7 +56,7 @@ def get_indices(
         if not len(chosen):
             continue
         key = TableKey(Stream.INDICES, stage, 0, 0)
-        values = read_by_context(reader, key, _contexts(indices[chosen], classes[chosen], stage))
+        values = reader.read_by_context(key, _contexts(indices[chosen], classes[chosen], stage))
         size = book_sizes[stage > 1]
         if not (int(values.min()) >= 0 and int(values.max()) < size):
             raise Malformed("bad-index", f"stage {stage}: an index is not below {size} (SPEC §7.6)", field="indices")

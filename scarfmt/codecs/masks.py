@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import Emitter, SymbolReader, TableKey, emit_by_context, read_by_context
+from scarfmt.entropy.emitters import Emitter
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
 from scarfmt.scene.model import Channel
 
@@ -28,7 +30,7 @@ def put_masks(emitter: Emitter, before: Mask, after: Mask) -> None:
     on = before.sum(axis=1)
     for slot in range(before.shape[1]):
         chosen = np.flatnonzero(~before[:, slot])
-        emit_by_context(emitter, _MASK_KEY, on[chosen], after[chosen, slot].astype(np.int64))
+        emitter.emit_by_context(_MASK_KEY, on[chosen], after[chosen, slot].astype(np.int64))
         on = on + (after[:, slot] & ~before[:, slot])
 
 
@@ -42,7 +44,7 @@ def get_masks(reader: SymbolReader, before: Mask) -> Mask:
     on = before.sum(axis=1)
     for slot in range(before.shape[1]):
         chosen = np.flatnonzero(~before[:, slot])
-        bits = read_by_context(reader, _MASK_KEY, on[chosen])
+        bits = reader.read_by_context(_MASK_KEY, on[chosen])
         if len(bits) and not (int(bits.min()) >= 0 and int(bits.max()) <= 1):
             raise Malformed("bad-mask", "a mask symbol is not 0 or 1 (SPEC §7.4)", field="masks")
         after[chosen, slot] = bits == 1
@@ -61,7 +63,7 @@ def put_offsets(emitter: Emitter, channel: Channel, offsets: Ints, classes: I64,
     anchor, slot = np.nonzero(turned_on)
     for component, rule in enumerate(channel.rules):
         context = classes[anchor] * 16 if rule.by_class else np.zeros(len(anchor), np.int64)
-        emit_by_context(emitter, TableKey(channel.stream, component, 1, 0), context, offsets[anchor, slot, component])
+        emitter.emit_by_context(TableKey(channel.stream, component, 1, 0), context, offsets[anchor, slot, component])
 
 
 def get_offsets(reader: SymbolReader, channel: Channel, offsets: Ints, classes: I64, turned_on: Mask) -> None:
@@ -69,5 +71,5 @@ def get_offsets(reader: SymbolReader, channel: Channel, offsets: Ints, classes: 
     anchor, slot = np.nonzero(turned_on)
     for component, rule in enumerate(channel.rules):
         context = classes[anchor] * 16 if rule.by_class else np.zeros(len(anchor), np.int64)
-        values = read_by_context(reader, TableKey(channel.stream, component, 1, 0), context)
+        values = reader.read_by_context(TableKey(channel.stream, component, 1, 0), context)
         offsets[anchor, slot, component] = values

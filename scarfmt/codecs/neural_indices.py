@@ -13,14 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt import kernel
 from scarfmt.coding.counters import Part
-from scarfmt.entropy.symbols import Emitter, GroupEmitter, SymbolReader
-from scarfmt.kernel.cells import KernelCellSums
-from scarfmt.kernel.indices import Known, PackedNetwork, read_indices
-from scarfmt.kernel.network import kernel_embedding_inputs
-from scarfmt.kernel.rans import KernelRansDecoder
-from scarfmt.neural.context import CellSums, count_features
+from scarfmt.entropy.emitters import Emitter
+from scarfmt.entropy.symbol_reader import SymbolReader
+from scarfmt.neural.context import Sums, count_features
 from scarfmt.neural.evaluator import Block, Evaluator
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.layer_context import LayerContext
@@ -66,97 +62,10 @@ def index_coder(
 
 # (stage, anchors, mixer outputs) -> their indices of that stage: emits or reads one run of symbols.
 Exchange = Callable[[int, I64, Any], I64]
-
-
-def put_neural_indices(
-    emitter: Emitter, coder: IndexCoder, context: LayerContext, indices: Ints, before: I64, after: I64
-) -> None:
-    """Emit stages before+1..after of every anchor known.
-
-    Args:
-        context: with every channel settled for this layer.
-        indices: (n, stages) int16 codeword numbers.
-        before, after: (n,) stages before and after this layer.
-    """
-
-    def put(stage: int, anchors: I64, mixed: Any) -> I64:
-        chosen: I64 = indices[anchors, stage - 1].astype(np.int64)
-        _put_symbols(emitter, coder, int(stage > 1), mixed, chosen)
-        return chosen
-
-    _code(coder, context, indices, before, after, put)
-
-
-def get_neural_indices(
-    reader: SymbolReader, coder: IndexCoder, context: LayerContext, indices: I16, before: I64, after: I64
-) -> None:
-    """Read stages before+1..after into `indices`, (n, stages) int16, in place; the rest as for the emitter."""
-    packed = None if reader.compiled is None else coder.evaluator.packed
-    if reader.compiled is not None and packed is not None and packed.codes(int(after.max(initial=0))):
-        _get_compiled(reader, reader.compiled, packed, coder, context, indices, (before, after))
-        return
-
-    def get(stage: int, anchors: I64, mixed: Any) -> I64:
-        chosen = _get_symbols(reader, coder, stage, mixed, len(anchors))
-        indices[anchors, stage - 1] = chosen
-        return chosen
-
-    _code(coder, context, indices, before, after, get)
-
-
-def _get_compiled(
-    reader: SymbolReader,
-    compiled: KernelRansDecoder,
-    packed: PackedNetwork,
-    coder: IndexCoder,
-    context: LayerContext,
-    indices: I16,
-    stages: tuple[I64, I64],
-) -> None:
-    """As :func:`get_neural_indices`, one call of the compiled library."""
-    before, after = stages
-    features = _grid_features(coder, context, before < after)
-    settled = np.ascontiguousarray(context.settled())
-    cells, log2 = context.cell_names, context.model.context.passes_log2
-    known = Known(context.classes, settled, features, context.by_code, cells, log2)
-    reader.modelled += read_indices(compiled, packed, known, indices, before, after)
-    if context.counters is not None:
-        for part in context.parts(np.flatnonzero(before < after)):
-            _count_pass(coder, context, part, indices, (before[part], after[part]))
-
-
-def _count_pass(
-    coder: IndexCoder, context: LayerContext, part: I64, indices: Ints, stages: tuple[I64, I64]
-) -> None:
-    """Count the work of a pass, as :func:`_code_pass` does on its way."""
-    before, after = stages
-    work = NetworkWork(coder.network, context.counters)
-    work.embedded(len(part))
-    last = int(after.max(initial=0))
-    for stage in range(1, last + 1):
-        coded = part[(before < stage) & (after >= stage)]
-        if len(coded):
-            work.mixed(stage, len(coded))
-            work.coded(stage, indices[coded, stage - 1].astype(np.int64))
-        if stage < last:
-            work.advanced(stage, len(part))
-
-
-def _code(
-    coder: IndexCoder, context: LayerContext, indices: Ints, before: I64, after: I64, exchange: Exchange
-) -> None:
-    settled = context.settled()
-    inputs = coder.network.inputs
-    latents = coder.books.latents(indices, before, inputs.latents)
-    means = context.cells.sums(settled.shape[1] + inputs.latents)
-    known = np.flatnonzero(before > 0)
-    means.add(context.rows(known), np.concatenate([settled[known], latents[known]], axis=1))
-    group = np.flatnonzero(before < after)
-    around = Around(context, settled, means, _grid_features(coder, context, before < after))
-    for part in context.parts(group):
-        _code_pass(coder, around, part, indices, (before[part], after[part]), exchange)
-        decoded = coder.books.latents(indices[part], after[part], inputs.latents)
-        means.add(context.rows(part), np.concatenate([settled[part], decoded], axis=1))
+# (coder, what it reads, anchors of a pass) -> their input columns.
+Columns = Callable[["IndexCoder", "Around", I64], F32]
+# (reader, coder, stage, mixer outputs, how many) -> the indices of a stage.
+ReadSymbols = Callable[[SymbolReader, "IndexCoder", int, Any, int], I64]
 
 
 @dataclass(frozen=True)
@@ -172,58 +81,13 @@ class Around:
 
     context: LayerContext
     settled: I32
-    means: CellSums | KernelCellSums
+    means: Sums
     grid: I16
-
-
-def _grid_features(coder: IndexCoder, context: LayerContext, wanted: NDArray[np.bool_]) -> I16:
-    out = np.zeros((len(context), 0 if coder.grid is None else coder.grid.width), np.int16)
-    if coder.grid is not None and wanted.any():
-        # In Morton order, in which neighbours share cells.
-        ordered = context.by_code[wanted[context.by_code]]
-        out[ordered] = coder.grid.features(context.lattice_positions(ordered))
-        if context.counters is not None:
-            context.counters.multiply(Part.HASH_GRID, len(ordered), grid_products(coder.grid))
-    return out
-
-
-def _code_pass(
-    coder: IndexCoder,
-    around: Around,
-    part: I64,
-    indices: Ints,
-    stages: tuple[I64, I64],
-    exchange: Exchange,
-) -> None:
-    """All stages of the anchors of one pass; the recurrent state runs over stages received earlier, too."""
-    evaluator, observer = coder.evaluator, around.context.observer
-    before, after = stages
-    work = NetworkWork(coder.network, around.context.counters)
-    watch = None if observer is None else observer.embedding
-    embedded = evaluator.embed(embedding_inputs(coder, around, part), watch)
-    work.embedded(len(part))
-    state = evaluator.start(len(part))
-    for stage in range(1, int(after.max(initial=0)) + 1):
-        coded = np.flatnonzero((before < stage) & (after >= stage))
-        if len(coded):
-            whole = len(coded) == len(part)
-            here = (embedded, state) if whole else (embedded[coded], evaluator.take(state, coded))
-            work.mixed(stage, len(coded))
-            work.coded(stage, exchange(stage, part[coded], evaluator.context(*here)))
-        if stage < int(after.max()):
-            work.advanced(stage, len(part))
-            # Anchors without this stage are not coded later: their state no longer matters.
-            state = evaluator.advance(state, stage, np.where(after >= stage, indices[part, stage - 1], 0))
 
 
 def embedding_inputs(coder: IndexCoder, known: Around, part: I64) -> F32:
     """(m, width) float32 integers: the input columns of the anchors `part`, clamped (SPEC §10.5)."""
     inputs, amax = coder.network.inputs, coder.network.amax
-    if isinstance(known.means, KernelCellSums):
-        chosen = part, known.context.rows(part)
-        return kernel_embedding_inputs(
-            coder.network, known.means, known.context.classes, known.settled, known.grid, chosen
-        )
     x = np.zeros((len(part), inputs.width), np.float32)
     kinds = known.context.classes[part]
     some = np.flatnonzero(kinds < inputs.classes)
@@ -245,6 +109,166 @@ def embedding_inputs(coder: IndexCoder, known: Around, part: I64) -> F32:
     return np.clip(x, -amax, amax, out=x)
 
 
+def read_first(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any, count: int) -> I64:
+    """(count,) codewords of a flat head, clusters of a two-level one, of (count, Y) mixer outputs."""
+    first = np.empty(count, np.int64)
+    for block in coder.evaluator.first_blocks(int(stage > 1), mixed):
+        first[block.rows] = reader.read_logits(block.logits, block.weights, stage)
+    return first
+
+
+def read_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any, count: int) -> I64:
+    """(count,) indices of a stage, of (count, Y) mixer outputs: a symbol each, or a cluster and a member."""
+    book, evaluator = int(stage > 1), coder.evaluator
+    head, first = coder.network.heads[book], read_first(reader, coder, stage, mixed, count)
+    if not head.two_level:
+        return first
+    out: I64 = head.starts[first]
+    for block in evaluator.member_blocks(book, mixed, first):
+        out[block.rows] += reader.read_logits(block.logits, block.weights, stage)
+    return out
+
+
+def put_neural_indices(
+    emitter: Emitter,
+    coder: IndexCoder,
+    context: LayerContext,
+    indices: Ints,
+    before: I64,
+    after: I64,
+    columns: Columns = embedding_inputs,
+) -> None:
+    """Emit stages before+1..after of every anchor known.
+
+    Args:
+        context: with every channel settled for this layer.
+        indices: (n, stages) int16 codeword numbers.
+        before, after: (n,) stages before and after this layer.
+        columns: gives the network's inputs.
+    """
+
+    def put(stage: int, anchors: I64, mixed: Any) -> I64:
+        chosen: I64 = indices[anchors, stage - 1].astype(np.int64)
+        _put_symbols(emitter, coder, int(stage > 1), mixed, chosen)
+        return chosen
+
+    _code(coder, context, indices, (before, after), put, columns)
+
+
+def get_neural_indices(
+    reader: SymbolReader,
+    coder: IndexCoder,
+    context: LayerContext,
+    indices: I16,
+    before: I64,
+    after: I64,
+    columns: Columns = embedding_inputs,
+    symbols: ReadSymbols = read_symbols,
+) -> None:
+    """Read stages before+1..after into `indices`, (n, stages) int16, in place.
+
+    Args:
+        context, before, after, columns: as of :func:`put_neural_indices`.
+        symbols: reads the indices of a stage.
+    """
+
+    def get(stage: int, anchors: I64, mixed: Any) -> I64:
+        chosen = symbols(reader, coder, stage, mixed, len(anchors))
+        indices[anchors, stage - 1] = chosen
+        return chosen
+
+    _code(coder, context, indices, (before, after), get, columns)
+
+
+def count_pass(
+    coder: IndexCoder, context: LayerContext, part: I64, indices: Ints, stages: tuple[I64, I64]
+) -> None:
+    """Count the work of a pass that was coded elsewhere.
+
+    Args:
+        part: (m,) its anchors.
+        indices: (n, stages) of all anchors.
+        stages: (m,) before and after this layer.
+    """
+    before, after = stages
+    work = NetworkWork(coder.network, context.counters)
+    work.embedded(len(part))
+    last = int(after.max(initial=0))
+    for stage in range(1, last + 1):
+        coded = part[(before < stage) & (after >= stage)]
+        if len(coded):
+            work.mixed(stage, len(coded))
+            work.coded(stage, indices[coded, stage - 1].astype(np.int64))
+        if stage < last:
+            work.advanced(stage, len(part))
+
+
+def _code(
+    coder: IndexCoder,
+    context: LayerContext,
+    indices: Ints,
+    stages: tuple[I64, I64],
+    exchange: Exchange,
+    columns: Columns,
+) -> None:
+    before, after = stages
+    settled = context.settled()
+    width = coder.network.inputs.latents
+    latents = coder.books.latents(indices, before, width)
+    means = context.sums(settled.shape[1] + width)
+    known = np.flatnonzero(before > 0)
+    means.add(context.rows(known), np.concatenate([settled[known], latents[known]], axis=1))
+    group = np.flatnonzero(before < after)
+    around = Around(context, settled, means, grid_features(coder, context, before < after))
+    for part in context.parts(group):
+        inputs = columns(coder, around, part)
+        _code_pass(coder, around, part, inputs, indices, (before[part], after[part]), exchange)
+        decoded = coder.books.latents(indices[part], after[part], width)
+        means.add(context.rows(part), np.concatenate([settled[part], decoded], axis=1))
+
+
+def grid_features(coder: IndexCoder, context: LayerContext, wanted: NDArray[np.bool_]) -> I16:
+    """(n, features) int16 of the hash grid at the anchors `wanted`, (n,) bool; 0 at others."""
+    out = np.zeros((len(context), 0 if coder.grid is None else coder.grid.width), np.int16)
+    if coder.grid is not None and wanted.any():
+        # In Morton order, in which neighbours share cells.
+        ordered = context.by_code[wanted[context.by_code]]
+        out[ordered] = context.grid_features(coder.grid, ordered)
+        if context.counters is not None:
+            context.counters.multiply(Part.HASH_GRID, len(ordered), grid_products(coder.grid))
+    return out
+
+
+def _code_pass(
+    coder: IndexCoder,
+    around: Around,
+    part: I64,
+    inputs: F32,
+    indices: Ints,
+    stages: tuple[I64, I64],
+    exchange: Exchange,
+) -> None:
+    """All stages of the anchors of one pass; the recurrent state runs over stages received earlier, too."""
+    evaluator, observer = coder.evaluator, around.context.observer
+    before, after = stages
+    work = NetworkWork(coder.network, around.context.counters)
+    watch = None if observer is None else observer.embedding
+    embedded = evaluator.embed(inputs, watch)
+    work.embedded(len(part))
+    state = evaluator.start(len(part))
+    for stage in range(1, int(after.max(initial=0)) + 1):
+        coded = np.flatnonzero((before < stage) & (after >= stage))
+        if len(coded):
+            whole = len(coded) == len(part)
+            here = (embedded, state) if whole else (embedded[coded], evaluator.take(state, coded))
+            work.mixed(stage, len(coded))
+            work.coded(stage, exchange(stage, part[coded], evaluator.mixed(*here)))
+        if stage < int(after.max()):
+            work.advanced(stage, len(part))
+            # Anchors without this stage are not coded later: their state no longer matters.
+            state = evaluator.advance(state, stage, np.where(after >= stage, indices[part, stage - 1], 0))
+
+
 def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: Any, symbols: I64) -> None:
     head, evaluator = coder.network.heads[book], coder.evaluator
     if not head.two_level:
@@ -257,27 +281,5 @@ def _put_symbols(emitter: Emitter, coder: IndexCoder, book: int, mixed: Any, sym
 
 
 def _put_blocks(emitter: Emitter, blocks: Iterable[Block], symbols: I64) -> None:
-    compiled = isinstance(emitter, GroupEmitter) and kernel.enabled()
     for block in blocks:
-        logits = block.logits if compiled else None
-        if isinstance(emitter, GroupEmitter) and logits is not None:
-            emitter.emit_logits(logits, symbols[block.rows])
-        else:
-            emitter.emit_rows(block.weights(), symbols[block.rows])
-
-
-def _get_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any, count: int) -> I64:
-    book, evaluator = int(stage > 1), coder.evaluator
-    head = coder.network.heads[book]
-    first = np.empty(count, np.int64)
-    for block in evaluator.first_blocks(book, mixed):
-        first[block.rows] = reader.read_logits(block.logits, block.weights, stage)
-    if not head.two_level:
-        return first
-    out: I64 = head.starts[first]
-    packed = evaluator.packed_members(book, mixed) if reader.compiled is not None and count else None
-    if packed is not None:
-        return out + reader.read_members(packed[0], first, packed[1])
-    for block in evaluator.member_blocks(book, mixed, first):
-        out[block.rows] += reader.read_logits(block.logits, block.weights, stage)
-    return out
+        emitter.emit_logits(block.logits, block.weights, symbols[block.rows])

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import Emitter, StepKey, SymbolReader, TableKey, emit_grouped, missing_table
+from scarfmt.entropy.emitters import Emitter
+from scarfmt.entropy.keys import StepKey, TableKey
+from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
-from scarfmt.kernel.positions import BAD_BIN, BAD_REST, BAD_SPLIT, KernelPositions
-from scarfmt.kernel.rans import ALL_READ, KernelRansDecoder
 
 U64 = NDArray[np.uint64]
 I64 = NDArray[np.int64]
@@ -31,7 +31,8 @@ _BIT_CHUNK = 12
 _FEW_NODES = 4
 
 
-_KEY = StepKey(Stream.POSITIONS, (0,), 0)
+KEY = StepKey(Stream.POSITIONS, (0,), 0)
+"""Names the tables of splits; a kind is a number of anchors, up to LARGEST_OWN_TABLE + 1."""
 
 
 def _key(count: int) -> TableKey:
@@ -81,7 +82,7 @@ def put_positions(emitter: Emitter, codes: U64, bits: int) -> None:
 
 def _put_splits(emitter: Emitter, count: I64, lower: I64) -> None:
     large = count > LARGEST_OWN_TABLE
-    emit_grouped(emitter, _KEY, count[~large], lower[~large])
+    emitter.emit_grouped(KEY, count[~large], lower[~large])
     sizes, below = count[large], lower[large]
     bins = below * _BINS // (sizes + 1)
     emitter.emit(_key(LARGEST_OWN_TABLE + 1), bins)
@@ -112,8 +113,6 @@ def get_positions(reader: SymbolReader, total: int, bits: int) -> U64:
     Raises:
         Malformed: ``bad-split`` when a split count exceeds its node's.
     """
-    if reader.compiled is not None and total:
-        return _get_compiled(reader, reader.compiled, total, bits)
     codes = np.zeros(total, np.uint64)
     start, count = np.zeros(1, np.int64), np.array([total], np.int64)
     start, count = start[count > 0], count[count > 0]
@@ -149,18 +148,6 @@ def get_positions(reader: SymbolReader, total: int, bits: int) -> U64:
     return codes
 
 
-def _get_compiled(reader: SymbolReader, compiled: KernelRansDecoder, total: int, bits: int) -> U64:
-    """As :func:`get_positions`, of one anchor or more, by the compiled library."""
-    found = KernelPositions(compiled, reader.tables.packed(_KEY), total, bits)
-    if found.read in _FAULTS:
-        raise _FAULTS[found.read]()
-    if found.read != ALL_READ:
-        raise missing_table(_KEY.table(found.read))
-    reader.static += found.static
-    reader.uniform += found.uniform
-    return found.codes
-
-
 def _few_children(reader: SymbolReader, start: I64, count: I64, prefix: U64, bit: int) -> tuple[I64, I64, U64]:
     """The children of a few nodes, one by one: duplicates go down all levels alone, where arrays would cost most."""
     counts = count.tolist()
@@ -185,42 +172,42 @@ def _few_splits(reader: SymbolReader, counts: list[int]) -> list[int]:
         for node, below in zip(nodes, reader.read(_key(n), len(nodes)).tolist(), strict=True):
             lower[node] = below
     if any(not 0 <= below <= n for below, n in zip(lower, counts, strict=True)):
-        raise _too_many_below()
+        raise too_many_below()
     return lower
 
 
-def _too_many_below() -> Malformed:
+def too_many_below() -> Malformed:
+    """The refusal of a lower half that holds more than the node."""
     message = "a split puts more anchors below than the node holds (SPEC §7.2)"
     return Malformed("bad-split", message, field="positions")
 
 
-def _bad_bin() -> Malformed:
+def bad_bin() -> Malformed:
+    """The refusal of a bin that is none."""
     return Malformed("bad-split", "a split bin is not in 0..15 (SPEC §7.2)", field="positions")
 
 
-def _bad_rest() -> Malformed:
+def bad_rest() -> Malformed:
+    """The refusal of a uniform value beyond its range."""
     return Malformed("bad-split", "a uniform remainder is out of range (SPEC §7.2)", field="positions")
-
-
-_FAULTS = {BAD_BIN: _bad_bin, BAD_REST: _bad_rest, BAD_SPLIT: _too_many_below}
 
 
 def _get_splits(reader: SymbolReader, count: I64) -> I64:
     lower = np.zeros(len(count), np.int64)
     few = count <= LARGEST_OWN_TABLE
     small, large = np.flatnonzero(few), np.flatnonzero(~few)
-    lower[small] = reader.read_grouped(_KEY, count[small])
+    lower[small] = reader.read_grouped(KEY, count[small])
     if len(large):
         lower[large] = _get_large_splits(reader, count[large])
     if bool(((lower < 0) | (lower > count)).any()):
-        raise _too_many_below()
+        raise too_many_below()
     return lower
 
 
 def _get_large_splits(reader: SymbolReader, count: I64) -> I64:
     bins = reader.read(_key(LARGEST_OWN_TABLE + 1), len(count))
     if int(bins.min()) < 0 or int(bins.max()) >= _BINS:
-        raise _bad_bin()
+        raise bad_bin()
     first = _bin_edges(count, bins)
     widths = _bin_edges(count, bins + 1) - first
     rest = np.zeros(len(count), np.int64)
@@ -236,7 +223,7 @@ def _get_uniform(reader: SymbolReader, size: int, count: int) -> I64:
     high = reader.read_uniform(((size - 1) >> _BIT_CHUNK) + 1, count)
     value = (high << _BIT_CHUNK) | reader.read_uniform(1 << _BIT_CHUNK, count)
     if bool((value >= size).any()):
-        raise _bad_rest()
+        raise bad_rest()
     return value
 
 

@@ -13,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import SymbolReader, SymbolTable, TableKey, cached_uniform
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.rans import SymbolSource, cached_uniform
+from scarfmt.entropy.symbol_reader import SymbolReader
+from scarfmt.entropy.symbol_tables import SymbolTable
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -46,16 +49,16 @@ class ObservedReader(SymbolReader):
     """Reads one sub-stream, and tells by which tables."""
 
     def __init__(
-        self, data: bytes, tables: Mapping[TableKey, SymbolTable], stream: Stream, observer: LayerObserver
+        self,
+        data: bytes,
+        tables: Mapping[TableKey, SymbolTable],
+        stream: Stream,
+        observer: LayerObserver,
+        source: SymbolSource | None = None,
     ) -> None:
-        super().__init__(data, tables)
+        super().__init__(data, tables, source)
         self._stream = stream
         self._observer = observer
-
-    @property
-    def compiled(self) -> None:
-        """The compiled decoder tells nothing of single groups."""
-        return None
 
     def read(self, key: TableKey, count: int) -> I64:
         values = super().read(key, count)

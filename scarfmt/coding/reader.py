@@ -23,9 +23,11 @@ from scarfmt.blocks.index_network import unpack_network
 from scarfmt.blocks.layer import Opening, unpack_layer
 from scarfmt.blocks.mlp import QuantisedMlp, unpack_networks
 from scarfmt.blocks.predictors import unpack_predictors
+from scarfmt.blocks.tables import unpack_tables
 from scarfmt.codecs.neural_indices import index_coder
 from scarfmt.coding.checks_of_models import check_index_network, check_networks
 from scarfmt.coding.counters import Counters
+from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.coding.observe import LayerObserver, Observe, ObservedReader
 from scarfmt.coding.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
 from scarfmt.coding.work import Contents, DeclaredWork, check_work, extent
@@ -34,12 +36,13 @@ from scarfmt.container.file import COALESCE_BYTES, Container, Entry, check_crc
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE, Substream, check_substream, unpack_table
-from scarfmt.entropy.symbols import StaticTables, SymbolReader, SymbolTable, TableKey, unpack_tables
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_reader import SymbolReader
+from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
-from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.predictors import Predictor, check_predictors
 from scarfmt.neural.products import NetworkWork
 from scarfmt.scene.codebooks import Codebooks
@@ -133,14 +136,14 @@ class SceneModels:
             self.model, self.tables, self.predictors, self.network, self.codebooks, self.grid, networks
         )
 
-    def neural(self, operations: Operations = NUMPY, *, indices: bool = True) -> tuple[NeuralModels, ...]:
-        """What codes symbols beside static tables, per layer; `operations` does the network's arithmetic.
+    def neural(self, engine: Engine = NUMPY_ENGINE, *, indices: bool = True) -> tuple[NeuralModels, ...]:
+        """What codes symbols beside static tables, per layer, prepared for an engine.
 
         Without `indices`, the index network is not prepared: none can be decoded.
         """
         coder = None
         if indices and self.network is not None and self.codebooks is not None:
-            coder = index_coder(self.network, self.codebooks, self.grid, operations)
+            coder = index_coder(self.network, self.codebooks, self.grid, engine.operations)
         return tuple(NeuralModels(predictors, coder) for predictors in self.predictors)
 
 
@@ -151,7 +154,10 @@ class SceneReader:
         source: the file.
         limits: what the caller accepts.
         allow_truncated: use the whole layers of a cut file instead of refusing it.
-        operations: array arithmetic of the index network; whichever it is, the result is the same.
+        engine: what computes; whichever it is, the result is the same.
+
+    Attributes:
+        engine: as given.
     """
 
     def __init__(
@@ -160,9 +166,9 @@ class SceneReader:
         *,
         limits: Limits = DEFAULT_LIMITS,
         allow_truncated: bool = False,
-        operations: Operations = NUMPY,
+        engine: Engine = NUMPY_ENGINE,
     ) -> None:
-        self._operations = operations
+        self.engine = engine
         self._prepared: tuple[tuple[SceneModels, bool], tuple[NeuralModels, ...]] | None = None
         self.container = Container.open(source, limits=limits, allow_truncated=allow_truncated)
         self.header = self.container.header
@@ -333,7 +339,7 @@ class SceneReader:
         kept = self._prepared
         if kept is not None and kept[0][0] is models and kept[0][1] >= indices:
             return kept[1]
-        neural = models.neural(self._operations, indices=indices)
+        neural = models.neural(self.engine, indices=indices)
         if neural[-1].indices is not None:
             NetworkWork(neural[-1].indices.network, counters).prepared(neural[-1].indices.books)
         self._prepared = (models, indices), neural
@@ -374,9 +380,10 @@ class SceneReader:
                 continue
             parts = self._substreams(entry, payload, model, streams) if entry else {}
             observer = observe(tile, layer) if observe is not None else None
-            here, readers = content.head(known), _Readers(parts, tables, observer)
+            here, readers = content.head(known), _Readers(parts, tables, observer, self.engine)
             decode = partial(
-                get_layer, model, layer, frame, here, new, readers.open, streams, sizes, beside, observer, counters
+                get_layer, model, layer, frame, here, new, readers.open, streams, sizes, beside, observer, counters,
+                self.engine,
             )
             if entry is None:
                 decode()
@@ -493,17 +500,22 @@ class _Readers:
     """The readers of one layer of one tile."""
 
     def __init__(
-        self, parts: dict[Stream, bytes], tables: dict[TableKey, SymbolTable], observer: LayerObserver | None
+        self,
+        parts: dict[Stream, bytes],
+        tables: dict[TableKey, SymbolTable],
+        observer: LayerObserver | None,
+        engine: Engine,
     ) -> None:
-        self._parts, self._tables, self._observer = parts, tables, observer
+        self._parts, self._tables, self._observer, self._engine = parts, tables, observer, engine
         self._opened: list[tuple[Stream, SymbolReader]] = []
 
     def open(self, stream: Stream) -> SymbolReader:
         data = self._parts.get(stream, b"")
         if self._observer is None:
-            reader = SymbolReader(data, self._tables)
+            reader = self._engine.symbol_reader(data, self._tables)
         else:
-            reader = ObservedReader(data, self._tables, stream, self._observer)
+            source = self._engine.rans_decoder(data)
+            reader = ObservedReader(data, self._tables, stream, self._observer, source)
         self._opened.append((stream, reader))
         return reader
 

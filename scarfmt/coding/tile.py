@@ -15,17 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.codecs.channels import check_reach, coarsen, get_channel, put_channel, steps_between
+from scarfmt.codecs.channels import check_reach, coarsen, steps_between
 from scarfmt.codecs.classes import get_classes, put_classes
 from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
-from scarfmt.codecs.neural_indices import IndexCoder, get_neural_indices, put_neural_indices
-from scarfmt.codecs.positions import get_positions, put_positions
+from scarfmt.codecs.neural_indices import IndexCoder
+from scarfmt.codecs.positions import put_positions
 from scarfmt.coding.counters import Counters
+from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.coding.observe import LayerObserver
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.entropy.symbols import Emitter, SymbolReader
+from scarfmt.entropy.emitters import Emitter
+from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predicted import PredictedChannel, Predictors, PredictorSet
 from scarfmt.scene.model import SceneModel
@@ -138,6 +140,7 @@ def put_layer(
     content: TileContent,
     emitters: Callable[[Stream], Emitter],
     neural: NeuralModels = STATIC,
+    engine: Engine = NUMPY_ENGINE,
 ) -> int:
     """Emit one layer of one tile.
 
@@ -148,6 +151,7 @@ def put_layer(
         content: the tile at the model's last layer, anchors in order.
         emitters: gives the emitter of a stream kind.
         neural: predictors and index network.
+        engine: what computes.
 
     Returns:
         How many anchors first appear in it.
@@ -166,7 +170,7 @@ def put_layer(
     last = len(model.layers)
     known_first: list[I32] = []
     coder = neural.coder(model, layer)
-    context = _context(model, frame, content, neural.sets, coder)
+    context = _context(model, frame, content, neural.sets, coder, engine)
     for index, channel in enumerate(model.channels):
         emitter = emitters(channel.stream)
         if channel.stream == Stream.OFFSETS:
@@ -180,12 +184,12 @@ def put_layer(
         if context is not None:
             steps = before_steps, after_steps
             predicted = _predicted(context, index, neural.sets, _at(*final, before_steps), steps)
-        put_channel(emitter, channel, classes, before_steps, after_steps, final, known_first, predicted)
+        engine.put_channel(emitter, channel, classes, (before_steps, after_steps), final, known_first, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, _at(*final, after_steps), after_steps)
     stages = model.stages(layer - 1, classes), model.stages(layer, classes)
     if coder is not None and context is not None:
-        put_neural_indices(emitters(Stream.INDICES), coder, context, content.indices, *stages)
+        engine.put_neural_indices(emitters(Stream.INDICES), coder, context, content.indices, stages)
     else:
         put_indices(emitters(Stream.INDICES), content.indices, classes, *stages)
     return len(new)
@@ -202,13 +206,14 @@ def _context(
     content: TileContent,
     predictors: PredictorSet,
     coder: IndexCoder | None,
+    engine: Engine,
     observer: LayerObserver | None = None,
     counters: Counters | None = None,
 ) -> LayerContext | None:
     """The decoded context of a tile-layer, None where nothing looks at it."""
     if coder is None and not predictors:
         return None
-    return LayerContext(model, frame, content.codes, content.classes, observer, counters)
+    return LayerContext(model, frame, content.codes, content.classes, observer, counters, engine)
 
 
 def _predicted(
@@ -259,6 +264,7 @@ def get_layer(
     neural: NeuralModels = STATIC,
     observer: LayerObserver | None = None,
     counters: Counters | None = None,
+    engine: Engine = NUMPY_ENGINE,
 ) -> None:
     """Read one layer of one tile, in place: the inverse of :func:`put_layer`.
 
@@ -271,12 +277,13 @@ def get_layer(
         neural: predictors and index network.
         observer: told what they compute.
         counters: of their multiply-adds.
+        engine: what computes.
     """
     known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
     classes = content.classes
     if new:
         with _opened(open_stream, Stream.POSITIONS) as reader:
-            content.codes[-new:] = get_positions(reader, new, frame.bits)
+            content.codes[-new:] = engine.get_positions(reader, new, frame.bits)
         with _opened(open_stream, Stream.CLASSES) as reader:
             classes[-new:] = get_classes(reader, new, known, past)
     turned_on = np.zeros(content.slot_layers.shape, np.bool_)
@@ -287,7 +294,7 @@ def get_layer(
         content.slot_layers[turned_on] = layer
     need = needed_streams(model, wanted, neural)
     coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
-    context = _context(model, frame, content, neural.sets, coder, observer, counters)
+    context = _context(model, frame, content, neural.sets, coder, engine, observer, counters)
     for index, channel in enumerate(model.channels):
         if channel.stream not in need:
             continue
@@ -300,7 +307,7 @@ def get_layer(
             predicted = None
             if context is not None:
                 predicted = _predicted(context, index, neural.sets, values, steps)
-            get_channel(reader, channel, classes, *steps, values, first, predicted)
+            engine.get_channel(reader, channel, classes, steps, values, first, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, content.values[index], steps[1])
         # What this layer leaves as it was has been checked.
@@ -310,7 +317,7 @@ def get_layer(
         with _opened(open_stream, Stream.INDICES) as reader:
             stages = model.stages(layer - 1, classes), model.stages(layer, classes)
             if coder is not None and context is not None:
-                get_neural_indices(reader, coder, context, content.indices, *stages)
+                engine.get_neural_indices(reader, coder, context, content.indices, stages)
                 return
             get_indices(reader, content.indices, classes, *stages, book_sizes)
 

@@ -18,7 +18,8 @@ from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.directory import Table
 from scarfmt.container.schema import BlockKind, Profile, Stream
-from scarfmt.entropy.symbols import SymbolTable, TableKey
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import LimitExceeded
 from scarfmt.limits import FREE_CONTENT, FREE_WORK, Limits
 from scarfmt.neural.grid import HashGrid

@@ -21,9 +21,11 @@ from scarfmt.blocks.layer import pack_layer
 from scarfmt.blocks.metadata import pack_metadata
 from scarfmt.blocks.mlp import QuantisedMlp, pack_networks
 from scarfmt.blocks.predictors import pack_predictors
+from scarfmt.blocks.tables import fit_table, pack_table, pack_tables
 from scarfmt.codecs.channels import coarsen
 from scarfmt.codecs.neural_indices import IndexCoder, index_coder
 from scarfmt.coding.checks_of_scene import check_books, check_content
+from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import NeuralModels, TileContent, first_values, put_layer
 from scarfmt.container.bytefields import compress
@@ -32,16 +34,9 @@ from scarfmt.container.file import Block, HeaderFields, Tile, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import pack_substreams
-from scarfmt.entropy.symbols import (
-    StaticTables,
-    SymbolCounter,
-    SymbolRecorder,
-    SymbolTable,
-    TableKey,
-    fit_table,
-    pack_table,
-    pack_tables,
-)
+from scarfmt.entropy.emitters import SymbolCounter, SymbolRecorder
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.errors import InvalidInput, ScarError
 from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.neural.grid import HashGrid
@@ -155,15 +150,15 @@ class _RecordedTile:
 
 
 def _record_tile(
-    scene: QuantisedScene, layer: int, tile: int, neural: NeuralModels, counter: SymbolCounter
+    scene: QuantisedScene, layer: int, tile: int, neural: NeuralModels, counter: SymbolCounter, engine: Engine
 ) -> _RecordedTile:
     recorders: dict[Stream, SymbolRecorder] = {}
 
     def recorder(stream: Stream) -> SymbolRecorder:
-        return recorders.setdefault(stream, SymbolRecorder(counter))
+        return recorders.setdefault(stream, SymbolRecorder(counter, engine.symbol_writer))
 
     frame = tile_frame(scene.fields, scene.tiles[tile])
-    new = put_layer(scene.model, layer, frame, scene.contents[tile], recorder, neural)
+    new = put_layer(scene.model, layer, frame, scene.contents[tile], recorder, neural, engine)
     for one in recorders.values():
         one.settle()
     return _RecordedTile(new, recorders)
@@ -181,16 +176,21 @@ def _check(scene: QuantisedScene) -> None:
         check_content(scene.model, scene.codebooks, local_bits(scene.fields, tile), content)
 
 
-def _check_models(data: bytes) -> None:
+def _check_models(data: bytes, engine: Engine) -> None:
     # The reader's own rules are the writer's contract.
     try:
-        SceneReader(BytesSource(data), limits=FORMAT_LIMITS).models()
+        SceneReader(BytesSource(data), limits=FORMAT_LIMITS, engine=engine).models()
     except ScarError as error:
         raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
 
 
-def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
-    """The bytes of a file. Equal scenes give equal bytes.
+def write_scene(scene: QuantisedScene, report: Report = silent, engine: Engine = NUMPY_ENGINE) -> bytes:
+    """The bytes of a file. Equal scenes give equal bytes, whatever the engine.
+
+    Args:
+        scene: what to write.
+        report: told (stage, fraction done).
+        engine: what computes.
 
     Raises:
         InvalidInput: ``input-container`` when the scene breaks a rule of SPEC.md, ``input-table`` when a channel
@@ -205,14 +205,14 @@ def write_scene(scene: QuantisedScene, report: Report = silent) -> bytes:
         recorded = []
         for tile in range(len(scene.tiles)):
             report("code", (layer - 1 + tile / len(scene.tiles)) / layers)
-            recorded.append(_record_tile(scene, layer, tile, neural, counter))
+            recorded.append(_record_tile(scene, layer, tile, neural, counter, engine))
         sent = _fit_tables(counter, known)
         known = StaticTables({**known, **sent})
         blocks += _model_blocks(scene, layer, sent)
         coded = (each.block(layer, tile, known) for tile, each in enumerate(recorded))
         blocks += [block for block in coded if block is not None]
     data = write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
-    _check_models(data)
+    _check_models(data, engine)
     report("code", 1.0)
     return data
 

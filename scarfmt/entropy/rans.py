@@ -11,7 +11,7 @@ therefore codes the groups it was given in reverse order.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
 import constriction
@@ -106,6 +106,13 @@ def uniform_table(size: int) -> FrequencyTable:
     return FrequencyTable.from_weights(np.ones(size, np.int64))
 
 
+# Few sizes are in use; large tables take 130 KB each with their model, so not all of them are kept.
+@lru_cache(maxsize=128)
+def cached_uniform(size: int) -> FrequencyTable:
+    """The uniform table of `size` symbols, made once."""
+    return uniform_table(size)
+
+
 class SymbolSource(Protocol):
     """What a sub-stream codec reads from: either decoder."""
 
@@ -114,6 +121,16 @@ class SymbolSource(Protocol):
     def decode_rows(self, weights: F64) -> I32: ...
 
     def finish(self) -> None: ...
+
+
+class SymbolSink(Protocol):
+    """What a sub-stream codec writes to."""
+
+    def encode(self, symbols: NDArray[np.integer[Any]], table: FrequencyTable) -> None: ...
+
+    def encode_rows(self, symbols: NDArray[np.integer[Any]], weights: F64) -> None: ...
+
+    def finish(self) -> bytes: ...
 
 
 class RansEncoder:

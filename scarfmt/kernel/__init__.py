@@ -1,44 +1,7 @@
-"""Optional compiled inner loops of the decoder. Without them the same integers come from NumPy and constriction.
+"""The second engine: inner loops in C, called through ctypes (docs/decisions/0016).
 
-The library is built when the package is installed and a C compiler is found; nothing fails without one. It is called
-through ctypes, which lets other threads run meanwhile. ``SCARFMT_KERNEL=0`` in the environment leaves it unused.
+The library is built when the package is installed and a C compiler is found. With it
+:class:`scarfmt.kernel.engine.KernelEngine` does what :class:`scarfmt.coding.engine.NumpyEngine` defines, to the same
+integers and bytes, and leaves the rest to that. Other threads run while the library does. Nothing below this package
+imports it; :mod:`scarfmt.engines` chooses.
 """
-
-from __future__ import annotations
-
-import ctypes
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
-
-from scarfmt.kernel.interface import load
-
-_unwanted = 0
-
-
-def available() -> bool:
-    """Whether the compiled library is there."""
-    return load() is not None
-
-
-def functions() -> ctypes.CDLL | None:
-    """The compiled library, None where it is not there or not wanted."""
-    if _unwanted or os.environ.get("SCARFMT_KERNEL") == "0":
-        return None
-    return load()
-
-
-def enabled() -> bool:
-    """Whether decoding uses the compiled library."""
-    return functions() is not None
-
-
-@contextmanager
-def disabled() -> Iterator[None]:
-    """Decode without the compiled library meanwhile, in all threads."""
-    global _unwanted
-    _unwanted += 1
-    try:
-        yield
-    finally:
-        _unwanted -= 1

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.kernel.interface import DEPTHS, Cells, address
+from scarfmt.kernel.memory import address
 from scarfmt.kernel.scratch import SCRATCH
+from scarfmt.kernel.structs import DEPTHS, Cells
 from scarfmt.limits import MAX_LOCAL_BITS
+from scarfmt.neural.layer_context import LayerContext
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
@@ -61,17 +63,22 @@ class CellNames:
         return Cells(self.depths, columns, self._pointers, (ctypes.c_void_p * DEPTHS)(*sums), self._sizes)
 
     def scratch(self, columns: int) -> Cells:
-        """The same, with anything in them, for one call that empties them first."""
+        """Cells with anything in them, for one call that empties them first."""
         ends = list(itertools.accumulate((8 * size * (columns + 1) for size in self.sizes), initial=0))
         start = SCRATCH.at("sums", ends[-1])
         return self.struct(columns, [start + end for end in ends[:-1]])
+
+
+def cell_names(context: LayerContext, library: ctypes.CDLL) -> CellNames:
+    """The cells of the anchors of a tile-layer; to be kept with it."""
+    return CellNames.of(library, context.codes, context.by_code, context.frame.bits, context.model.context.occupancies)
 
 
 class KernelCellSums:
     """Sums per cell and depth over the anchors added so far.
 
     Args:
-        library: from :func:`scarfmt.kernel.functions`.
+        library: the compiled library.
         cell: per depth, coarse first, the (n,) int32 cell of each anchor or row, in one piece.
         sizes: per depth, how many cells there are.
         columns: values of an anchor.

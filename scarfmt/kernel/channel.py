@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.entropy.keys import CONTEXTS
 from scarfmt.errors import InvalidInput
-from scarfmt.kernel.cells import CellNames
-from scarfmt.kernel.interface import Channel as Struct
-from scarfmt.kernel.interface import Layer, Predictor, Rule, address, check_symbols
-from scarfmt.kernel.rans import ALL_READ, CONTEXTS, KernelRansDecoder, PackedSteps
+from scarfmt.kernel import structs
+from scarfmt.kernel.memory import address, check_symbols
+from scarfmt.kernel.packed_predictors import PackedPredictors, PackedPredictorSteps, Surroundings
+from scarfmt.kernel.packed_tables import PackedSteps
 from scarfmt.kernel.scratch import SCRATCH
-from scarfmt.neural import predictors as definition
+from scarfmt.kernel.stream_decoder import ALL_READ, KernelRansDecoder
 from scarfmt.scene.model import MAX_CLASSES, NO_SOURCE, Channel, ContextRule
 
 I32 = NDArray[np.int32]
@@ -26,80 +26,14 @@ U16 = NDArray[np.uint16]
 
 BAD_TRIT = -2
 VALUE_RANGE = -3
-# Anchors whose inputs lie side by side, and rows of weights that are multiplied at once.
-_BLOCK, _ROWS = 16, 5
-
-
-class PackedPredictors:
-    """The predictors of one step of one channel, as the library reads them.
-
-    Args:
-        predictors: by component.
-        components: of the channel.
-    """
-
-    def __init__(self, predictors: Mapping[int, definition.Predictor], components: int) -> None:
-        self._arrays: list[NDArray[np.float32]] = []
-        self.array = (Predictor * components)()
-        for component, predictor in predictors.items():
-            self._fill(self.array[component], predictor)
-
-    def _fill(self, out: Predictor, predictor: definition.Predictor) -> None:
-        units, inputs = predictor.units, predictor.inputs
-        weights = np.zeros((-(-(units + 2) // _ROWS) * _ROWS, inputs), np.float32)
-        biases = np.zeros(units, np.float32)
-        if predictor.hidden is not None:
-            hidden, biases = predictor.hidden.folded
-            weights[:units] = hidden.T
-        last, last_biases = predictor.output.folded
-        weights[units : units + 2] = last[:inputs].T
-        out.units, out.rows = units, len(weights)
-        out.weights, out.biases, out.output = map(self._kept, (weights, biases, last[inputs:].T))
-        out.output_biases[:] = last_biases.tolist()
-        out.last[:] = [bucket - 1 for bucket in predictor.buckets]
-
-    def _kept(self, array: NDArray[np.float32]) -> int:
-        self._arrays.append(np.ascontiguousarray(array))
-        return self._arrays[-1].ctypes.data
-
-
-class PackedPredictorSteps:
-    """The predictors of consecutive steps of a channel.
-
-    Args:
-        steps: of each step, None where static contexts apply.
-
-    Attributes:
-        first: whether the first of these steps has any.
-    """
-
-    def __init__(self, steps: Sequence[PackedPredictors | None]) -> None:
-        self._kept, self.first = steps, steps[0] is not None
-        addresses = (None if step is None else ctypes.addressof(step.array) for step in steps)
-        self.array = (ctypes.c_void_p * len(steps))(*addresses)
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """What predictors look at.
-
-    Attributes:
-        settled: (n, a) int32 fine values of the attribute channels before; leading columns of a wider array.
-        cells: of the anchors.
-        by_code: (n,) int64 anchors by (code, index).
-        passes_log2: of the scene.
-    """
-
-    settled: I32
-    cells: CellNames
-    by_code: I64
-    passes_log2: int
+# Anchors whose inputs lie side by side.
+_BLOCK = 16
 
 
 @lru_cache(maxsize=256)
 def _packed_rules(rules: tuple[ContextRule, ...], columns: tuple[int, ...]) -> tuple[Any, frozenset[int]]:
     """The rules of a channel, and the channels they look at; `columns`: components of each channel."""
-    packed = (Rule * len(rules))()
+    packed = (structs.Rule * len(rules))()
     sources = frozenset(rule.source_channel for rule in rules) - {NO_SOURCE}
     for out, rule in zip(packed, rules, strict=True):
         out.by_class, out.low, out.shift, out.source = rule.by_class, rule.low, rule.shift, -1
@@ -113,7 +47,7 @@ class KernelChannel:
     """One channel in one tile-layer.
 
     Args:
-        library: from :func:`scarfmt.kernel.functions`.
+        library: the compiled library.
         channel: its model.
         classes: (n,) int64.
         values: (n, components) int32, changed in place.
@@ -138,7 +72,7 @@ class KernelChannel:
         kinds = np.ascontiguousarray(classes, np.int64)
         self._kept: list[Any] = [kinds, values, *first, steps, rules, sources]
         check_symbols(len(classes) * channel.components)
-        self._struct = Struct(
+        self._struct = structs.Channel(
             len(classes),
             channel.components,
             kinds.ctypes.data,
@@ -177,7 +111,7 @@ class KernelChannel:
         self._look_around(around, predictors is not None and coded.start == 1 and predictors.first)
         received = (ctypes.c_int64 * len(coded))()
         none = (ctypes.c_void_p * len(coded))()
-        layer = Layer(coded.start, coded.stop, before.ctypes.data, after.ctypes.data)
+        layer = structs.ChannelLayer(coded.start, coded.stop, before.ctypes.data, after.ctypes.data)
         layer.tables = ctypes.addressof(tables.array)
         layer.predictors = ctypes.addressof(none if predictors is None else predictors.array)
         layer.chosen, layer.anchors = SCRATCH.at("chosen", 8 * count), SCRATCH.at("anchors", 8 * count)

@@ -7,7 +7,7 @@ import ctypes
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.kernel.interface import address
+from scarfmt.kernel.memory import address
 
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]

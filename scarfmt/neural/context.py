@@ -7,16 +7,13 @@ Everything is exact: float64 arrays here carry integers whose sums stay far belo
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt import kernel
-from scarfmt.kernel.cells import KernelCellSums, kernel_fine
 from scarfmt.limits import MAX_LOCAL_BITS
 from scarfmt.scene.model import MAX_STEPS
 
@@ -44,24 +41,14 @@ def cell_power(steps: Ints) -> F64:
     return np.asarray(_POWERS[np.maximum(steps, 1) - 1])
 
 
-def fine(values: Ints, steps: Ints) -> I64:
-    """(n, components) int64 values in 1024ths of the first cell, nearest with ties up, in -2^24..2^24 (SPEC §10.2).
+def put_fine(values: Ints, steps: Ints, out: I32) -> None:
+    """Put values in 1024ths of the first cell, nearest with ties up, in -2^24..2^24, into `out` (SPEC §10.2).
 
     Args:
         values: (n, components) v after `steps` steps, |v| < 2^31.
         steps: (n,), or (1,) for all, ternary steps received, 0..20; with none the value is 0.
+        out: (n, components) int32, its rows anywhere.
     """
-    out = np.empty(values.shape, np.int32)
-    put_fine(values, steps, out)
-    return out.astype(np.int64)
-
-
-def put_fine(values: Ints, steps: Ints, out: I32) -> None:
-    """Put what :func:`fine` gives into `out`, (n, components) int32, its rows anywhere."""
-    library = kernel.functions()
-    if library is not None:
-        kernel_fine(library, values, steps if len(steps) == len(values) else np.broadcast_to(steps, len(values)), out)
-        return
     power = cell_power(steps)[:, None]
     # Exact: the numerator is below 2^43, and the quotient of integers so small never rounds up to the next integer.
     scaled = np.floor((values * (2.0 * _FINE_ONE) + power) / (2 * power))
@@ -125,19 +112,9 @@ class CellMeans:
         self.parents = [cell[firsts[-1]] for cell in self.cell]
         self.starts = [np.searchsorted(firsts[-1], first) for first in firsts]
 
-    def sums(self, columns: int) -> CellSums | KernelCellSums:
-        """No anchors yet, `columns` values each."""
-        library = kernel.functions()
-        if library is None:
-            return CellSums(self, columns)
-        return self.kernel_sums(library, columns, self.compact)
-
-    def kernel_sums(self, library: ctypes.CDLL, columns: int, cell: Sequence[I32]) -> KernelCellSums:
-        """The same, compiled; `cell` is that of :attr:`compact`, or of other names for the rows."""
-        return KernelCellSums(library, cell, self._sizes, columns)
-
     @property
-    def _sizes(self) -> list[int]:
+    def sizes(self) -> list[int]:
+        """Per depth, how many cells there are."""
         return [len(firsts) for firsts in self._firsts]
 
     @cached_property
@@ -146,14 +123,8 @@ class CellMeans:
         return [cell.astype(np.int32) for cell in self.cell]
 
 
-class CellSums:
-    """Sums per cell over anchors added so far: the set E of SPEC §10.2, which grows pass by pass."""
-
-    def __init__(self, cells: CellMeans, columns: int) -> None:
-        self._cells = cells
-        finest = len(cells.starts[-1]) if cells.depths else 0
-        self._sums = np.zeros((columns, finest))
-        self._counts = np.zeros(finest)
+class Sums(Protocol):
+    """Sums per cell over the anchors added so far: the set E of SPEC §10.2, which grows pass by pass."""
 
     def add(self, rows: Ints, values: Numbers) -> None:
         """Add anchors, each at most once.
@@ -162,6 +133,26 @@ class CellSums:
             rows: (m,).
             values: (m, columns) integers in -2^24..2^24.
         """
+
+    def around(self, wanted: Ints) -> tuple[F64, F64]:
+        """Means and counts in the cells of the rows `wanted`, nearest integers with ties up (SPEC §10.2).
+
+        Returns:
+            (w, depths, columns) means; where a cell is empty that of the depth before, 0 at the first. And
+            (w, depths) counts. Both float64 that carry integers, in any memory order.
+        """
+
+
+class CellSums:
+    """:class:`Sums` over the cells of a tile-layer, `columns` values an anchor."""
+
+    def __init__(self, cells: CellMeans, columns: int) -> None:
+        self._cells = cells
+        finest = len(cells.starts[-1]) if cells.depths else 0
+        self._sums = np.zeros((columns, finest))
+        self._counts = np.zeros(finest)
+
+    def add(self, rows: Ints, values: Numbers) -> None:
         if not len(self._counts) or not len(rows):
             return
         cell = self._cells.cell[-1][rows]
@@ -170,12 +161,6 @@ class CellSums:
         self._counts += np.bincount(cell, minlength=len(self._counts))
 
     def around(self, wanted: Ints) -> tuple[F64, F64]:
-        """Means and counts in the cells of the rows `wanted`, nearest integers with ties up (SPEC §10.2).
-
-        Returns:
-            (w, depths, columns) means; where a cell is empty that of the depth before, 0 at the first. And
-            (w, depths) counts. Both float64 that carry integers, stored column by column.
-        """
         cells = self._cells
         means = np.empty((cells.depths, len(self._sums), len(wanted)))
         counts = np.empty((cells.depths, len(wanted)))

@@ -9,17 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.errors import InvalidInput
-from scarfmt.kernel.indices import Layer, PackedNetwork, Parts
-from scarfmt.kernel.rans import PackedMembers
+from scarfmt.kept import Keeper
 from scarfmt.neural.network import IndexNetwork
-from scarfmt.neural.operations import NUMPY, Array, NumpyOperations, Operations
+from scarfmt.neural.operations import NUMPY, Array, Operations
 from scarfmt.neural.parts import GATES, Attending, Logits, Predicting, Recurrence, Rounded
 from scarfmt.neural.tables import exp2_table
 from scarfmt.scene.codebooks import Codebooks
@@ -72,69 +70,61 @@ class Block:
         return self._frequencies(self._scores)
 
 
-class Evaluator:
+class Evaluator(Keeper):
     """The network of a scene, prepared for its codebooks. Threads may share one.
 
     Args:
         network: valid for `books` (:meth:`IndexNetwork.check`).
         books: a codebook may be empty if none of its indices are to be coded.
         operations: the array library.
+
+    Attributes:
+        network, books, operations: as given.
+        embedding: its two layers.
+        mix_embedding, mix_biases, mix_state: the mixer's (H, Y) share of h, its (Y,) biases and its (H, Y) share of c.
+        mix_start: (1, Y) what c adds while no index is known.
+        gru: recurrent layers.
+        first: the state after each coarse codeword; that of no anchors where no index is a token.
+        attend: the attention, or None.
+        heads: by number of the codebook, of those that are not empty.
     """
 
     def __init__(self, network: IndexNetwork, books: Codebooks, operations: Operations = NUMPY) -> None:
-        self._do, self._amax, h, self._network = operations, network.amax, network.hidden, network
-        self._books = books.coarse, books.residual
-        self._embed = (
+        self.network, self.books, self.operations = network, books, operations
+        self._do, self._amax, h = operations, network.amax, network.hidden
+        self.embedding = (
             Rounded(network.embed[0], operations, 0, network.amax),
             Rounded(network.embed[1], operations, -network.amax, network.amax),
         )
         weights, biases = network.mixer.folded
-        self._mix_embedding, self._mix_biases = operations.constant(weights[:h]), operations.constant(biases)
-        self._mix_state = operations.constant(weights[h:])
+        self.mix_embedding, self.mix_biases = operations.constant(weights[:h]), operations.constant(biases)
+        self.mix_state = operations.constant(weights[h:])
         words = [network.codewords(book) for book in (books.coarse, books.residual)][: len(network.heads)]
-        self._gru = [
+        self.gru = [
             Recurrence(layer, [] if number else words, network.activation_bits, operations)
             for number, layer in enumerate(network.gru)
         ]
         start = network.gru[-1].start
-        self._attend: Attending | None = None
+        self.attend: Attending | None = None
         if network.attention is not None:
-            self._attend = Attending(network.attention, start, network.amax, operations)
+            self.attend = Attending(network.attention, start, network.amax, operations)
         # A codebook is empty while no layer that needs it was read: nothing is coded with its head.
-        self._heads = {
+        self.heads = {
             number: Predicting(head, book, network.amax, operations)
             for number, (head, book) in enumerate(zip(network.heads, words, strict=True))
             if len(book)
         }
         self._exp2 = operations.constant(exp2_table())
         # Attention over one state is the value of that state.
-        context = operations.constant(start[None]) if self._attend is None else self._attend.first_value
-        self._mix_start = operations.product(context, self._mix_state)
+        context = operations.constant(start[None]) if self.attend is None else self.attend.first_value
+        self.mix_start = operations.product(context, self.mix_state)
         self._tokens = len(network.gru[0].biases)
-        self._first = self._after_first_token(network, len(words[0])) if self._tokens else self.start(0)
+        self.first = self._after_first_token(network, len(words[0])) if self._tokens else self.start(0)
 
     def _after_first_token(self, network: IndexNetwork, codewords: int) -> State:
         """The state after each of the coarse codewords: the first token decides it alone."""
         starts = tuple(self._do.constant(np.tile(layer.start, (codewords, 1))) for layer in network.gru)
         return State(codewords, 1, *self._step(starts, 1, self._do.index(np.arange(codewords))))
-
-    @cached_property
-    def packed(self) -> PackedNetwork | None:
-        """What the compiled library reads indices with; None with attention, or where NumPy does not compute."""
-        if self._attend is not None or not isinstance(self._do, NumpyOperations) or not self._heads:
-            return None
-        first = np.concatenate(self._first.layers, axis=1) if self._tokens else np.zeros((0, 0), np.float32)
-        parts = Parts(
-            [layer.plain for layer in self._embed],
-            Layer(self._mix_embedding, self._mix_biases),
-            Layer(self._mix_state, self._mix_biases),
-            self._mix_start[0],
-            first,
-            [layer.gates() for layer in self._gru],
-            self._gru[0].tables,
-            [self._heads[book].plain() if book in self._heads else None for book in range(len(self._network.heads))],
-        )
-        return PackedNetwork(self._network, parts, self._books)
 
     def _chunks(self, count: int, columns: int) -> Iterator[slice]:
         """Rows 0..count-1 of arrays of so many columns, cut."""
@@ -150,17 +140,17 @@ class Evaluator:
             x: (n, width) integers of any dtype, the columns of SPEC §10.5; clamped here.
             observe: shown the embeddings h, (m, H), in order.
         """
-        width = self._mix_embedding.shape[1]
-        queries = 0 if self._attend is None else self._mix_embedding.shape[0]
+        width = self.mix_embedding.shape[1]
+        queries = 0 if self.attend is None else self.mix_embedding.shape[0]
         out = self._do.empty(len(x), width + queries)
         for part in self._chunks(len(x), x.shape[1]):
-            h = self._embed[1](self._embed[0](self._do.lift(x[part], self._amax)))
+            h = self.embedding[1](self.embedding[0](self._do.lift(x[part], self._amax)))
             if observe is not None:
                 observe(self._do.lower(h))
-            out[part, :width] = self._do.product(h, self._mix_embedding)
-            out[part, :width] += self._mix_biases
-            if self._attend is not None:
-                out[part, width:] = self._attend.query(h)
+            out[part, :width] = self._do.product(h, self.mix_embedding)
+            out[part, :width] += self.mix_biases
+            if self.attend is not None:
+                out[part, width:] = self.attend.query(h)
         return out
 
     def start(self, count: int) -> State:
@@ -189,7 +179,7 @@ class Evaluator:
         if stage != state.stage + 1 or stage > self._tokens or len(codes) != state.count:
             raise InvalidInput("input-stage", f"{len(codes)} indices of stage {stage} do not follow", field="stage")
         if stage == 1:
-            return self.take(self._first, codes)
+            return self.take(self.first, codes)
         chosen = self._do.index(codes)
         columns = state.layers + state.keys[-1:] + state.values[-1:]
         new = [self._do.empty(state.count, column.shape[1]) for column in columns]
@@ -197,7 +187,7 @@ class Evaluator:
             layers, key, value = self._step(tuple(layer[part] for layer in state.layers), stage, chosen[part])
             for whole, piece in zip(new, layers + key + value, strict=True):
                 whole[part] = piece
-        depth = len(self._gru)
+        depth = len(self.gru)
         keys, values = tuple(new[depth : depth + 1]), tuple(new[depth + 1 :])
         return State(state.count, stage, tuple(new[:depth]), state.keys + keys, state.values + values)
 
@@ -205,16 +195,16 @@ class Evaluator:
         self, states: tuple[Array, ...], stage: int, codes: Array
     ) -> tuple[tuple[Array, ...], tuple[Array, ...], tuple[Array, ...]]:
         """New states of all layers, and the key and value of the top one (none without attention)."""
-        new = [self._gru[0].step(self._gru[0].token_products(stage, codes), states[0])]
-        for layer, state in zip(self._gru[1:], states[1:], strict=True):
+        new = [self.gru[0].step(self.gru[0].token_products(stage, codes), states[0])]
+        for layer, state in zip(self.gru[1:], states[1:], strict=True):
             new.append(layer.step(layer.state_products(new[-1]), state))
-        if self._attend is None:
+        if self.attend is None:
             return tuple(new), (), ()
-        return tuple(new), (self._attend.key(new[-1]),), (self._attend.value(new[-1]),)
+        return tuple(new), (self.attend.key(new[-1]),), (self.attend.value(new[-1]),)
 
-    def context(self, h: Array, state: State) -> Array:
+    def mixed(self, h: Array, state: State) -> Array:
         """(n, Y) y of the stage that follows `state`, of the embeddings `h` of the same anchors."""
-        width = self._mix_embedding.shape[1]
+        width = self.mix_embedding.shape[1]
         out = self._do.empty(state.count, width)
         for part in self._chunks(state.count, width):
             mix = h[part, :width] + self._share_of_state(h[part, width:], state, part)
@@ -224,40 +214,18 @@ class Evaluator:
     def _share_of_state(self, query: Array, state: State, part: slice) -> Array:
         """(n, Y) or (1, Y) what c adds to the mixer."""
         if not state.stage:
-            return self._mix_start
-        if self._attend is None:
-            return self._do.product(state.layers[-1][part], self._mix_state)
-        c = self._attend(query, [key[part] for key in state.keys], [value[part] for value in state.values])
-        return self._do.product(c, self._mix_state)
-
-    def flat_rows(self, book: int, y: Array) -> F64:
-        """(n, k) float64 f - 1 of the codewords of a flat head, of (n, Y) `y`."""
-        return self._gathered(self.first_blocks(book, y), len(y), self._heads[book].top.count)
-
-    def cluster_rows(self, book: int, y: Array) -> F64:
-        """(n, clusters) float64 f - 1 of the clusters of a two-level head, of (n, Y) `y`."""
-        return self._gathered(self.first_blocks(book, y), len(y), self._heads[book].top.count)
-
-    def member_rows(self, book: int, y: Array, cluster: int) -> F64:
-        """(n, size) float64 f - 1 of the members of one cluster, of (n, Y) `y` of the anchors that chose it."""
-        head = self._heads[book]
-        blocks = self._blocks(head.projections[1], head.members[cluster], y)
-        return self._gathered(blocks, len(y), head.members[cluster].count)
-
-    @staticmethod
-    def _gathered(blocks: Iterator[Block], count: int, columns: int) -> F64:
-        out = np.empty((count, columns))
-        for block in blocks:
-            out[block.rows] = block.weights()
-        return out
+            return self.mix_start
+        if self.attend is None:
+            return self._do.product(state.layers[-1][part], self.mix_state)
+        c = self.attend(query, [key[part] for key in state.keys], [value[part] for value in state.values])
+        return self._do.product(c, self.mix_state)
 
     def first_blocks(self, book: int, y: Array) -> Iterator[Block]:
         """The first symbols of n anchors, in order: codewords of a flat head, clusters of a two-level one.
 
-        The rows of :meth:`flat_rows` and :meth:`cluster_rows`, a few anchors at a time: coded at once, they never
-        leave the cache.
+        A few anchors at a time: coded at once, their rows never leave the cache.
         """
-        head = self._heads[book]
+        head = self.heads[book]
         return self._blocks(head.projections[0], head.top, y)
 
     def _blocks(self, projection: Rounded, logits: Logits, y: Array) -> Iterator[Block]:
@@ -274,7 +242,7 @@ class Evaluator:
             y: (n, Y).
             clusters: (n,) the cluster of each anchor.
         """
-        head = self._heads[book]
+        head = self.heads[book]
         # Of 16 bits, NumPy sorts by digits, many times faster.
         order = np.argsort(clusters.astype(np.int16), kind="stable")
         ends = np.searchsorted(clusters[order], np.arange(len(head.sizes) + 1))
@@ -286,17 +254,13 @@ class Evaluator:
                 logits = self._member_logits(head, o, first, np.clip(edges - part.start, 0, len(rows)))
                 yield Block(rows, logits, self._frequencies)
 
-    def packed_members(self, book: int, y: Array) -> tuple[PackedMembers, F32] | None:
-        """What the compiled library reads members with: those of a head, and (n, R) outputs of its projection.
-
-        None where something else than NumPy's float32 holds the arrays.
-        """
-        if not isinstance(y, np.ndarray) or y.dtype != np.float32:
-            return None
-        head, o = self._heads[book], []
+    def member_outputs(self, book: int, y: Array) -> Array:
+        """(n, R) outputs of the projection of a two-level head for members, of (n, Y) `y`."""
+        head = self.heads[book]
+        out = self._do.empty(len(y), head.projections[1].weights.shape[1])
         for part in self._chunks(len(y), y.shape[1]):
-            o.append(head.projections[1](y[part]))
-        return head.packed_members, np.concatenate(o)
+            out[part] = head.projections[1](y[part])
+        return out
 
     def _member_logits(self, head: Predicting, o: Array, first: int, edges: I64) -> Array:
         """(size, m) logits of anchors sorted by cluster: first + i has those from edges[i] to edges[i + 1]."""

@@ -16,10 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt import kernel
 from scarfmt.errors import Malformed
-from scarfmt.kernel.interface import Grid
-from scarfmt.kernel.network import grid_features, packed_grid
+from scarfmt.kept import Keeper
 
 I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
@@ -174,7 +172,7 @@ def _bad_grid(message: str) -> Malformed:
 
 
 @dataclass(frozen=True)
-class HashGrid:
+class HashGrid(Keeper):
     """A grid and its bits.
 
     Attributes:
@@ -216,9 +214,6 @@ class HashGrid:
 
         Any order of anchors gives the same features; an order in which neighbours follow one another is fastest.
         """
-        library = kernel.functions()
-        if library is not None:
-            return grid_features(library, self, positions)
         out, box = np.empty((len(positions), self.width), np.int16), self.box
         for first in range(0, len(positions), _CHUNK):
             inside = box.inside(positions[first : first + _CHUNK])
@@ -229,11 +224,6 @@ class HashGrid:
                     part[:, feature] = values
                 column += level.features
         return out
-
-    @cached_property
-    def packed(self) -> Grid:
-        """The same for the compiled library."""
-        return packed_grid(self)
 
     @cached_property
     def _words(self) -> list[F64]:

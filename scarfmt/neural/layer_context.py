@@ -11,22 +11,24 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt import kernel
 from scarfmt.coding.counters import Counters
 from scarfmt.coding.observe import LayerObserver
 from scarfmt.container.directory import TileFrame
-from scarfmt.kernel.cells import CellNames
-from scarfmt.neural.context import CellMeans, depth_shifts, passes, put_fine
+from scarfmt.kept import Keeper
+from scarfmt.neural.context import CellMeans, Sums, depth_shifts, passes
+from scarfmt.neural.context_operations import NUMPY_CONTEXT, ContextOperations
+from scarfmt.neural.grid import HashGrid
 from scarfmt.scene.model import SceneModel
 from scarfmt.scene.morton import deinterleave
 
+I16 = NDArray[np.int16]
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 U64 = NDArray[np.uint64]
 Ints = NDArray[np.integer[Any]]
 
 
-class LayerContext:
+class LayerContext(Keeper):
     """Decoded context of the anchors known in one layer of one tile.
 
     Args:
@@ -36,6 +38,7 @@ class LayerContext:
         classes: (n,) int64.
         observer: of the tile-layer, if there is one.
         counters: of what networks compute from it, if it is counted.
+        operations: what computes it.
     """
 
     def __init__(
@@ -46,13 +49,15 @@ class LayerContext:
         classes: I64,
         observer: LayerObserver | None = None,
         counters: Counters | None = None,
+        operations: ContextOperations = NUMPY_CONTEXT,
     ) -> None:
         self.model = model
+        self.codes = codes
+        self.frame = frame
+        self.operations = operations
         self.classes = classes
         self.observer = observer
         self.counters = counters
-        self._frame = frame
-        self._codes = codes
         self._settled: dict[int, tuple[Ints, I64]] = {}
         self._fine_channels: set[int] = set()
 
@@ -60,7 +65,7 @@ class LayerContext:
     @cached_property
     def by_code(self) -> I64:
         """(n,) anchors by (code, index)."""
-        return np.argsort(self._codes, kind="stable")
+        return np.argsort(self.codes, kind="stable")
 
     @cached_property
     def _rows(self) -> I64:
@@ -72,8 +77,8 @@ class LayerContext:
     @cached_property
     def cells(self) -> CellMeans:
         """The cells of the anchors known."""
-        ordered = self._codes[self.by_code]
-        return CellMeans(ordered, depth_shifts(ordered, self._frame.bits, self.model.context.occupancies))
+        ordered = self.codes[self.by_code]
+        return CellMeans(ordered, depth_shifts(ordered, self.frame.bits, self.model.context.occupancies))
 
     def __len__(self) -> int:
         return len(self.classes)
@@ -93,7 +98,7 @@ class LayerContext:
                 break
             start, end = end, end + self.model.channels[channel].components
             if channel not in self._fine_channels:
-                put_fine(*self._settled[channel], self._fine[:, start:end])
+                self.operations.put_fine(*self._settled[channel], self._fine[:, start:end])
                 self._fine_channels.add(channel)
         return self._fine[:, :end]
 
@@ -101,13 +106,9 @@ class LayerContext:
     def _fine(self) -> I32:
         return np.empty((len(self), sum(self.model.channels[k].components for k in self.model.attributes)), np.int32)
 
-    @cached_property
-    def cell_names(self) -> CellNames:
-        """The cells of each anchor, for the compiled library."""
-        library = kernel.functions()
-        if library is None:
-            raise RuntimeError("the compiled library was turned off meanwhile")
-        return CellNames.of(library, self._codes, self.by_code, self._frame.bits, self.model.context.occupancies)
+    def sums(self, columns: int) -> Sums:
+        """Sums over :attr:`cells`, of no anchors yet, `columns` values each."""
+        return self.operations.cell_sums(self.cells, columns)
 
     def rows(self, anchors: I64) -> I64:
         """The rows of some anchors in :attr:`cells`."""
@@ -118,9 +119,9 @@ class LayerContext:
         ranked = self.by_code[np.sort(self._rows[group])]
         return [ranked[part] for part in passes(len(ranked), self.model.context.passes_log2)]
 
-    def lattice_positions(self, anchors: I64) -> I64:
-        """(m, 3) int64 lattice coordinates of the cell centres of some anchors (SPEC §10.6)."""
-        return cell_centres(self._frame, self._codes[anchors])
+    def grid_features(self, grid: HashGrid, anchors: I64) -> I16:
+        """(m, width) int16 features of `grid` at the cell centres of some anchors (SPEC §10.6)."""
+        return self.operations.grid_features(grid, cell_centres(self.frame, self.codes[anchors]))
 
 
 def cell_centres(frame: TileFrame, codes: U64) -> I64:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.kernel.indices import Gates, HeadLayers, Layer
-from scarfmt.kernel.rans import PackedMembers
+from scarfmt.kept import Keeper
 from scarfmt.neural.arithmetic import Linear, folded
 from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, Head
 from scarfmt.neural.operations import Array, Operations
@@ -27,37 +25,41 @@ _SHARE_ONE = 256
 
 
 class Rounded:
-    """clamp(round_shift(W x + b, s), low, high)."""
+    """clamp(round_shift(W x + b, s), low, high).
+
+    Attributes:
+        weights, biases: (in, out) and (out,), whose sums are to be rounded down.
+        low, high: the least and the greatest output.
+    """
 
     def __init__(self, layer: Linear, do: Operations, low: int, high: int) -> None:
-        self.plain = Layer(*layer.folded, low, high)
-        self._weights, self._biases = (do.constant(array) for array in layer.folded)
-        self._do, self._low, self._high = do, low, high
+        self.weights, self.biases = (do.constant(array) for array in layer.folded)
+        self._do, self.low, self.high = do, low, high
 
     def __call__(self, x: Array) -> Array:
         """(n, out) of (n, in)."""
-        out = self._do.product(x, self._weights)
-        out += self._biases
-        return self._do.clip_(self._do.floor_(out), self._low, self._high)
+        out = self._do.product(x, self.weights)
+        out += self.biases
+        return self._do.clip_(self._do.floor_(out), self.low, self.high)
 
 
 class Logits:
-    """round_shift(<e, o> + b, s) of k codewords e, transposed: sums over k are then sums of whole rows."""
+    """round_shift(<e, o> + b, s) of k codewords e, transposed: sums over k are then sums of whole rows.
+
+    Attributes:
+        codewords, offsets: (k, R) and (k, 1), whose sums are to be rounded down.
+        count: k.
+    """
 
     def __init__(self, codewords: I64, biases: I64, shift: int, do: Operations) -> None:
         scaled, offset = folded(codewords, biases, shift)
-        self.plain = Layer(scaled, offset)
-        self._codewords, self._biases, self._do = do.constant(scaled.T), do.constant(offset[:, None]), do
+        self.codewords, self.offsets, self._do = do.constant(scaled.T), do.constant(offset[:, None]), do
         self.count = len(codewords)
-
-    def transposed(self) -> tuple[Array, Array]:
-        """(R, k) weights and (k,) offsets, whose sums are to be rounded down."""
-        return self._codewords.T, self._biases[:, 0]
 
     def __call__(self, o: Array) -> Array:
         """(k, n) of (n, R)."""
-        out = self._do.product(self._codewords, o.T)
-        out += self._biases
+        out = self._do.product(self.codewords, o.T)
+        out += self.offsets
         return self._do.floor_(out)
 
 
@@ -69,45 +71,39 @@ class Recurrence:
 
     Args:
         codewords: layer 1: (n, R) of each codebook that has an input matrix; later layers: none.
+
+    Attributes:
+        width: H, of the state.
+        tables: layer 1: per codebook, its codewords' products; later layers: none.
+        inputs: later layers: the products' one matrix, (H, 2H) and (H, H); layer 1: none.
+        biases: per token, (1, 2H) and (1, H).
+        recurrent, recurrent_biases: (H, 2H) and (H, H), (1, 2H) and (1, H).
+        sigmoid, tanh: (511,) of -255..255: in units of 1, and new states.
     """
 
     def __init__(self, layer: GruLayer, codewords: Sequence[I64], activation_bits: int, do: Operations) -> None:
-        self._do, self._width = do, len(layer.start)
-        gates = 2 * self._width
+        self._do, self.width = do, len(layer.start)
+        gates = 2 * self.width
         inputs = [folded(matrix, layer.recurrent_biases, layer.shift)[0] for matrix in layer.inputs]
         # Float64 holds these integers too, and this product is made once.
         tables = [words.astype(np.float64) @ matrix for words, matrix in zip(codewords, inputs, strict=False)]
-        self._tables = [self._split(table) for table in tables]
-        self._inputs = [] if codewords else [self._split(matrix) for matrix in inputs]
+        self.tables = [self._split(table) for table in tables]
+        self.inputs = [] if codewords else [self._split(matrix) for matrix in inputs]
         scale, half = 0.5**layer.shift, 0.5 if layer.shift else 0.0
-        self._biases = [self._split(row[None] * scale + half) for row in layer.biases]
+        self.biases = [self._split(row[None] * scale + half) for row in layer.biases]
         recurrent, offset = folded(layer.recurrent, layer.recurrent_biases, layer.shift)
         offset[:gates] -= np.float32(half)
-        self._recurrent, self._recurrent_biases = self._split(recurrent), self._split(offset[None])
-        self._sigmoid = do.constant(sigmoid_table() / _GATE_ONE)
-        self._tanh = do.constant(state_table(activation_bits))
-
-    @property
-    def tables(self) -> tuple[Array, Array]:
-        """Sigmoid, in units of 1, and new states, both of -255..255."""
-        return self._sigmoid, self._tanh
-
-    def gates(self) -> Gates:
-        """The same for the compiled library; of arrays of NumPy only."""
-        tables = [np.concatenate(table, axis=1) for table in self._tables]
-        inputs = None if tables else np.concatenate(self._inputs[0], axis=1)
-        biases = [np.concatenate(row, axis=1) for row in self._biases]
-        recurrent, offsets = (np.concatenate(p, axis=1) for p in (self._recurrent, self._recurrent_biases))
-        none = np.zeros((0, GATES * self._width), np.float32)
-        return Gates(tables, inputs, np.concatenate([none, *biases]), recurrent, offsets[0])
+        self.recurrent, self.recurrent_biases = self._split(recurrent), self._split(offset[None])
+        self.sigmoid = do.constant(sigmoid_table() / _GATE_ONE)
+        self.tanh = do.constant(state_table(activation_bits))
 
     def _split(self, columns: NDArray[Any]) -> tuple[Array, Array]:
-        gates = 2 * self._width
+        gates = 2 * self.width
         return self._do.constant(columns[:, :gates]), self._do.constant(columns[:, gates:])
 
     def token_products(self, stage: int, codes: Array) -> tuple[Array, Array]:
         """Input products of layer 1 for the indices (n,) of `stage`."""
-        tables, biases = self._tables[0 if stage == 1 else 1], self._biases[stage - 1]
+        tables, biases = self.tables[0 if stage == 1 else 1], self.biases[stage - 1]
         gates, candidate = (self._do.take(table, codes) for table in tables)
         gates += biases[0]
         candidate += biases[1]
@@ -115,28 +111,28 @@ class Recurrence:
 
     def state_products(self, below: Array) -> tuple[Array, Array]:
         """Input products of a later layer for the new state (n, H) of the layer below."""
-        gates, candidate = (self._do.product(below, matrix) for matrix in self._inputs[0])
-        gates += self._biases[0][0]
-        candidate += self._biases[0][1]
+        gates, candidate = (self._do.product(below, matrix) for matrix in self.inputs[0])
+        gates += self.biases[0][0]
+        candidate += self.biases[0][1]
         return gates, self._do.floor_(candidate)
 
     def step(self, products: tuple[Array, Array], state: Array) -> Array:
         """The new state (n, H); uses up `products`."""
         do, (gates, candidate) = self._do, products
-        gates += do.product(state, self._recurrent[0])
-        gates += self._recurrent_biases[0]
-        gates = do.lookup_(self._sigmoid, do.floor_(gates), LAST)
-        kept = do.product(state, self._recurrent[1])
-        kept += self._recurrent_biases[1]
+        gates += do.product(state, self.recurrent[0])
+        gates += self.recurrent_biases[0]
+        gates = do.lookup_(self.sigmoid, do.floor_(gates), LAST)
+        kept = do.product(state, self.recurrent[1])
+        kept += self.recurrent_biases[1]
         kept = do.clip_(do.floor_(kept), -_RECURRENT_AMAX, _RECURRENT_AMAX)
-        kept *= gates[:, self._width :]
+        kept *= gates[:, self.width :]
         # Where a candidate is too large for the fraction to fit beside it, it is far outside the table of tanh.
         kept += candidate
         kept += 0.5
-        new = do.lookup_(self._tanh, do.floor_(kept), LAST)
+        new = do.lookup_(self.tanh, do.floor_(kept), LAST)
         # z g + (1 - z) n as n + z (g - n): 11 bits before the point, the 12 of z after it.
         change = state - new
-        change *= gates[:, : self._width]
+        change *= gates[:, : self.width]
         change += new
         change += 0.5
         return do.floor_(change)
@@ -175,8 +171,15 @@ class Attending:
         return do.floor_(total)
 
 
-class Predicting:
-    """The head of one codebook."""
+class Predicting(Keeper):
+    """The head of one codebook.
+
+    Attributes:
+        sizes: codewords of each cluster; empty when flat.
+        projections: one of the first symbol, and in a two-level head one of members.
+        top: logits of the first symbol.
+        members: those of each cluster's members; empty when flat.
+    """
 
     def __init__(self, head: Head, codewords: I64, amax: int, do: Operations) -> None:
         self.sizes = head.clusters
@@ -190,16 +193,6 @@ class Predicting:
         starts = itertools.accumulate(self.sizes, initial=0)
         for part in (slice(first, last) for first, last in itertools.pairwise(starts)):
             self.members.append(Logits(deviations[part], head.biases[part], head.member_shift, do))
-
-    def plain(self) -> HeadLayers:
-        """The same for the compiled library; of arrays of NumPy only."""
-        members = self.packed_members if self.members else None
-        return HeadLayers([projection.plain for projection in self.projections], self.top.plain, members)
-
-    @cached_property
-    def packed_members(self) -> PackedMembers:
-        """The members of all clusters, for the compiled library; of arrays of NumPy only."""
-        return PackedMembers(*zip(*(members.transposed() for members in self.members), strict=True))
 
     def equal_runs(self) -> list[tuple[int, int]]:
         """Ranges first..last - 1 of consecutive clusters of one size, ascending, those of one codeword left out."""

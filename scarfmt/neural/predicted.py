@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scarfmt.coding.counters import Part
 from scarfmt.container.schema import Stream
-from scarfmt.kernel.channel import PackedPredictors, PackedPredictorSteps, Surroundings
+from scarfmt.kept import Keeper
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predictor_group import PredictorGroup
 from scarfmt.neural.predictors import PassInputs, Predictor, StepContext
@@ -32,7 +32,7 @@ Predictors = Mapping[tuple[int, int, int], Contexts]
 """By (stream, component, step)."""
 
 
-class PredictorSet:
+class PredictorSet(Keeper):
     """The predictors in force in a layer, sorted by what is evaluated together.
 
     Args:
@@ -40,7 +40,7 @@ class PredictorSet:
 
     Attributes:
         streams: those with predictors.
-        compilable: whether all are those of a file, none a stand-in.
+        genuine: whether all are those of a file, none a stand-in.
     """
 
     def __init__(self, predictors: Predictors) -> None:
@@ -48,10 +48,8 @@ class PredictorSet:
         for (stream, component, step), predictor in predictors.items():
             self._steps.setdefault((stream, step), {})[component] = predictor
         self.streams = frozenset(Stream(stream) for stream, _ in self._steps)
-        self.compilable = all(isinstance(predictor, Predictor) for predictor in predictors.values())
+        self.genuine = all(isinstance(predictor, Predictor) for predictor in predictors.values())
         self._groups: dict[tuple[int, int], list[PredictorGroup]] = {}
-        self._packed: dict[tuple[int, int], PackedPredictors] = {}
-        self._packed_steps: dict[tuple[int, range], PackedPredictorSteps] = {}
 
     def __bool__(self) -> bool:
         return bool(self._steps)
@@ -71,20 +69,6 @@ class PredictorSet:
             self._groups[stream, step] = [PredictorGroup(part, components, depths) for part in parts]
         return self._groups[stream, step]
 
-    def packed(self, stream: Stream, step: int, components: int) -> PackedPredictors | None:
-        """The same, for the compiled library; None where static contexts apply."""
-        found = {c: p for c, p in self.step(stream, step).items() if isinstance(p, Predictor)}
-        if found and (stream, step) not in self._packed:
-            self._packed[stream, step] = PackedPredictors(found, components)
-        return self._packed.get((stream, step))
-
-    def packed_steps(self, stream: Stream, steps: range, components: int) -> PackedPredictorSteps:
-        """The same of some steps."""
-        if (stream, steps) not in self._packed_steps:
-            packed = [self.packed(stream, step, components) for step in steps]
-            self._packed_steps[stream, steps] = PackedPredictorSteps(packed)
-        return self._packed_steps[stream, steps]
-
 
 class PredictedChannel:
     """Context numbers of a channel's symbols, from what is decoded around them.
@@ -95,23 +79,27 @@ class PredictedChannel:
         predictors: in force.
         values: (n, components) values before this layer.
         steps: (n,) steps they are at.
+
+    Attributes:
+        context, predictors: as given.
+        components: of the channel.
     """
 
     def __init__(
         self, context: LayerContext, channel: int, predictors: PredictorSet, values: Ints, steps: I64
     ) -> None:
-        self._context = context
-        self._predictors = predictors
+        self.context = context
+        self.predictors = predictors
         self._stream = context.model.channels[channel].stream
         self._channel = channel
-        self._components = values.shape[1]
+        self.components = values.shape[1]
         self._given = values
         self._given_steps = steps
         self._step = 0
         self._inputs: PassInputs | None = None
         self._found: dict[int, I64] = {}
 
-    # The compiled reader keeps values of its own, and a layer's last steps may need none.
+    # An engine may keep values of its own, and a layer's last steps may need none.
     @cached_property
     def _values(self) -> I64:
         return self._given.astype(np.int64)
@@ -121,17 +109,18 @@ class PredictedChannel:
         return self._given_steps.copy()
 
     @cached_property
-    def _settled(self) -> I32:
-        return self._context.settled(before=self._channel)
+    def settled(self) -> I32:
+        """(n, a) int32 fine values of the attribute channels before this one."""
+        return self.context.settled(before=self._channel)
 
     def covers(self, step: int) -> bool:
         """Whether a component has a predictor for `step`."""
-        return bool(self._predictors.step(self._stream, step))
+        return bool(self.predictors.step(self._stream, step))
 
     def parts(self, step: int, chosen: I64) -> Iterator[I64]:
         """The anchors `chosen` pass by pass. Each pass must be coded before the next is asked for."""
-        context, self._step = self._context, step
-        around = StepContext(context.cells, step, self._components)
+        context, self._step = self.context, step
+        around = StepContext(context.cells, step, self.components, context.operations)
         known = np.flatnonzero(self._steps >= step)
         around.add(context.rows(known), self._values[known], self._steps[known])
         for part in context.parts(chosen):
@@ -139,7 +128,7 @@ class PredictedChannel:
                 continue
             rows = context.rows(part)
             self._part, self._found = part, {}
-            self._inputs = around.inputs(rows, context.classes[part], self._settled[part], self._values[part])
+            self._inputs = around.inputs(rows, context.classes[part], self.settled[part], self._values[part])
             yield part
             self._steps[part] = step
             around.add(rows, self._values[part], np.array([step]))
@@ -150,52 +139,33 @@ class PredictedChannel:
 
     def contexts(self, component: int) -> I64 | None:
         """(w,) context numbers of the pass's symbols of a component; None where static contexts apply."""
-        predictor = self._predictors.step(self._stream, self._step).get(component)
+        predictor = self.predictors.step(self._stream, self._step).get(component)
         if predictor is None:
             return None
         found = self._evaluated(component, predictor)
-        if self._context.counters is not None and isinstance(predictor, Predictor):
-            self._context.counters.multiply(Part.PREDICTORS, len(found), predictor.multiply_adds)
-        if self._context.observer is not None:
-            self._context.observer.contexts(self._stream, component, self._step, found)
+        if self.context.counters is not None and isinstance(predictor, Predictor):
+            self.context.counters.multiply(Part.PREDICTORS, len(found), predictor.multiply_adds)
+        if self.context.observer is not None:
+            self.context.observer.contexts(self._stream, component, self._step, found)
         return found
-
-    @property
-    def compilable(self) -> bool:
-        """Whether the compiled library can evaluate the predictors."""
-        return self._predictors.compilable
-
-    @cached_property
-    def surroundings(self) -> Surroundings:
-        """What the predictors look at, for the compiled library."""
-        context = self._context
-        return Surroundings(self._settled, context.cell_names, context.by_code, context.model.context.passes_log2)
-
-    def packed(self, step: int) -> PackedPredictors | None:
-        """The predictors of a step, for the compiled library; None where only static contexts apply."""
-        return self._predictors.packed(self._stream, step, self._components)
-
-    def packed_steps(self, steps: range) -> PackedPredictorSteps:
-        """The same of some steps."""
-        return self._predictors.packed_steps(self._stream, steps, self._components)
 
     def passes(self, chosen: I64) -> list[I64]:
         """The anchors `chosen`, pass by pass."""
-        return [part for part in self._context.parts(chosen) if len(part)]
+        return [part for part in self.context.parts(chosen) if len(part)]
 
     def count(self, steps: range, anchors: Sequence[int]) -> None:
         """Count the work of predictors evaluated elsewhere, of so many anchors in each step."""
-        if self._context.counters is None:
+        if self.context.counters is None:
             return
         for step, received in zip(steps, anchors, strict=True):
-            for predictor in self._predictors.step(self._stream, step).values():
+            for predictor in self.predictors.step(self._stream, step).values():
                 if isinstance(predictor, Predictor):
-                    self._context.counters.multiply(Part.PREDICTORS, received, predictor.multiply_adds)
+                    self.context.counters.multiply(Part.PREDICTORS, received, predictor.multiply_adds)
 
     def _evaluated(self, component: int, predictor: Contexts) -> I64:
         assert self._inputs is not None
-        depths = len(self._context.model.context.occupancies)
-        groups = self._predictors.groups(self._stream, self._step, self._components, depths)
+        depths = len(self.context.model.context.occupancies)
+        groups = self.predictors.groups(self._stream, self._step, self.components, depths)
         if groups is None:
             return predictor.contexts(self._inputs.of(component))
         if component not in self._found:

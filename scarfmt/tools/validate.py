@@ -19,6 +19,7 @@ from scarfmt.blocks.index_network import unpack_network
 from scarfmt.blocks.layer import Opening, unpack_layer
 from scarfmt.blocks.mlp import unpack_networks
 from scarfmt.blocks.predictors import unpack_predictors
+from scarfmt.blocks.tables import unpack_tables
 from scarfmt.coding.reader import MAX_TABLES_BYTES, SceneModels, SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.work import Contents
@@ -37,7 +38,9 @@ from scarfmt.container.schema import (
 )
 from scarfmt.container.source import ByteSource, BytesSource
 from scarfmt.container.substreams import check_substream, unpack_table
-from scarfmt.entropy.symbols import StaticTables, SymbolTable, TableKey, unpack_tables
+from scarfmt.engines import best_engine
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.errors import InvalidInput, Malformed, ScarError
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.scene.model import DecodedContext
@@ -136,7 +139,7 @@ def _open(source: ByteSource, limits: Limits, result: Validation) -> SceneReader
     container = Container.open(source, limits=limits, allow_truncated=True)
     result.layers_declared, result.layers_available = container.header.layer_count, container.available_layers
     try:
-        return SceneReader(source, limits=limits, allow_truncated=True)
+        return SceneReader(source, limits=limits, allow_truncated=True, engine=best_engine())
     except ScarError as error:
         result.findings.append(_finding(error))
         return None
@@ -355,10 +358,10 @@ class _Check:
                 self._add(Malformed("layer-counts", message, offset=offset, field=name))
 
     def _note_packed(self) -> None:
-        """Add what the compiled decoder used to what was asked for one by one."""
+        """Add what an engine used unasked to what was asked for one by one."""
         for models in self._models.values():
             for tables, used in zip(models.tables, self._used, strict=False):
-                used |= tables.used_packed()
+                used |= self._reader.engine.tables_read(tables)
 
     def _check_tables_used(self) -> None:
         """Warn of tables nothing was coded with: legal, but bytes for nothing."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scarfmt.codecs.channels import coarsen, contexts, get_channel, put_channel, trit_contexts
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import TableKey
+from scarfmt.entropy.keys import TableKey
 from scarfmt.scene.model import NO_SOURCE, Channel, ContextRule
 from tests.samples.codec_samples import Recorder, emitting, reader_of, refuses
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from scarfmt.codecs.classes import get_classes, put_classes
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import TableKey
+from scarfmt.entropy.keys import TableKey
 from scarfmt.scene.model import MAX_CLASSES
 from tests.samples.codec_samples import Recorder, emitting, reader_of, refuses
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import TableKey
+from scarfmt.entropy.keys import TableKey
 from tests.samples.codec_samples import Recorder, emitting, reader_of, refuses
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import TableKey
+from scarfmt.entropy.keys import TableKey
 from scarfmt.scene.model import Channel, ContextRule
 from tests.samples.codec_samples import Recorder, coded, emitting, reader_of, refuses
 

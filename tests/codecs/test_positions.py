@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 
 from scarfmt.codecs.positions import LARGEST_OWN_TABLE, get_positions, put_positions
 from scarfmt.container.schema import Stream
+from scarfmt.entropy.emitters import Emitter
+from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.rans import PureRansDecoder
-from scarfmt.entropy.symbols import Emitter, SymbolReader, TableKey
+from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import ScarError
 from scarfmt.formats import load
 from scarfmt.scene.gaussians import GaussianScene

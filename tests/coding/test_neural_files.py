@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from reference_decoder.backends import operations
+from reference_decoder.backends import backend as engine_of
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
@@ -24,8 +24,8 @@ from tests.samples.neural_scenes import neural_scene, neural_scenes
 SUBSETS = st.sets(st.sampled_from(sorted(ALL_STREAMS)))
 
 
-def read(data: bytes, layers: int | None = None, backend: str = "numpy", threads: int = 1) -> list[TileContent]:
-    reader = SceneReader(BytesSource(data), operations=operations(backend))
+def read(data: bytes, layers: int | None = None, backend: str = "auto", threads: int = 1) -> list[TileContent]:
+    reader = SceneReader(BytesSource(data), engine=engine_of(backend))
     return [content for _, content in reader.tiles(reader.models(layers), threads=threads)]
 
 
@@ -118,6 +118,6 @@ def test_a_layer_of_mode_1_needs_its_network() -> None:
 def test_an_unknown_backend_is_refused() -> None:
     """With the names there are."""
     with pytest.raises(InvalidInput) as caught:
-        operations("abacus")
+        engine_of("abacus")
     assert caught.value.refusal == "input-backend"
     assert "numpy" in str(caught.value)

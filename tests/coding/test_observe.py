@@ -13,7 +13,9 @@ from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Stream
 from scarfmt.container.source import BytesSource
-from scarfmt.entropy.symbols import SymbolTable, SymbolWriter, TableKey
+from scarfmt.entropy.emitters import SymbolWriter
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.neural.evaluator import Evaluator
 from tests.samples.file_surgery import same_content
 from tests.samples.neural_scenes import neural_scene
@@ -61,8 +63,8 @@ def test_a_reader_tells_the_frequencies_of_every_group() -> None:
     """Of a table of one symbol too, which reads nothing; not of a group without symbols."""
     key, sure = TableKey(Stream.INDICES, 2, 0, 3), TableKey(Stream.INDICES, 1, 0, 0)
     tables = {
-        key: SymbolTable.from_weights(np.array([-1, 4]), np.array([3, 1])),
-        sure: SymbolTable.from_weights(np.array([7]), np.array([5])),
+        key: SymbolTable(np.array([-1, 4]), np.array([3, 1])),
+        sure: SymbolTable(np.array([7]), np.array([5])),
     }
     writer = SymbolWriter(tables)
     writer.emit(key, np.array([4, -1]))

@@ -10,12 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from scarfmt.blocks.tables import fit_table
 from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.tile import TileContent, first_values, get_layer, needed_streams, put_layer
 from scarfmt.coding.writer import QuantisedScene, keep_layers
 from scarfmt.container.directory import TileFrame, tile_frame
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.entropy.symbols import SymbolCounter, SymbolReader, SymbolTable, SymbolWriter, TableKey, fit_table
+from scarfmt.entropy.emitters import SymbolCounter, SymbolWriter
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_reader import SymbolReader
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 from tests.samples.codec_samples import refuses
 from tests.samples.file_surgery import ATTRIBUTES, arrays_of, same_content

@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from scarfmt.blocks.tables import unpack_tables
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene, keep_layers, layer_counts, write_scene
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
-from scarfmt.entropy.symbols import unpack_tables
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel, first_layers
 from scarfmt.tools.truncate import truncate

@@ -17,13 +17,13 @@ from conformance.decoders.python import answers as minimal_answers
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import Refused
 from conformance.expect.stages import EXACT
-from reference_decoder.backends import operations
+from reference_decoder.backends import backend
 from scarfmt.container.source import BytesSource, open_source
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
 from tests.conformance.vector_files import FOLDERS, VECTORS, expectation_of, name_of
 
-MANNER = Manner(operations("numpy"))
+MANNER = Manner(backend("auto"))
 EXPECTED = {folder: expectation_of(folder) for folder in FOLDERS}
 DECODED = [folder for folder in FOLDERS if "layers" in EXPECTED[folder]]
 METADATA = [f for f in FOLDERS if EXPECTED[f].get("stage") == "metadata" or "metadata" in EXPECTED[f]]

@@ -16,6 +16,7 @@ from scarfmt.entropy.rans import (
     RansDecoder,
     RansEncoder,
     SymbolSource,
+    cached_uniform,
     uniform_table,
 )
 from scarfmt.errors import InvalidInput, Malformed
@@ -268,3 +269,10 @@ def test_cost_is_that_of_the_stream() -> None:
     symbols = np.random.default_rng(3).choice(4, 20000, p=table.frequencies / TOTAL)
     bits = float(table.bits[symbols].sum())
     assert abs(8 * len(encoded([(table, symbols.tolist())])) - bits) <= 64
+
+
+def test_uniform_tables_kept_are_few() -> None:
+    """All 4095 sizes with their models would hold more than 200 MiB."""
+    for size in range(2, 4097, 7):
+        assert len(cached_uniform(size)) == size
+    assert cached_uniform.cache_info().currsize <= 128

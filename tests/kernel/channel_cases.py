@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.codecs.channels import coarsen, get_channel, put_channel
+from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.counters import Counters
+from scarfmt.coding.engine import Engine
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.entropy.symbols import Emitter, SymbolReader, SymbolTable, TableKey
+from scarfmt.entropy.emitters import Emitter
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predicted import PredictedChannel, PredictorSet
@@ -118,31 +121,32 @@ class Case:
             alphabet = alphabet[:1]
         return SymbolTable(alphabet, self.rng.integers(1, 1 << 24, len(alphabet)))
 
-    def read(self) -> Any:
+    def read(self, engine: Engine) -> Any:
         """All that a layer's reading changes."""
         counters, values = Counters(), self.values.copy()
         first = [(self.scales >> 3).copy(), (self.values >> 5).copy()]
-        reader, predicted = SymbolReader(self.data, self.tables), self._predicted(values, counters)
+        reader, predicted = engine.symbol_reader(self.data, self.tables), self._predicted(engine, values, counters)
         given = self.before.copy(), self.after.copy()
-        get_channel(reader, self.model.channels[1], self.classes, *given, values, first, predicted)
+        engine.get_channel(reader, self.model.channels[1], self.classes, given, values, first, predicted)
         assert np.array_equal(given[0], self.before)
         # What the stream has left: a few symbols more.
         return values, first, reader.static, counters, reader.read_uniform(4096, 6)
 
-    def write(self, emitter: Emitter, more: I64 | int = 0) -> None:
+    def write(self, engine: Engine, emitter: Emitter, more: I64 | int = 0) -> None:
         """Emit the layer of anchors whose final values are those after it, or `more` steps later."""
         at = np.minimum(self.after + more, MAX_STEPS)
         final = self.final * (at > 0)[:, None].astype(np.int32)
         first = np.where(at[:, None] > 0, coarsen(final, np.maximum(at - 1, 0)[:, None]), 0).astype(np.int32)
         known = np.where(self.before[:, None] > 0, coarsen(final, (at - self.before)[:, None]), 0).astype(np.int32)
-        given = self.classes, self.before, self.after, (final, at), [self.scales >> 3, first]
+        given = self.classes, (self.before, self.after), (final, at), [self.scales >> 3, first]
         kept = [final.copy(), at.copy(), self.before.copy(), first.copy()]
-        put_channel(emitter, self.model.channels[1], *given, self._predicted(known, None))
+        engine.put_channel(emitter, self.model.channels[1], *given, self._predicted(engine, known, None))
         assert all(map(np.array_equal, kept, [final, at, self.before, first]))
 
-    def _predicted(self, values: I32, counters: Counters | None) -> PredictedChannel | None:
+    def _predicted(self, engine: Engine, values: I32, counters: Counters | None) -> PredictedChannel | None:
         if not self.predictors:
             return None
-        context = LayerContext(self.model, TileFrame(BITS), self.codes, self.classes, counters=counters)
+        given = self.model, TileFrame(BITS), self.codes, self.classes
+        context = LayerContext(*given, counters=counters, operations=engine)
         context.settle(0, self.scales, np.full(self.count, 3))
         return PredictedChannel(context, 1, PredictorSet(self.predictors), values, self.before)

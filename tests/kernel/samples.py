@@ -10,11 +10,14 @@ import pytest
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from scarfmt import kernel
+from scarfmt.coding.engine import NUMPY_ENGINE, Engine
+from scarfmt.engines import choice
 from scarfmt.entropy.rans import FrequencyTable, PureRansDecoder
-from scarfmt.entropy.symbols import SymbolTable
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import ScarError
-from scarfmt.kernel.rans import KernelRansDecoder
+from scarfmt.kernel.engine import KernelEngine
+from scarfmt.kernel.library import load
+from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from scarfmt.neural.operations import NUMPY
 from scarfmt.neural.tables import exp2_table
 
@@ -23,9 +26,7 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 EXTREME = (1 << 31) - 1
 
-needs_kernel = pytest.mark.skipif(
-    not kernel.enabled(), reason="no compiled library: not built here (no C compiler?), or SCARFMT_KERNEL=0"
-)
+needs_kernel = pytest.mark.skipif(choice().absence is not None, reason=f"no kernel: {choice().absence}")
 
 SEEDS = st.integers(0, 2**32 - 1)
 # Zeros and ones bring out words that are about to be used up, and states at the ends of their range.
@@ -78,9 +79,7 @@ def frequency_rows(logits: F32) -> F64:
 
 def library() -> Any:
     """The compiled library."""
-    found = kernel.functions()
-    assert found is not None
-    return found
+    return load()
 
 
 def both_decoders(data: bytes) -> tuple[KernelRansDecoder, PureRansDecoder]:
@@ -101,13 +100,9 @@ def outcome(act: Callable[[], Any]) -> Any:
         return type(error), error.refusal, error.message, error.offset, error.field
 
 
-def both(act: Callable[[], Any]) -> tuple[Any, Any]:
-    """Outcomes of `act` with the library and without."""
-    assert kernel.enabled()
-    compiled = outcome(act)
-    with kernel.disabled():
-        assert not kernel.enabled()
-        return compiled, outcome(act)
+def both(act: Callable[[Engine], Any]) -> tuple[Any, Any]:
+    """Outcomes of `act` with the kernel and with the definition."""
+    return outcome(lambda: act(KernelEngine(load()))), outcome(lambda: act(NUMPY_ENGINE))
 
 
 def same(a: Any, b: Any) -> bool:

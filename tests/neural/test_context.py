@@ -13,12 +13,13 @@ from scarfmt.limits import MAX_LOCAL_BITS
 from scarfmt.neural.context import (
     FINE_LIMIT,
     CellMeans,
+    CellSums,
     count_features,
     depth_shifts,
-    fine,
     joining_depths,
     passes,
 )
+from scarfmt.neural.context_operations import fine
 from scarfmt.scene.model import MAX_PASSES_LOG2, MAX_STEPS
 
 I64 = NDArray[np.int64]
@@ -29,7 +30,7 @@ def means_of(
     cells: CellMeans, columns: NDArray[np.integer], earlier: NDArray[np.bool_], wanted: I64
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Means and counts round the rows `wanted`, over the rows of (n, f) `columns` that are `earlier`."""
-    sums, rows = cells.sums(columns.shape[1]), np.flatnonzero(earlier)
+    sums, rows = CellSums(cells, columns.shape[1]), np.flatnonzero(earlier)
     sums.add(rows, columns[rows])
     return sums.around(wanted)
 
@@ -122,7 +123,7 @@ def test_sums_grow_as_passes_add_to_them() -> None:
     codes = some_codes(3, 200, 6)
     cells = CellMeans(codes, depth_shifts(codes, 6, (24, 3)))
     columns, everyone = rng.integers(-999, 999, (200, 3)), np.arange(200)
-    sums = cells.sums(3)
+    sums = CellSums(cells, 3)
     for part in np.array_split(rng.permutation(200), 3):
         sums.add(part, columns[part])
     whole = means_of(cells, columns, np.ones(200, np.bool_), everyone)

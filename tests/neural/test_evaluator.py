@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from conformance.decoders.python.integer_oracle import Oracle, frequencies
+from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.torch_operations import TorchOperations
 from scarfmt.entropy.rans import TOTAL, PureRansDecoder, RansDecoder, RansEncoder
 from scarfmt.errors import InvalidInput, Unsupported
@@ -41,7 +42,7 @@ def context_of(evaluator: Evaluator, x: I64, codes: I64) -> Any:
     state = evaluator.start(len(x))
     for stage, column in enumerate(codes.T, start=1):
         state = evaluator.advance(state, stage, column)
-    return evaluator.context(evaluator.embed(x), state)
+    return evaluator.mixed(evaluator.embed(x), state)
 
 
 def all_rows(evaluator: Evaluator, case: Case, x: I64, codes: I64) -> list[list[Any]]:
@@ -49,9 +50,9 @@ def all_rows(evaluator: Evaluator, case: Case, x: I64, codes: I64) -> list[list[
     book, y = int(codes.shape[1] > 0), context_of(evaluator, x, codes)
     head = case.network.heads[book]
     if not head.two_level:
-        return [(evaluator.flat_rows(book, y) + 1).tolist()]
-    members = [(evaluator.member_rows(book, y, i) + 1).tolist() for i in range(len(head.clusters))]
-    return [(evaluator.cluster_rows(book, y) + 1).tolist(), *members]
+        return [(first_rows(evaluator, book, y) + 1).tolist()]
+    members = [(member_rows(evaluator, book, y, i) + 1).tolist() for i in range(len(head.clusters))]
+    return [(first_rows(evaluator, book, y) + 1).tolist(), *members]
 
 
 def oracle_rows(case: Case, x: I64, codes: I64) -> list[list[Any]]:
@@ -105,7 +106,7 @@ def test_selecting_anchors_between_stages_changes_nothing(question: tuple[Case, 
         state, h = evaluator.start(len(x)), evaluator.embed(x.astype(dtype))
         for stage, column in enumerate(codes.T, start=1):
             state = evaluator.advance(state, stage, column)
-        some = evaluator.context(h[rows], evaluator.take(state, rows))
+        some = evaluator.mixed(h[rows], evaluator.take(state, rows))
         alone = context_of(evaluator, x[rows], codes[rows])
         assert np.array_equal(np.asarray(some), np.asarray(alone))
 
@@ -127,7 +128,7 @@ def test_member_blocks_are_the_member_rows_in_coding_order(seed: int, count: int
         order = [int(row) for block in blocks for row in block.rows]
         assert order == [i for i in np.argsort(clusters, kind="stable").tolist() if sizes[clusters[i]] > 1]
         for row, weights in ((r, w) for block in blocks for r, w in zip(block.rows, block.weights(), strict=True)):
-            alone = evaluator.member_rows(0, y[row : row + 1], int(clusters[row]))
+            alone = member_rows(evaluator, 0, y[row : row + 1], int(clusters[row]))
             assert weights.tolist() == alone[0].tolist()
 
 
@@ -200,7 +201,7 @@ def test_indices_come_back_on_another_backend(case: Case, seed: int, count: int)
     h, state = evaluator.embed(x), evaluator.start(count)
     for stage, column in enumerate(codes, start=1):
         book = int(stage > 1)
-        y = evaluator.context(h, state)
+        y = evaluator.mixed(h, state)
         put_stage(evaluator, encoder, y, column, book, case.network.heads[book].clusters)
         state = evaluator.advance(state, stage, column) if stage < case.stages else state
     data = encoder.finish()
@@ -210,7 +211,7 @@ def test_indices_come_back_on_another_backend(case: Case, seed: int, count: int)
         h, state = evaluator.embed(x), evaluator.start(count)
         for stage, column in enumerate(codes, start=1):
             book = int(stage > 1)
-            y = evaluator.context(h, state)
+            y = evaluator.mixed(h, state)
             found = get_stage(evaluator, coder, y, count, book, case.network.heads[book].clusters)
             assert found.tolist() == column.tolist()
             state = evaluator.advance(state, stage, found) if stage < case.stages else state
@@ -225,7 +226,7 @@ def test_one_evaluator_serves_several_threads() -> None:
     batches = [(rng.integers(-500, 500, (700, INPUTS.width)), rng.integers(0, 30, (700, 2))) for _ in range(8)]
 
     def rows(batch: tuple[I64, I64]) -> Any:
-        return evaluator.cluster_rows(1, context_of(evaluator, *batch))
+        return first_rows(evaluator, 1, context_of(evaluator, *batch))
 
     with ThreadPoolExecutor(4) as pool:
         for batch, found in zip(batches, pool.map(rows, batches), strict=True):

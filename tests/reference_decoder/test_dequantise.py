@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reference_decoder.dequantise import cell_widths, channel_values, latents, offset_values, positions, tile_boxes
+from reference_decoder.dequantise import latents, offset_values, positions, tile_boxes
+from scarfmt.codecs.channels import cell_widths, channel_values
 from scarfmt.container.directory import Tile, tile_table
 from scarfmt.errors import Malformed
 from scarfmt.scene.codebooks import Codebooks

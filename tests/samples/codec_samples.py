@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from scarfmt.entropy.symbols import (
-    Emitter,
-    SymbolCounter,
-    SymbolReader,
-    SymbolTable,
-    SymbolWriter,
-    TableKey,
-    Values,
-    fit_table,
-    pack_table,
-)
+from scarfmt.blocks.tables import fit_table, pack_table
+from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter, Values
+from scarfmt.entropy.keys import StepKey, TableKey
+from scarfmt.entropy.symbol_reader import SymbolReader
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import Malformed
 
 Put = Callable[[Emitter], None]
@@ -72,7 +69,7 @@ def refuses(refusal: str, act: Callable[[], object]) -> None:
     assert caught.value.refusal == refusal
 
 
-class Recorder:
+class Recorder(Emitter):
     """An emitter that keeps the groups, to compare what was emitted in which order."""
 
     def __init__(self) -> None:
@@ -83,3 +80,29 @@ class Recorder:
 
     def emit_uniform(self, size: int, values: Values) -> None:
         self.groups.append((size, values.tolist()))
+
+    def emit_rows(self, weights: object, values: Values) -> None:
+        raise AssertionError("no codec of these samples has rows")
+
+
+EDGE = 2**31 - 1
+STEP = StepKey(3, tuple(range(64)), 2)
+MOST_KINDS = 64 * 256
+
+
+@st.composite
+def many_groups(draw: st.DrawFn) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
+    """Kinds and values of one call: few cells or many, values close together or at the ends of 32 bits."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    count, kinds = draw(st.integers(1, 80)), draw(st.sampled_from([1, 3, 256, MOST_KINDS]))
+    reach = draw(st.sampled_from([0, 1, 40, 30_000, 1 << 15, EDGE]))
+    middle = draw(st.sampled_from([0, -EDGE + reach, EDGE - reach]))
+    values = middle + rng.integers(-reach, reach + 1, count)
+    if draw(st.booleans()):
+        values = rng.choice([-reach, reach], count) + middle
+    chosen = kinds - 1 - rng.integers(0, min(kinds, 500), count) if draw(st.booleans()) else np.full(count, kinds - 1)
+    types: list[tuple[type, type]] = [(np.int64, np.int64), (np.uint16, np.int32)]
+    if np.abs(values).max() < 1 << 15:
+        types.append((np.int16, np.int16))
+    a, b = draw(st.sampled_from(types))
+    return chosen.astype(a), values.astype(b)

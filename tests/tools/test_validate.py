@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
+from scarfmt.blocks.tables import pack_tables
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.bytefields import compress
@@ -20,7 +21,8 @@ from scarfmt.container.file import Block, Container, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import pack_substreams, unpack_table
-from scarfmt.entropy.symbols import SymbolTable, TableKey, pack_tables
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import Limits
 from scarfmt.tools.validate import Validation, validate
@@ -182,7 +184,7 @@ def test_a_missing_table_is_told(explicit: bytes) -> None:
 
 
 def test_a_table_nobody_uses_is_a_warning_only(explicit: bytes) -> None:
-    table = SymbolTable.from_weights(np.array([0, 1]), np.array([1, 1]))
+    table = SymbolTable(np.array([0, 1]), np.array([1, 1]))
 
     def with_idle(block: Block) -> Block:
         if (block.kind, block.layer) != (BlockKind.TABLES, 1):

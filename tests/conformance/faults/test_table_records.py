@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from conformance.faults.table_records import Record, number, packed, rans_words, uniform, unpacked, valued, with_tables
 from conformance.scenes.valid_cases import valid_cases
+from scarfmt.blocks.tables import unpack_tables
+from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.rans import PureRansDecoder, uniform_table
-from scarfmt.entropy.symbols import TableKey, unpack_tables
 
 WORKED = next(valid_cases()).data
 RECORDS = st.lists(

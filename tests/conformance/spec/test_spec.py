@@ -19,6 +19,7 @@ from conformance.generate import VECTORS
 from conformance.spec import worked_network
 from conformance.spec.spec_tables import CODE, ROOT, SPEC, generated, is_tool_id, raised_ids
 from conformance.spec.worked import field_rows
+from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.decode import decode
 from scarfmt import limits
 from scarfmt.blocks import codebooks, mlp
@@ -268,15 +269,15 @@ def test_the_worked_network_gives_the_frequencies_printed() -> None:
     oracle = integer_oracle.Oracle(net, books.coarse.tolist(), books.residual.tolist())
     h = evaluator.embed(np.array([x]))
     start = evaluator.start(1)
-    y = evaluator.context(h, start)
+    y = evaluator.mixed(h, start)
     stage_one = evaluated("stage 1: frequencies")
-    assert (evaluator.flat_rows(0, y)[0] + 1).tolist() == stage_one == oracle.flat(0, oracle.context(x, []))
-    y = evaluator.context(h, evaluator.advance(start, 1, np.array([first])))
+    assert (first_rows(evaluator, 0, y)[0] + 1).tolist() == stage_one == oracle.flat(0, oracle.context(x, []))
+    y = evaluator.mixed(h, evaluator.advance(start, 1, np.array([first])))
     clusters = evaluated("stage 2, cluster: frequencies")
     members = evaluated("stage 2, member of cluster 1: frequencies")
     assert y[0].tolist() == evaluated("stage 2: y") == oracle.context(x, [first])
-    assert (evaluator.cluster_rows(1, y)[0] + 1).tolist() == clusters == oracle.clusters(1, oracle.context(x, [first]))
-    assert (evaluator.member_rows(1, y, 1)[0] + 1).tolist() == members
+    assert (first_rows(evaluator, 1, y)[0] + 1).tolist() == clusters == oracle.clusters(1, oracle.context(x, [first]))
+    assert (member_rows(evaluator, 1, y, 1)[0] + 1).tolist() == members
     assert oracle.members(1, oracle.context(x, [first]), 1) == members
 
 

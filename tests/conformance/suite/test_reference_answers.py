@@ -22,18 +22,18 @@ from conformance.expect.container_fields import container_fields
 from conformance.expect.expectations import expected
 from conformance.generate import VECTORS
 from conformance.writer import write_file
-from reference_decoder.backends import operations
+from reference_decoder.backends import backend
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.file import Container, Entry
 from scarfmt.container.schema import BlockKind, Profile
 from scarfmt.container.source import BytesSource, FileSource
 from scarfmt.errors import InvalidInput, Truncated
-from scarfmt.neural.operations import NUMPY
 from tests.samples.file_surgery import blocks_of, rebuilt
 from tests.samples.neural_scenes import neural_scene
 from tests.samples.scene_samples import random_scene
 
-WHOLE, RANGE = Manner(NUMPY), Manner(NUMPY, tile_by_tile=True)
+BEST = backend("auto")
+WHOLE, RANGE = Manner(BEST), Manner(BEST, tile_by_tile=True)
 DECODED = STAGES[:-1]
 
 Save = Callable[[bytes], str]
@@ -147,7 +147,7 @@ def test_torch_gives_the_same(save: Save) -> None:
     """Embeddings come off the device as the integers they are."""
     pytest.importorskip("torch")
     path = save(write_scene(neural_scene(28, anchors=150)))
-    assert stages(path, manner=Manner(operations("torch"))) == stages(path)
+    assert stages(path, manner=Manner(backend("torch"))) == stages(path)
 
 
 def test_containers_and_models_are_answered_without_a_tile(save: Save, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,6 +26,7 @@ from conformance.writer import (
     write_file,
 )
 from conformance.writer.substream import MissingTable
+from scarfmt.blocks.tables import unpack_tables
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, keep_layers, layer_counts, write_scene
@@ -33,7 +34,6 @@ from scarfmt.container.file import Block, Container
 from scarfmt.container.file import write_container as reference_container
 from scarfmt.container.schema import BlockKind, Profile
 from scarfmt.container.source import BytesSource
-from scarfmt.entropy.symbols import unpack_tables
 from scarfmt.errors import Malformed
 from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.tools.truncate import truncate

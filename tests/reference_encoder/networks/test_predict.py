@@ -9,10 +9,11 @@ import torch
 from reference_encoder.networks.predict import Sample, choose_predictors, coded_bits, expected_bits
 from reference_encoder.networks.predictor_net import Effort, FloatNet, float_contexts, quantised, train
 from scarfmt.blocks.predictors import pack_predictors
+from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.coding.tile import NeuralModels, TileContent, first_values, put_layer
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.entropy.symbols import SymbolCounter, fit_table, pack_table
+from scarfmt.entropy.emitters import SymbolCounter
 from scarfmt.neural.predictors import Predictor, check_predictors
 from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 from scarfmt.scene.morton import deinterleave

@@ -11,6 +11,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from fuzz.testing.network_rows import first_rows, member_rows
 from reference_encoder.networks.clusters import cluster
 from reference_encoder.networks.dataset import ContextOptions, IndexRows, index_rows
 from reference_encoder.networks.defaults import BUDGETS, shape_for, training_for
@@ -211,15 +212,15 @@ def test_the_file_codes_with_the_very_frequencies_of_training(shape: NetworkShap
     with torch.no_grad():
         embedded = model.embed(batch.inputs, True)
         for stage in range(1, 4):
-            book, y = min(stage - 1, 1), evaluator.context(h, state)
+            book, y = min(stage - 1, 1), evaluator.mixed(h, state)
             mine = model.context(embedded, model.histories(batch.codes, True, stage - 1), True)
             head = model.head(book)
             first = frequencies(head.logits(mine, True, True)).numpy()
-            theirs = evaluator.cluster_rows(book, y) if two_level else evaluator.flat_rows(book, y)
+            theirs = first_rows(evaluator, book, y)
             np.testing.assert_array_equal(first, theirs + 1)
             for number, size in enumerate(head.sizes):
                 logits = head.member_logits(mine, torch.full((len(rows),), number), True, True)[:, :size]
-                np.testing.assert_array_equal(frequencies(logits).numpy(), evaluator.member_rows(book, y, number) + 1)
+                np.testing.assert_array_equal(frequencies(logits).numpy(), member_rows(evaluator, book, y, number) + 1)
             if stage < 3:
                 state = evaluator.advance(state, stage, rows.codes[:, stage - 1].astype(np.int64))
 
@@ -293,9 +294,9 @@ def test_trained_bits_are_those_of_the_integer_frequencies(two_level: bool) -> N
 
 def test_coded_bytes_are_those_estimated() -> None:
     model, evaluator, rows = _exported(SHAPE, False)
-    y = evaluator.context(evaluator.embed(rows.inputs), evaluator.start(len(rows)))
+    y = evaluator.mixed(evaluator.embed(rows.inputs), evaluator.start(len(rows)))
     encoder = RansEncoder()
-    encoder.encode_rows(rows.codes[:, 0].astype(np.int64), evaluator.flat_rows(0, y))
+    encoder.encode_rows(rows.codes[:, 0].astype(np.int64), first_rows(evaluator, 0, y))
     estimate = measure(model, Examples(rows))[0] / 8
     assert estimate - 1 < len(encoder.finish()) < 1.005 * estimate + 16
 

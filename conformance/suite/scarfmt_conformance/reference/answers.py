@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     # The rest comes when it is needed: a suite starts this program hundreds of times.
     from numpy.typing import NDArray
 
+    from scarfmt.coding.engine import Engine
     from scarfmt.coding.reader import SceneReader
-    from scarfmt.neural.operations import Operations
 
 CAPABILITIES = {
     "protocol": PROTOCOL,
@@ -46,13 +46,13 @@ class Manner:
     """How files are decoded; the answers do not depend on it.
 
     Attributes:
-        operations: arithmetic of the index network.
+        engine: what computes.
         tile_by_tile: every tile read and decoded on its own, by ranges, not all in one go with threads.
         single: activated values in binary32, as a decode gives them, not in binary64.
         camera: centre of the camera, world units, for Gaussians of the anchor profile; None: `origin` of the header.
     """
 
-    operations: Operations
+    engine: Engine
     tile_by_tile: bool = False
     single: bool = False
     camera: tuple[float, ...] | None = None
@@ -81,7 +81,7 @@ def answer(path: str, layers: int, stage: str, manner: Manner) -> Answer:
 
     with open_source(path) as source:
         try:
-            return {"stages": dict(_stages(SceneReader(source, operations=manner.operations), layers, stage, manner))}
+            return {"stages": dict(_stages(SceneReader(source, engine=manner.engine), layers, stage, manner))}
         except ScarError as error:
             if isinstance(error, InvalidInput) or error.refusal in _NOT_OF_FILES:
                 raise
@@ -171,7 +171,7 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--layers", type=int, default=0, help="layer to decode to, 0 for all (default)")
     parser.add_argument("--camera", type=_camera, help="X,Y,Z of the camera; the origin of the header without it")
     parser.add_argument("--stage", default="all", choices=("all", "capabilities", *STAGES), help="what to answer")
-    parser.add_argument("--backend", default="numpy", help="what computes the index network: numpy, torch or cuda")
+    parser.add_argument("--backend", default="auto", help="auto (default), kernel, numpy, torch or cuda")
     parser.add_argument("--access", default="whole", choices=("whole", "range"), help="all in one go, or tile by tile")
     parser.add_argument(
         "--precision", default="double", choices=("single", "double"), help="of activated values (default double)"
@@ -187,9 +187,9 @@ def main(arguments: list[str] | None = None) -> None:
     parsed = _arguments(arguments)
     # Before numpy is imported: products this small are slower with threads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from reference_decoder.backends import operations
+    from reference_decoder.backends import backend
 
-    manner = Manner(operations(parsed.backend), parsed.access == "range", parsed.precision == "single", parsed.camera)
+    manner = Manner(backend(parsed.backend), parsed.access == "range", parsed.precision == "single", parsed.camera)
     if parsed.session:
         session(sys.stdin, sys.stdout, manner)
     else:

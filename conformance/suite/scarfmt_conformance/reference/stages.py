@@ -130,10 +130,10 @@ def context(found: Decoding) -> Arrays:
     """Grid features of every anchor; embeddings and predictor contexts of the last layer."""
     grid, out = found.models.grid, found.records.contexts()
     if grid is not None:
-        fields = found.reader.header.fields
+        engine, fields = found.reader.engine, found.reader.header.fields
         places = zip(found.reader.container.tiles, found.contents, strict=True)
         filled = ((tile_frame(fields, tile), content.codes) for tile, content in places if len(content))
-        parts = [grid.features(cell_centres(frame, codes)) for frame, codes in filled]
+        parts = [engine.grid_features(grid, cell_centres(frame, codes)) for frame, codes in filled]
         out["grid.features"] = _stacked(parts, (grid.width,), "<i4")
     return out
 

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import ctypes
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.codecs.neural_indices import Around, IndexCoder
 from scarfmt.kernel.cells import KernelCellSums
-from scarfmt.kernel.interface import Embedding, Grid, GridLevel, address
-
-if TYPE_CHECKING:
-    from scarfmt.neural.grid import HashGrid
-    from scarfmt.neural.network import IndexNetwork
+from scarfmt.kernel.memory import address
+from scarfmt.kernel.structs import Embedding, Grid, GridLevel
+from scarfmt.neural.grid import HashGrid
+from scarfmt.neural.network import IndexNetwork
 
 I16 = NDArray[np.int16]
 I32 = NDArray[np.int32]
@@ -23,7 +23,7 @@ Ints = NDArray[np.integer[Any]]
 
 
 def packed_grid(grid: HashGrid) -> Grid:
-    """A grid as the library reads it; it must be kept meanwhile."""
+    """A grid as the library reads it; to be kept with the grid, whose bits it points to."""
     levels = (GridLevel * len(grid.levels))()
     for out, level, bits in zip(levels, grid.levels, grid.bits, strict=True):
         out.dims, out.resolution, out.table_log2 = len(level.axes), level.resolution, level.table_log2
@@ -36,7 +36,7 @@ def grid_features(library: ctypes.CDLL, grid: HashGrid, positions: Ints) -> I16:
     """(n, width) int16 features of anchors at (n, 3) lattice `positions`."""
     places = np.ascontiguousarray(positions, np.int64)
     found = np.empty((len(places), grid.width), np.int16)
-    library.scar_grid(ctypes.byref(grid.packed), places.ctypes.data, len(places), found.ctypes.data)
+    library.scar_grid(ctypes.byref(grid.kept(packed_grid)), places.ctypes.data, len(places), found.ctypes.data)
     return found
 
 
@@ -65,3 +65,10 @@ def kernel_embedding_inputs(
     pointers = ctypes.byref(struct), ctypes.byref(cells.struct)
     cells.functions.scar_embedding_inputs(*pointers, anchors, rows, len(out), out.ctypes.data)
     return out
+
+
+def embedding_inputs(coder: IndexCoder, known: Around, part: I64) -> F32:
+    """What :func:`scarfmt.codecs.neural_indices.embedding_inputs` gives, of sums of this library."""
+    assert isinstance(known.means, KernelCellSums)
+    context, chosen = known.context, (part, known.context.rows(part))
+    return kernel_embedding_inputs(coder.network, known.means, context.classes, known.settled, known.grid, chosen)

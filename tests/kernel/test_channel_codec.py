@@ -9,12 +9,13 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from scarfmt.codecs.channels import get_channel
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import SymbolReader, SymbolTable, TableKey
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.kernel.channel import KernelChannel
-from scarfmt.kernel.rans import KernelRansDecoder
+from scarfmt.kernel.engine import KernelEngine
+from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.predictors import MAX_HIDDEN, Predictor, input_width
 from scarfmt.scene.model import MAX_DEPTHS, NO_SOURCE, Channel, ContextRule
@@ -109,9 +110,10 @@ def test_values_may_be_views_of_the_tile() -> None:
     head = whole.head(case.count)
     head.values[1][:] = case.values
     head.first[0][:] = case.scales >> 3
-    reader = SymbolReader(case.data, case.tables)
-    given = case.classes, case.before, case.after, head.values[1], head.first
-    outcome(lambda: get_channel(reader, case.model.channels[1], *given))
+    engine = KernelEngine(library())
+    reader = engine.symbol_reader(case.data, case.tables)
+    given = case.classes, (case.before, case.after), head.values[1], head.first, None
+    outcome(lambda: engine.get_channel(reader, case.model.channels[1], *given))
     assert case.count > 9
     assert (head.values[1] != case.values).any()
     assert all((array[case.count :] == 77).all() for array in (*whole.values, *whole.first))

@@ -12,6 +12,7 @@ from conformance.generate import VECTORS
 from fuzz.testing.mutators import Mutant
 from fuzz.testing.strategies import files, mutants
 from scarfmt.coding.counters import Counters
+from scarfmt.coding.engine import Engine
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.source import BytesSource, open_source
 from tests.conformance.vector_files import FOLDERS, expectation_of, name_of
@@ -22,10 +23,10 @@ pytestmark = needs_kernel
 SMALL = [path.read_bytes() for path in sorted(VECTORS.glob("[ve]*/*/input.scar")) if path.stat().st_size < 3000]
 
 
-def decoded(source: Any) -> Any:
+def decoded(source: Any, engine: Engine) -> Any:
     """Every array of every tile, and what was counted."""
     counters, found = Counters(), list[Any]()
-    reader = SceneReader(source)
+    reader = SceneReader(source, engine=engine)
     models = reader.models(counters=counters)
     for _, content in reader.tiles(models, counters=counters):
         found.append((content.codes, content.classes, content.values, content.first, content.indices))
@@ -44,9 +45,9 @@ def test_every_vector(folder: Path, tmp_path: Path) -> None:
         with path.open("r+b") as file:
             file.truncate(expect["extend_to"])
 
-    def act() -> Any:
+    def act(engine: Engine) -> Any:
         with open_source(str(path)) as source:
-            return decoded(source)
+            return decoded(source, engine)
 
     compiled, plain = both(act)
     assert same(compiled, plain)
@@ -58,7 +59,7 @@ def test_every_vector(folder: Path, tmp_path: Path) -> None:
 @given(files(max_anchors=80))
 def test_sound_files(data: bytes) -> None:
     """Of random scenes of both profiles, with predictors, index network and hash grid."""
-    compiled, plain = both(lambda: decoded(BytesSource(data)))
+    compiled, plain = both(lambda engine: decoded(BytesSource(data), engine))
     assert same(compiled, plain)
     assert isinstance(compiled[1], Counters)
 
@@ -67,4 +68,4 @@ def test_sound_files(data: bytes) -> None:
 @given(mutants(SMALL))
 def test_damaged_files(mutant: Mutant) -> None:
     """With the checksums of some made right again, so that the damage is met where it is."""
-    assert same(*both(lambda: decoded(BytesSource(mutant.data))))
+    assert same(*both(lambda engine: decoded(BytesSource(mutant.data), engine)))

@@ -1,42 +1,10 @@
-"""The compiled library: found, loaded and told which arguments its functions take."""
+"""Structures that the compiled library shares with Python, as kernel.h and its neighbours declare them."""
 
 from __future__ import annotations
 
-import ctypes
-import importlib.util
-from ctypes import POINTER, Structure, c_float, c_int64, c_uint32, c_uint64, c_void_p
-from functools import cache
-from typing import Any
-
-import numpy as np
-from numpy.typing import DTypeLike, NDArray
-
-from scarfmt.errors import LimitExceeded
+from ctypes import POINTER, Structure, c_float, c_int64, c_uint64, c_void_p
 
 DEPTHS, HEADS, GRU_LAYERS = 4, 2, 4
-MOST_SYMBOLS = (1 << 31) - 1
-"""Of one call: their places are 32-bit numbers. Tiles ask for 2^26 at most, 64 components of 2^20 anchors."""
-
-
-def address(array: NDArray[Any], dtype: DTypeLike) -> int:
-    """Where the numbers of an array lie. The library relies on their type and order, and changes some in place.
-
-    Raises:
-        TypeError: they are not of `dtype`, or not in one piece in C order.
-    """
-    if array.dtype != dtype or not array.flags.c_contiguous:
-        raise TypeError(f"{array.dtype} of strides {array.strides}, not {np.dtype(dtype)} in C order")
-    return int(array.ctypes.data)
-
-
-def check_symbols(count: int) -> None:
-    """Check that one call may read so many symbols.
-
-    Raises:
-        LimitExceeded: ``limit-tile-anchors``.
-    """
-    if count > MOST_SYMBOLS:
-        raise LimitExceeded("limit-tile-anchors", f"{count} symbols at once: decode with SCARFMT_KERNEL=0")
 
 
 class Rans(Structure):
@@ -115,7 +83,7 @@ class Channel(Structure):
     )
 
 
-class Layer(Structure):
+class ChannelLayer(Structure):
     """What a layer brings of a channel."""
 
     _fields_ = (
@@ -240,49 +208,3 @@ class Indices(Structure):
         *((name, c_void_p) for name in ("member_weights", "found")),
         ("modelled", c_int64),
     )
-
-
-INTERFACE = 2
-"""That of kernel.h: a library built before its last change would be called with wrong arguments."""
-
-_SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
-    "scar_interface": (c_int64, []),
-    "scar_rans_open": (None, [POINTER(Rans)]),
-    "scar_rans_table": (None, [POINTER(Rans), c_void_p, c_uint32, c_int64, c_void_p]),
-    "scar_rans_grouped": (c_int64, [POINTER(Rans), POINTER(Tables), c_void_p, c_int64, c_void_p, c_void_p, c_void_p]),
-    "scar_rans_uniform": (None, [POINTER(Rans), c_uint32, c_int64, c_void_p]),
-    "scar_rans_rows": (None, [POINTER(Rans), c_void_p, c_int64, c_int64, c_void_p]),
-    "scar_rans_logits": (None, [POINTER(Rans), c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
-    "scar_spans_grouped": (c_int64, [POINTER(Tables), c_void_p, c_void_p, c_int64, *[c_void_p] * 4]),
-    "scar_spans_rows": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_void_p]),
-    "scar_spans_logits": (None, [c_void_p, c_void_p, c_int64, c_int64, *[c_void_p] * 4]),
-    "scar_rans_encode": (c_int64, [c_void_p, c_void_p, c_int64, c_void_p]),
-    "scar_rans_members": (None, [POINTER(Rans), POINTER(Members), c_void_p, c_void_p, c_int64, *[c_void_p] * 6]),
-    "scar_fine": (None, [c_void_p, c_void_p, c_int64, c_int64, c_int64, c_void_p]),
-    "scar_cells_names": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_int64, c_void_p, c_void_p]),
-    "scar_cells_add": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p]),
-    "scar_cells_around": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p, c_void_p]),
-    "scar_positions": (c_int64, [POINTER(Rans), POINTER(Positions), POINTER(Tables)]),
-    "scar_grid": (None, [POINTER(Grid), c_void_p, c_int64, c_void_p]),
-    "scar_embedding_inputs": (None, [POINTER(Embedding), POINTER(Cells), c_void_p, c_void_p, c_int64, c_void_p]),
-    "scar_indices": (c_int64, [POINTER(Rans), POINTER(Network), POINTER(Indices)]),
-    "scar_values": (None, [c_void_p, c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
-    "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Channel), c_void_p, c_void_p, c_int64]),
-    "scar_channel_layer": (c_int64, [POINTER(Rans), POINTER(Channel), POINTER(Layer)]),
-}
-
-
-@cache
-def load() -> ctypes.CDLL | None:
-    """The library with its functions declared; None where it was not built, or for another machine or version."""
-    spec = importlib.util.find_spec("scarfmt.kernel.native")
-    if spec is None or spec.origin is None:
-        return None
-    try:
-        library = ctypes.CDLL(spec.origin)
-        for name, (result, arguments) in _SIGNATURES.items():
-            function = getattr(library, name)
-            function.restype, function.argtypes = result, arguments
-    except (OSError, AttributeError):
-        return None
-    return library if library.scar_interface() == INTERFACE else None

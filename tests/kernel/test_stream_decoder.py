@@ -20,9 +20,10 @@ from scarfmt.entropy.rans import (
     RansEncoder,
     uniform_table,
 )
-from scarfmt.entropy.symbols import SymbolTable
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import Malformed
-from scarfmt.kernel.rans import KernelRansDecoder, PackedTables
+from scarfmt.kernel.packed_tables import PackedTables
+from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from tests.kernel.samples import (
     F32,
     SEEDS,

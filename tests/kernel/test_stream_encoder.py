@@ -11,9 +11,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from scarfmt.entropy.rans import MAX_ALPHABET, PRECISION, FrequencyTable, PureRansDecoder, RansEncoder, uniform_table
-from scarfmt.entropy.symbols import SymbolTable
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput
-from scarfmt.kernel.rans import KernelRansEncoder, PackedTables
+from scarfmt.kernel.packed_tables import PackedTables
+from scarfmt.kernel.stream_encoder import KernelRansEncoder
 from tests.kernel.samples import (
     EXTREME,
     F64,

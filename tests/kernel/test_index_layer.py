@@ -12,21 +12,23 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fuzz.testing.networks import random_books, random_network
-from scarfmt.codecs import neural_indices
-from scarfmt.codecs.neural_indices import IndexCoder, get_neural_indices, index_coder
+from scarfmt.codecs.neural_indices import IndexCoder, index_coder
 from scarfmt.coding.counters import Counters
+from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.entropy.symbols import SymbolReader
 from scarfmt.errors import InvalidInput
-from scarfmt.kernel.indices import Known, read_indices
-from scarfmt.kernel.rans import KernelRansDecoder
+from scarfmt.kernel import index_layer
+from scarfmt.kernel.cells import cell_names
+from scarfmt.kernel.index_layer import Known, read_indices
+from scarfmt.kernel.packed_network import packed_network
+from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from scarfmt.neural.grid import GridLevel, HashGrid
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.network import Inputs
 from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 from tests.kernel.samples import I64, SEEDS, both, library, needs_kernel, outcome, random_stream, same
-from tests.kernel.test_kernel_context import random_codes, spread
+from tests.kernel.test_index_inputs import random_codes, spread
 
 pytestmark = needs_kernel
 
@@ -83,17 +85,19 @@ class Case:
         bits = tuple(self.rng.integers(0, 2, (level.entries, level.features)).astype(np.uint8) for level in levels)
         return HashGrid((0, 0, 0), BITS, levels, bits)
 
-    def context(self, counters: Counters | None = None) -> LayerContext:
+    def context(self, engine: Engine = NUMPY_ENGINE, counters: Counters | None = None) -> LayerContext:
         """With all attribute channels settled."""
-        context = LayerContext(self.model, TileFrame(BITS), self.codes, self.classes, counters=counters)
+        given = self.model, TileFrame(BITS), self.codes, self.classes
+        context = LayerContext(*given, counters=counters, operations=engine)
         for channel, values in enumerate(self.values):
             context.settle(channel, values, np.full(self.count, 4))
         return context
 
-    def read(self) -> Any:
+    def read(self, engine: Engine) -> Any:
         """All that a layer's reading changes."""
-        indices, counters, reader = self.indices.copy(), Counters(), SymbolReader(self.data, {})
-        get_neural_indices(reader, self.coder, self.context(counters), indices, self.before, self.after)
+        indices, counters, reader = self.indices.copy(), Counters(), engine.symbol_reader(self.data, {})
+        context, stages = self.context(engine, counters), (self.before, self.after)
+        engine.get_neural_indices(reader, self.coder, context, indices, stages)
         return indices, reader.modelled, counters, reader.read_uniform(4096, 6)
 
     def known(self) -> Known:
@@ -101,7 +105,7 @@ class Case:
         context = self.context()
         features = np.zeros((self.count, self.inputs.grid), np.int16)
         settled = np.ascontiguousarray(context.settled())
-        return Known(self.classes, settled, features, context.by_code, context.cell_names, 1)
+        return Known(self.classes, settled, features, context.by_code, cell_names(context, library()), 1)
 
 
 def check(case: Case) -> I16:
@@ -144,14 +148,14 @@ def test_attention_is_left_to_numpy(attention: bool, monkeypatch: pytest.MonkeyP
         calls.append(1)
         return read_indices(*given)
 
-    monkeypatch.setattr(neural_indices, "read_indices", counted)
+    monkeypatch.setattr(index_layer, "read_indices", counted)
     check(Case(5, 3, attention=attention))
     assert len(calls) == (0 if attention else 1)
 
 
 def bad(case: Case, indices: NDArray[Any], **changes: Any) -> Any:
     """What comes of reading with arrays that do not fit."""
-    rans, packed = KernelRansDecoder(library(), b""), case.coder.evaluator.packed
+    rans, packed = KernelRansDecoder(library(), b""), packed_network(case.coder.evaluator)
     assert packed is not None
     stages: tuple[I64, I64] = changes.pop("stages", (case.before, case.after))
     known = replace(case.known(), **changes)

@@ -10,11 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import SymbolTable
+from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.kernel.cells import CellNames, kernel_fine
-from scarfmt.kernel.channel import KernelChannel, PackedPredictorSteps, Surroundings
-from scarfmt.kernel.rans import ALL_READ, KernelRansDecoder, PackedSteps, PackedTables
+from scarfmt.kernel.channel import KernelChannel
+from scarfmt.kernel.packed_predictors import PackedPredictorSteps, Surroundings
+from scarfmt.kernel.packed_tables import PackedSteps, PackedTables
 from scarfmt.kernel.scratch import Scratch
+from scarfmt.kernel.stream_decoder import ALL_READ, KernelRansDecoder
 from scarfmt.scene.model import Channel, ContextRule
 from tests.kernel.samples import SEEDS, library, needs_kernel, random_stream
 

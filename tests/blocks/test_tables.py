@@ -1,4 +1,4 @@
-"""Tables, their records, and the grouping of symbols by table."""
+"""Records of the TABLES block (SPEC §8.3), read at once and one by one, and the tables that are worth sending."""
 
 from __future__ import annotations
 
@@ -11,33 +11,15 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from scarfmt.blocks import tables as tables_block
+from scarfmt.blocks.tables import MAX_TABLES, fit_table, pack_table, pack_tables, unpack_tables
 from scarfmt.container.bytefields import ByteReader, signed_varint, unsigned_varint
-from scarfmt.entropy.rans import MAX_ALPHABET, PureRansDecoder
-from scarfmt.entropy.symbols import (
-    MAX_TABLES,
-    Emitter,
-    StepKey,
-    SymbolCounter,
-    SymbolReader,
-    SymbolRecorder,
-    SymbolTable,
-    SymbolWriter,
-    TableKey,
-    Values,
-    _unpack_sound,
-    cached_uniform,
-    emit_by_context,
-    emit_grouped,
-    fit_table,
-    pack_table,
-    pack_tables,
-    read_by_context,
-    unpack_tables,
-)
-from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError
-from tests.samples.codec_samples import Recorder, coded, emitting, refuses
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.rans import MAX_ALPHABET
+from scarfmt.entropy.symbol_tables import SymbolTable
+from scarfmt.errors import LimitExceeded, ScarError
+from tests.samples.codec_samples import refuses
 
 EDGE = 2**31 - 1
 KEY = TableKey(3, 1, 2, 7)
@@ -55,14 +37,7 @@ KEYS = st.builds(TableKey, *[st.integers(0, 255)] * 4)
 def tables(draw: st.DrawFn) -> SymbolTable:
     alphabet = draw(ALPHABETS)
     weights = draw(st.lists(st.integers(1, (1 << 24) - 1), min_size=len(alphabet), max_size=len(alphabet)))
-    return SymbolTable.from_weights(np.array(alphabet, np.int64), np.array(weights, np.int64))
-
-
-@given(KEYS, KEYS)
-def test_keys_are_ordered_as_their_numbers(a: TableKey, b: TableKey) -> None:
-    """The order of a TABLES block is that of the key's fields, and a number names one key."""
-    assert TableKey.from_number(a.number) == a
-    assert (a < b) == (a.number < b.number)
+    return SymbolTable(np.array(alphabet, np.int64), np.array(weights, np.int64))
 
 
 @settings(deadline=None)
@@ -154,7 +129,7 @@ def test_the_fitted_table_is_never_dearer_than_the_uniform_one(alphabet: list[in
     counts = np.array(data.draw(st.lists(sizes, min_size=len(alphabet), max_size=len(alphabet))), np.int64)
     values = np.array(alphabet, np.int64)
     table = fit_table(values, counts)
-    uniform = SymbolTable.from_weights(values, np.ones(len(values), np.int64))
+    uniform = SymbolTable(values, np.ones(len(values), np.int64))
 
     def cost(of: SymbolTable) -> float:
         return of.cost_of_counts(values, counts) + 8 * len(pack_table(KEY, of))
@@ -182,214 +157,9 @@ def test_the_cost_of_a_value_without_a_symbol_is_infinite() -> None:
         assert table.cost_of_counts(np.array([missing]), np.array([1])) == float("inf")
 
 
-def put_contexts(emitter: Emitter, contexts: NDArray[np.int64], values: NDArray[np.int64]) -> None:
-    emit_by_context(emitter, KEY, contexts, values)
-
-
-def test_groups_go_by_ascending_context_and_keep_their_order() -> None:
-    """SPEC §8.4: the stream holds each context's symbols together, anchors in order."""
-    recorder = Recorder()
-    put_contexts(recorder, np.array([9, 0, 255, 9, 0, 9]), np.array([1, 2, 3, 4, 5, 6]))
-    expected = [(KEY._replace(context=c), v) for c, v in ((0, [2, 5]), (9, [1, 4, 6]), (255, [3]))]
-    assert recorder.groups == expected
-
-
-@settings(deadline=None)
-@given(st.lists(st.tuples(st.integers(0, 255), st.integers(-EDGE, EDGE)), max_size=60))
-def test_values_come_back_from_their_contexts(pairs: list[tuple[int, int]]) -> None:
-    """Through both decoders, whatever the contexts and values."""
-    contexts, values = np.array([p[0] for p in pairs], np.int64), np.array([p[1] for p in pairs], np.int64)
-    data, fitted = coded(lambda emitter: put_contexts(emitter, contexts, values))
-    for reader in (SymbolReader(data, fitted), SymbolReader(data, fitted, PureRansDecoder(data))):
-        assert read_by_context(reader, KEY, contexts).tolist() == values.tolist()
-        reader.finish()
-
-
-def test_counting_and_coding_agree() -> None:
-    """The counter's promise is the writer's size, for static tables and uniform values together."""
-    rng = np.random.default_rng(5)
-    static, uniform = rng.geometric(0.4, 4000), rng.integers(0, 100, 3000)
-
-    def put(emitter: Emitter) -> None:
-        emitter.emit(KEY, static)
-        emitter.emit_uniform(100, uniform)
-        emitter.emit(KEY, static[:0])
-
-    counter = SymbolCounter()
-    put(counter)
-    histogram = counter.histograms()[KEY]
-    assert int(histogram[1].sum()) == 4000
-    table = {KEY: fit_table(*histogram)}
-    writer = SymbolWriter(table)
-    put(writer)
-    bits = counter.uniform_bits + table[KEY].cost_of_counts(*histogram)
-    assert abs(8 * len(writer.finish()) - bits) < 70
-    reader = SymbolReader(coded(put)[0], table)
-    assert reader.read(KEY, 4000).tolist() == static.tolist()
-    assert reader.read_uniform(100, 3000).tolist() == uniform.tolist()
-    reader.finish()
-
-
-def test_a_recorder_codes_later_what_a_writer_codes_at_once() -> None:
-    """The same bytes, and the counter hears of every group that needs a table."""
-    rng = np.random.default_rng(6)
-    static, uniform = rng.geometric(0.4, 300), rng.integers(0, 100, 200)
-    counter = SymbolCounter()
-    recorder = SymbolRecorder(counter)
-    recorder.emit(KEY, static)
-    recorder.emit_uniform(100, uniform)
-    recorder.settle()
-    table = {KEY: fit_table(*counter.histograms()[KEY])}
-    writer = SymbolWriter(table)
-    writer.emit(KEY, static)
-    writer.emit_uniform(100, uniform)
-    assert recorder.code(table) == writer.finish()
-
-
-def test_a_recorder_codes_rows_as_soon_as_it_settles() -> None:
-    """They come with their frequencies; beside symbols that wait for tables they have no place."""
-    weights, symbols = np.full((50, 2), ((1 << 24) - 2) / 2), np.arange(50) % 2
-    writer = SymbolWriter({})
-    writer.emit_rows(weights, symbols)
-    recorder = SymbolRecorder(SymbolCounter())
-    recorder.emit_rows(weights, symbols)
-    recorder.settle()
-    assert recorder.code({}) == writer.finish()
-    mixed = SymbolRecorder(SymbolCounter())
-    mixed.emit_rows(weights, symbols)
-    mixed.emit_uniform(4, symbols)
-    with pytest.raises(InvalidInput):
-        mixed.settle()
-
-
-def test_a_missing_table_is_named_and_only_when_needed() -> None:
-    """Nothing to read needs no table."""
-    reader = emitting((KEY, [1, 2]))
-    other = KEY._replace(context=8)
-    assert reader.read(other, 0).tolist() == []
-    refuses("missing-table", lambda: reader.read(other, 1))
-
-
-def test_symbols_left_in_a_stream_break_the_seal() -> None:
-    """A stream that holds more than was asked for is not accepted."""
-    reader = emitting((KEY, [1, 2, 3, 1, 3]))
-    reader.read(KEY, 4)
-    with pytest.raises(Malformed) as caught:
-        reader.finish()
-    assert caught.value.refusal == "rans-seal"
-
-
-def test_uniform_tables_kept_are_few() -> None:
-    """All 4095 sizes with their models would hold more than 200 MiB."""
-    for size in range(2, 4097, 7):
-        assert len(cached_uniform(size)) == size
-    assert cached_uniform.cache_info().currsize <= 128
-
-
-STEP = StepKey(3, tuple(range(64)), 2)
-_MOST_KINDS = 64 * 256
-
-
-@st.composite
-def many_groups(draw: st.DrawFn) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
-    """Kinds and values of one call: few cells or many, values close together or at the ends of 32 bits."""
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    count, kinds = draw(st.integers(1, 80)), draw(st.sampled_from([1, 3, 256, _MOST_KINDS]))
-    reach = draw(st.sampled_from([0, 1, 40, 30_000, 1 << 15, EDGE]))
-    middle = draw(st.sampled_from([0, -EDGE + reach, EDGE - reach]))
-    values = middle + rng.integers(-reach, reach + 1, count)
-    if draw(st.booleans()):
-        values = rng.choice([-reach, reach], count) + middle
-    chosen = kinds - 1 - rng.integers(0, min(kinds, 500), count) if draw(st.booleans()) else np.full(count, kinds - 1)
-    types: list[tuple[type, type]] = [(np.int64, np.int64), (np.uint16, np.int32)]
-    if np.abs(values).max() < 1 << 15:
-        types.append((np.int16, np.int16))
-    a, b = draw(st.sampled_from(types))
-    return chosen.astype(a), values.astype(b)
-
-
-def one_by_one(counter: SymbolCounter, key: StepKey, kinds: Values, values: Values) -> None:
-    """Each group by itself."""
-    for kind in np.unique(kinds).tolist():
-        counter.emit(key.table(kind), values[kinds == kind])
-
-
-def same_histograms(a: SymbolCounter, b: SymbolCounter) -> None:
-    """Equal keys in the same order, alphabets and counts of one type."""
-    one, other = a.histograms(), b.histograms()
-    assert list(one) == list(other) == sorted(one)
-    for key, parts in one.items():
-        for found, wanted in zip(parts, other[key], strict=True):
-            assert found.dtype == wanted.dtype == np.int64
-            assert found.tolist() == wanted.tolist()
-
-
-@settings(deadline=None, max_examples=150)
-@given(st.lists(st.tuples(many_groups(), st.booleans(), st.booleans()), max_size=5))
-def test_counting_many_groups_at_once_is_counting_each(
-    calls: list[tuple[tuple[Values, Values], bool, bool]],
-) -> None:
-    """Of the same tables again and again, some at once and some one by one; in wide and in narrow steps."""
-    mixed, plain = SymbolCounter(), SymbolCounter()
-    for (kinds, values), together, shifted in calls:
-        # Component 1 of one step is component 0 of the other: the same tables under other kinds.
-        key = StepKey(3, (*range(1, 64), 0), 2) if shifted else STEP
-        one_by_one(plain, key, kinds, values)
-        if together:
-            emit_grouped(mixed, key, kinds, values)
-        else:
-            one_by_one(mixed, key, kinds, values)
-    same_histograms(mixed, plain)
-
-
-@pytest.mark.parametrize(
-    ("kinds", "wide"), [(1, 1 << 16), (1, (1 << 16) + 1), (256, 256), (256, 257), (_MOST_KINDS, 4)]
-)
-@pytest.mark.parametrize("low", [-EDGE, -5, 0, EDGE - (1 << 17)])
-def test_counts_on_both_sides_of_what_is_counted_without_sorting(kinds: int, wide: int, low: int) -> None:
-    """The first and the last kind with the least and the greatest value."""
-    ends = np.array([(kind, value) for kind in (0, kinds - 1) for value in (low, low + wide - 1)] * 3).T
-    grouped, plain = SymbolCounter(), SymbolCounter()
-    grouped.emit_grouped(STEP, ends[0].astype(np.uint16), ends[1].astype(np.int32))
-    one_by_one(plain, STEP, *ends)
-    same_histograms(grouped, plain)
-
-
-@pytest.mark.parametrize("value", [1 << 31, -(1 << 31) - 1, 1 << 32, 1 << 33, -(1 << 62)])
-def test_values_beyond_32_bits_are_not_counted_as_others(value: int) -> None:
-    """They would be wrapped when they are coded, or be taken for values of another kind."""
-    for emitter in (SymbolCounter(), SymbolRecorder(SymbolCounter())):
-        with pytest.raises(InvalidInput) as caught:
-            emit_grouped(emitter, STEP, np.array([0, 3]), np.array([7, value]))
-        assert caught.value.refusal == "input-symbol"
-
-
-@settings(deadline=None, max_examples=60)
-@given(st.lists(many_groups(), max_size=3))
-def test_writers_and_recorders_of_many_groups(calls: list[tuple[Values, Values]]) -> None:
-    """The same bytes at once, later, and group by group; a reader finds the values in their places."""
-    counter = SymbolCounter()
-    recorder = SymbolRecorder(counter)
-    for kinds, values in calls:
-        emit_grouped(recorder, STEP, kinds, values)
-    recorder.settle()
-    known = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
-    together, each = SymbolWriter(known), SymbolWriter(known)
-    for kinds, values in calls:
-        emit_grouped(together, STEP, kinds, values)
-        for kind in np.unique(kinds).tolist():
-            each.emit(STEP.table(kind), values[kinds == kind])
-    data = together.finish()
-    assert data == each.finish() == recorder.code(known)
-    for reader in (SymbolReader(data, known), SymbolReader(data, known, PureRansDecoder(data))):
-        for kinds, values in calls:
-            assert reader.read_grouped(STEP, kinds).tolist() == values.tolist()
-        reader.finish()
-
-
 def table_blocks(payload: bytes, at_once: bool) -> Any:
     """What `unpack_tables` makes of a payload, or how it refuses it, with the fast way or without."""
-    fast = nullcontext() if at_once else patch("scarfmt.entropy.symbols._unpack_sound", return_value=None)
+    fast = nullcontext() if at_once else patch("scarfmt.blocks.tables._unpack_sound", return_value=None)
     try:
         with fast:
             found = unpack_tables(payload)
@@ -405,7 +175,7 @@ def check_both_ways(payload: bytes) -> bool:
     """Equal tables or refusals both ways; whether the fast way took it, which it does exactly if it is sound."""
     slow = table_blocks(payload, at_once=False)
     assert table_blocks(payload, at_once=True) == slow
-    taken = _unpack_sound(payload) is not None
+    taken = tables_block._unpack_sound(payload) is not None
     assert taken == isinstance(slow, list)
     return taken
 
@@ -476,7 +246,7 @@ def test_the_largest_tables_are_read_alike() -> None:
     assert check_both_ways(pack_tables({**many, TableKey(255, 255, 255, 255): large}))
     payload = pack_tables({KEY._replace(context=context): large for context in range(256)})
     assert len(payload) > 1 << 20
-    assert _unpack_sound(payload) is None
+    assert tables_block._unpack_sound(payload) is None
     assert len(table_blocks(payload, at_once=True)) == 256
 
 

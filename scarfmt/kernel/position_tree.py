@@ -1,4 +1,4 @@
-"""Compiled reading of positions (SPEC §7.2)."""
+"""Compiled reading of positions: the tree of splits in one call (SPEC §7.2)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.kernel.interface import Nodes, Positions, check_symbols
-from scarfmt.kernel.rans import KernelRansDecoder, PackedTables
+from scarfmt.codecs.positions import KEY, bad_bin, bad_rest, too_many_below
+from scarfmt.entropy.symbol_tables import missing_table
+from scarfmt.kernel.memory import check_symbols
+from scarfmt.kernel.packed_tables import PackedTables
+from scarfmt.kernel.stream_decoder import ALL_READ, KernelRansDecoder
+from scarfmt.kernel.structs import Nodes, Positions
+from scarfmt.kernel.symbols import KernelSymbolReader
 
 U64 = NDArray[np.uint64]
 
 BAD_BIN, BAD_REST, BAD_SPLIT = -2, -3, -4
+_FAULTS = {BAD_BIN: bad_bin, BAD_REST: bad_rest, BAD_SPLIT: too_many_below}
 
 
 class KernelPositions:
@@ -42,3 +48,19 @@ class KernelPositions:
         )
         read = rans.functions.scar_positions(rans.pointer, ctypes.byref(struct), tables.pointer)
         self.read, self.static, self.uniform = int(read), int(struct.static_read), int(struct.uniform_read)
+
+
+def get_positions(reader: KernelSymbolReader, total: int, bits: int) -> U64:
+    """What :func:`scarfmt.codecs.positions.get_positions` reads, of one anchor or more.
+
+    Raises:
+        Malformed: ``bad-split``, ``missing-table``.
+    """
+    found = KernelPositions(reader.rans, reader.packed.step(KEY), total, bits)
+    if found.read in _FAULTS:
+        raise _FAULTS[found.read]()
+    if found.read != ALL_READ:
+        raise missing_table(KEY.table(found.read))
+    reader.static += found.static
+    reader.uniform += found.uniform
+    return found.codes

@@ -11,9 +11,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from scarfmt.codecs.positions import LARGEST_OWN_TABLE, get_positions, put_positions
+from scarfmt.codecs.positions import LARGEST_OWN_TABLE, put_positions
+from scarfmt.coding.engine import Engine
 from scarfmt.container.schema import Stream
-from scarfmt.entropy.symbols import Emitter, SymbolReader, SymbolTable, TableKey
+from scarfmt.entropy.emitters import Emitter
+from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.symbol_tables import SymbolTable
 from tests.kernel.samples import SEEDS, both, needs_kernel, random_stream, same
 from tests.samples.codec_samples import coded
 
@@ -30,9 +33,9 @@ def key(count: int) -> TableKey:
 def read(data: bytes, tables: Mapping[TableKey, SymbolTable], total: int, bits: int) -> Any:
     """Codes, symbols counted, and what the stream is refused for once they are read."""
 
-    def act() -> Any:
-        reader = SymbolReader(data, tables)
-        codes = get_positions(reader, total, bits)
+    def act(engine: Engine) -> Any:
+        reader = engine.symbol_reader(data, tables)
+        codes = engine.get_positions(reader, total, bits)
         reader.finish()
         return codes, reader.static, reader.uniform
 
@@ -98,9 +101,9 @@ def test_any_words_give_the_same_codes_or_refusal(seed: int, bits: int, total: i
     data = random_stream(rng, int(rng.choice([0, 1, 2, 30, 2 * total])))
     tables = random_tables(rng, spoilt)
 
-    def act() -> Any:
-        reader = SymbolReader(data, tables)
-        return get_positions(reader, total, bits), reader.static, reader.uniform
+    def act(engine: Engine) -> Any:
+        reader = engine.symbol_reader(data, tables)
+        return engine.get_positions(reader, total, bits), reader.static, reader.uniform
 
     compiled, plain = both(act)
     assert same(compiled, plain)

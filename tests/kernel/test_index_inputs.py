@@ -12,9 +12,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from scarfmt.codecs.neural_indices import Around, IndexCoder, embedding_inputs
+from scarfmt.coding.engine import Engine
+from scarfmt.kernel import index_inputs
 from scarfmt.kernel.cells import KernelCellSums
-from scarfmt.kernel.network import grid_features
-from scarfmt.neural.context import FINE_LIMIT, CellMeans, CellSums, depth_shifts, fine
+from scarfmt.kernel.index_inputs import grid_features
+from scarfmt.neural.context import FINE_LIMIT, CellMeans, CellSums, depth_shifts
+from scarfmt.neural.context_operations import fine
 from scarfmt.neural.grid import (
     MAX_EXTENT_BITS,
     MAX_FEATURES,
@@ -48,7 +51,7 @@ def test_fine_values(seed: int, count: int, columns: int, alike: bool, dtype: ty
     rng = np.random.default_rng(seed)
     values = spread(rng, (count, 2 * columns), EXTREME).astype(dtype)[:, ::2]
     steps = rng.integers(0, MAX_STEPS + 1, 1 if alike else count)
-    compiled, plain = both(lambda: fine(values, steps))
+    compiled, plain = both(lambda engine: fine(values, steps, engine))
     assert same(compiled, plain)
 
 
@@ -58,7 +61,7 @@ def test_fine_values_at_every_edge(steps: int) -> None:
     power = 3 ** max(steps - 1, 0)
     middles = np.concatenate([k * power // 1024 + np.arange(-2, 3) for k in (-FINE_LIMIT, -3, -1, 0, 1, 2, FINE_LIMIT)])
     values = np.clip(np.concatenate([middles, [-EXTREME, EXTREME]]), -EXTREME, EXTREME)[:, None]
-    compiled, plain = both(lambda: fine(values, np.array([steps])))
+    compiled, plain = both(lambda engine: fine(values, np.array([steps]), engine))
     assert same(compiled, plain)
     exact = [(2048 * int(v) + power) // (2 * power) if steps else 0 for v in values[:, 0]]
     assert compiled[:, 0].tolist() == [min(max(v, -FINE_LIMIT), FINE_LIMIT) for v in exact]
@@ -79,7 +82,7 @@ def test_sums_over_cells(seed: int, count: int, bits: int, depths: int, columns:
     codes = random_codes(rng, count, bits)
     occupancies = np.sort(rng.choice([1, 2, 3, 7, 24, 65535], depths, replace=False))[::-1].tolist()
     cells = CellMeans(codes, depth_shifts(codes, bits, occupancies))
-    compiled, plain = cells.kernel_sums(library(), columns, cells.compact), CellSums(cells, columns)
+    compiled, plain = KernelCellSums(library(), cells.compact, cells.sizes, columns), CellSums(cells, columns)
     for rows in np.array_split(rng.permutation(count), 3):
         wanted = rng.integers(0, max(count, 1), 0 if not count else 30)
         assert all(map(same, map(np.ascontiguousarray, compiled.around(wanted)), plain.around(wanted)))
@@ -143,7 +146,7 @@ def test_grid_features(seed: int, levels: list[GridLevel], extent_bits: int, cou
     near = rng.random((count, 3)) < 0.2
     places[near] = (np.array(grid.origin) + (1 << extent_bits) * rng.integers(0, 2, (count, 3)))[near] - 1
     for positions in (places, np.asfortranarray(places)):
-        compiled, plain = both(lambda positions=positions: grid.features(positions))
+        compiled, plain = both(lambda engine, positions=positions: engine.grid_features(grid, positions))
         assert same(compiled, plain)
 
 
@@ -187,10 +190,11 @@ def test_inputs_of_the_index_network(seed: int, count: int, inputs: Inputs, amax
     columns = inputs.attributes + inputs.latents
     part = rng.permutation(count)[: rng.integers(0, count + 1)]
 
-    def act() -> Any:
-        means = cells.sums(columns)
+    def act(engine: Engine) -> Any:
+        means = engine.cell_sums(cells, columns)
         means.add(rows[known], np.concatenate([settled, values], axis=1)[known])
-        return embedding_inputs(coder, Around(context, settled, means, grid), part)
+        made = index_inputs.embedding_inputs if isinstance(means, KernelCellSums) else embedding_inputs
+        return made(coder, Around(context, settled, means, grid), part)
 
     compiled, plain = both(act)
     assert compiled.shape == (len(part), inputs.width)

@@ -9,8 +9,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from fuzz.testing.networks import random_books, random_network
-from scarfmt.codecs.neural_indices import IndexCoder, _get_symbols, index_coder
-from scarfmt.entropy.symbols import SymbolReader
+from scarfmt.codecs.neural_indices import IndexCoder, index_coder, read_symbols
+from scarfmt.coding.engine import Engine
+from scarfmt.kernel import index_layer
+from scarfmt.kernel.symbols import KernelSymbolReader
 from scarfmt.neural.network import Inputs
 from tests.kernel.samples import SEEDS, both, needs_kernel, random_stream, same
 
@@ -40,9 +42,10 @@ def test_codewords_on_any_words(seed: int, codewords: int, two_level: bool, edge
     data = random_stream(rng, int(rng.choice([0, 1, 30, 300])))
     mixed = rng.integers(0, coder.network.amax + 1, (count, coder.network.mixer.outputs)).astype(np.float32)
 
-    def act() -> Any:
-        reader = SymbolReader(data, {})
-        symbols = _get_symbols(reader, coder, stage, mixed.copy(), count)
+    def act(engine: Engine) -> Any:
+        reader = engine.symbol_reader(data, {})
+        read = index_layer.read_symbols if isinstance(reader, KernelSymbolReader) else read_symbols
+        symbols = read(reader, coder, stage, mixed.copy(), count)
         return symbols, reader.modelled, reader.read_uniform(4096, 6)
 
     compiled, plain = both(act)

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from reference_decoder.dequantise import channel_values
 from scarfmt.codecs.channels import width_table
 from scarfmt.kernel.values import kernel_values
 from scarfmt.scene.model import MAX_STEPS
@@ -26,7 +25,7 @@ def test_values(seed: int, count: int, components: int) -> None:
     values = (rng.integers(-EXTREME, EXTREME + 1, (count, components)) >> rng.integers(0, 32)).astype(np.int32)
     width = tuple(np.exp2(rng.uniform(-160, 130, components)).tolist())
     steps = rng.integers(0, MAX_STEPS + 1, count)
-    compiled, plain = both(lambda: channel_values(values, width, steps))
+    compiled, plain = both(lambda engine: engine.channel_values(values, width, steps))
     assert same(compiled, plain)
     assert compiled.dtype == np.float32
 

@@ -1,30 +1,27 @@
-"""Compiled reading of the indices of a tile-layer by the index network, where it has no attention (SPEC §10.5)."""
+"""The index network as the compiled library reads it, where it has no attention (SPEC §10.5)."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.errors import InvalidInput
-from scarfmt.kernel.cells import CellNames
-from scarfmt.kernel.interface import HEADS, Indices, Linear, Network, address
-from scarfmt.kernel.rans import KernelRansDecoder, PackedMembers, exp2_weights
+from scarfmt.kernel.members import PackedMembers, exp2_weights
+from scarfmt.kernel.memory import address
 from scarfmt.kernel.scratch import SCRATCH
+from scarfmt.kernel.structs import HEADS, Indices, Linear, Network
+from scarfmt.neural.evaluator import Evaluator
+from scarfmt.neural.network import IndexNetwork
+from scarfmt.neural.operations import NumpyOperations
+from scarfmt.neural.parts import GATES, Logits, Predicting, Recurrence, Rounded
 
-if TYPE_CHECKING:
-    from scarfmt.neural.network import IndexNetwork
-
-I16 = NDArray[np.int16]
-I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 F32 = NDArray[np.float32]
 
-BAD_INDEX = -2
 # Anchors side by side, and rows of weights that are multiplied at once.
 _BLOCK, _ROWS = 16, 5
 _LANE_BYTES = 4 * _BLOCK
@@ -32,7 +29,7 @@ _UNBOUNDED = float(1 << 25)
 
 
 @dataclass(frozen=True)
-class Layer:
+class Affine:
     """floor(x weights + biases), clamped: (in, out) and (out,) float32, and the lowest and highest output."""
 
     weights: F32
@@ -63,8 +60,8 @@ class Gates:
 class HeadLayers:
     """A head: its projections, logits of codewords or clusters, and in a two-level one the members of clusters."""
 
-    projections: Sequence[Layer]
-    top: Layer
+    projections: Sequence[Affine]
+    top: Affine
     members: PackedMembers | None
 
 
@@ -82,9 +79,9 @@ class Parts:
         heads: by codebook; None for one that is empty.
     """
 
-    embed: Sequence[Layer]
-    mix_embedding: Layer
-    mix_state: Layer
+    embed: Sequence[Affine]
+    mix_embedding: Affine
+    mix_state: Affine
     mix_start: F32
     after_first: F32
     gru: Sequence[Gates]
@@ -134,7 +131,7 @@ class PackedNetwork:
         if head.members is not None:
             out.second, out.members = self._layer(head.projections[1]), ctypes.pointer(head.members.struct)
 
-    def _layer(self, layer: Layer) -> Linear:
+    def _layer(self, layer: Affine) -> Linear:
         inputs, outputs = layer.weights.shape
         return Linear(inputs, outputs, self._rows(layer.weights), self._array(layer.biases), layer.low, layer.high)
 
@@ -184,69 +181,50 @@ def _filled(rows: int) -> int:
     return -(-rows // _ROWS) * _ROWS
 
 
-@dataclass(frozen=True)
-class Known:
-    """What is known of the n anchors of a tile-layer.
+def packed_network(evaluator: Evaluator) -> PackedNetwork | None:
+    """The network of an evaluator; to be kept with it.
 
-    Attributes:
-        classes: (n,) int64.
-        settled: (n, A) int32 fine values of the attribute channels.
-        features: (n, grid) int16 of the hash grid.
-        by_code: (n,) int64 anchors by (code, index).
-        cells: of the anchors.
-        passes_log2: of the scene.
+    None with attention, without codewords, or where something else than NumPy computes.
     """
-
-    classes: I64
-    settled: I32
-    features: I16
-    by_code: I64
-    cells: CellNames
-    passes_log2: int
-
-
-def read_indices(
-    rans: KernelRansDecoder,
-    packed: PackedNetwork,
-    known: Known,
-    indices: I16,
-    before: I64,
-    after: I64,
-) -> int:
-    """Read stages before+1..after into `indices`, (n, stages) int16, in place; returns how many symbols.
-
-    Raises:
-        InvalidInput: ``input-stage`` for more stages than there are columns, or indices known that are none.
-    """
-    count, inputs = len(indices), packed.network.inputs
-    stages = int(after.max(initial=0))
-    if stages > indices.shape[1] or not packed.codes(stages):
-        raise InvalidInput("input-stage", f"{stages} stages, more than there is room for", field="stage")
-    struct = Indices(
-        count,
-        indices.shape[1],
-        _address(known.classes, np.int64, (count,)),
-        _address(known.settled, np.int32, (count, inputs.attributes)),
-        _address(known.features, np.int16, (count, inputs.grid)),
-        address(indices, np.int16),
-        _address(before, np.int64, (count,)),
-        _address(after, np.int64, (count,)),
-        _address(known.by_code, np.int64, (count,)),
-        known.passes_log2,
+    if evaluator.attend is not None or not isinstance(evaluator.operations, NumpyOperations) or not evaluator.heads:
+        return None
+    network, states = evaluator.network, evaluator.first.layers
+    parts = Parts(
+        [_affine(layer) for layer in evaluator.embedding],
+        Affine(evaluator.mix_embedding, evaluator.mix_biases),
+        Affine(evaluator.mix_state, evaluator.mix_biases),
+        evaluator.mix_start[0],
+        np.concatenate(states, axis=1) if states else np.zeros((0, 0), np.float32),
+        [_gates(layer) for layer in evaluator.gru],
+        (evaluator.gru[0].sigmoid, evaluator.gru[0].tanh),
+        [_head(evaluator.heads[book]) if book in evaluator.heads else None for book in range(len(network.heads))],
     )
-    struct.cells = known.cells.scratch(inputs.attributes + inputs.latents)
-    packed.lend(struct, count, stages)
-    if rans.functions.scar_indices(rans.pointer, ctypes.byref(packed.struct), ctypes.byref(struct)) == BAD_INDEX:
-        raise InvalidInput("input-stage", "an index known is not that of a codeword", field="stage")
-    return int(struct.modelled)
+    return PackedNetwork(network, parts, (evaluator.books.coarse, evaluator.books.residual))
 
 
-def _address(array: NDArray[Any], dtype: type, shape: tuple[int, ...]) -> int:
-    """Where an array of this type and shape lies.
+def packed_members(head: Predicting) -> PackedMembers:
+    """The members of all clusters of a two-level head, in arrays of NumPy; to be kept with it."""
+    parts = [_logits(members) for members in head.members]
+    return PackedMembers([part.weights for part in parts], [part.biases for part in parts])
 
-    Raises:
-        TypeError: it has another.
-    """
-    if array.shape != shape:
-        raise TypeError(f"an array of shape {array.shape}, not {shape}")
-    return address(array, dtype)
+
+def _affine(layer: Rounded) -> Affine:
+    return Affine(layer.weights, layer.biases, layer.low, layer.high)
+
+
+def _logits(logits: Logits) -> Affine:
+    return Affine(logits.codewords.T, logits.offsets[:, 0])
+
+
+def _gates(layer: Recurrence) -> Gates:
+    tables = [np.concatenate(table, axis=1) for table in layer.tables]
+    inputs = None if tables else np.concatenate(layer.inputs[0], axis=1)
+    biases = [np.concatenate(row, axis=1) for row in layer.biases]
+    recurrent, offsets = (np.concatenate(p, axis=1) for p in (layer.recurrent, layer.recurrent_biases))
+    none = np.zeros((0, GATES * layer.width), np.float32)
+    return Gates(tables, inputs, np.concatenate([none, *biases]), recurrent, offsets[0])
+
+
+def _head(head: Predicting) -> HeadLayers:
+    members = head.kept(packed_members) if head.members else None
+    return HeadLayers([_affine(layer) for layer in head.projections], _logits(head.top), members)

@@ -1,0 +1,35 @@
+"""What is made of an object once and kept with it, for as long as it lives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class Keeper:
+    """An object that others may keep something with that they made of it.
+
+    An engine packs tables and networks in its own way, once, however many tiles are decoded with them; the object
+    itself need not know what an engine is. Threads may share one: at worst two make the same thing.
+    """
+
+    def kept(self, make: Callable[Concatenate[Self, P], T], *arguments: P.args, **_: P.kwargs) -> T:
+        """What `make` makes of this object and `arguments`: made at the first call, the same one at later calls.
+
+        Args:
+            make: a function or class that lives as long as what it makes is wanted.
+            arguments: hashable.
+        """
+        found: dict[Any, Any] = self.__dict__.setdefault("_kept", {})
+        key = (make, *arguments)
+        if key not in found:
+            found[key] = make(self, *arguments, **_)
+        made: T = found[key]
+        return made
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy of the object starts with: nothing that was kept, which may hold addresses."""
+        return {name: value for name, value in self.__dict__.items() if name != "_kept"}

@@ -1,0 +1,86 @@
+"""The compiled library: found, loaded, and its functions declared (docs/decisions/0016)."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+from ctypes import POINTER, c_int64, c_uint32, c_void_p
+from functools import cache
+
+from scarfmt.kernel.structs import (
+    Cells,
+    Channel,
+    ChannelLayer,
+    Embedding,
+    Grid,
+    Indices,
+    Members,
+    Network,
+    Positions,
+    Rans,
+    Tables,
+)
+
+INTERFACE = 2
+"""That of kernel.h: a library built before its last change would be called with wrong arguments."""
+
+_SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
+    "scar_interface": (c_int64, []),
+    "scar_rans_open": (None, [POINTER(Rans)]),
+    "scar_rans_table": (None, [POINTER(Rans), c_void_p, c_uint32, c_int64, c_void_p]),
+    "scar_rans_grouped": (c_int64, [POINTER(Rans), POINTER(Tables), c_void_p, c_int64, c_void_p, c_void_p, c_void_p]),
+    "scar_rans_uniform": (None, [POINTER(Rans), c_uint32, c_int64, c_void_p]),
+    "scar_rans_rows": (None, [POINTER(Rans), c_void_p, c_int64, c_int64, c_void_p]),
+    "scar_rans_logits": (None, [POINTER(Rans), c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_spans_grouped": (c_int64, [POINTER(Tables), c_void_p, c_void_p, c_int64, *[c_void_p] * 4]),
+    "scar_spans_rows": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_void_p]),
+    "scar_spans_logits": (None, [c_void_p, c_void_p, c_int64, c_int64, *[c_void_p] * 4]),
+    "scar_rans_encode": (c_int64, [c_void_p, c_void_p, c_int64, c_void_p]),
+    "scar_rans_members": (None, [POINTER(Rans), POINTER(Members), c_void_p, c_void_p, c_int64, *[c_void_p] * 6]),
+    "scar_fine": (None, [c_void_p, c_void_p, c_int64, c_int64, c_int64, c_void_p]),
+    "scar_cells_names": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_int64, c_void_p, c_void_p]),
+    "scar_cells_add": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p]),
+    "scar_cells_around": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p, c_void_p]),
+    "scar_positions": (c_int64, [POINTER(Rans), POINTER(Positions), POINTER(Tables)]),
+    "scar_grid": (None, [POINTER(Grid), c_void_p, c_int64, c_void_p]),
+    "scar_embedding_inputs": (None, [POINTER(Embedding), POINTER(Cells), c_void_p, c_void_p, c_int64, c_void_p]),
+    "scar_indices": (c_int64, [POINTER(Rans), POINTER(Network), POINTER(Indices)]),
+    "scar_values": (None, [c_void_p, c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
+    "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Channel), c_void_p, c_void_p, c_int64]),
+    "scar_channel_layer": (c_int64, [POINTER(Rans), POINTER(Channel), POINTER(ChannelLayer)]),
+}
+
+
+class Absent(Exception):
+    """There is no compiled library to use; the message says why."""
+
+
+@cache
+def load() -> ctypes.CDLL:
+    """The library with its functions declared.
+
+    Raises:
+        Absent: it was not built, or for another machine or version.
+    """
+    spec = importlib.util.find_spec("scarfmt.kernel.native")
+    if spec is None or spec.origin is None:
+        raise Absent("it was not built: no C compiler was found when scarfmt was installed, or it failed")
+    return opened(spec.origin)
+
+
+def opened(path: str) -> ctypes.CDLL:
+    """The library in a file, as :func:`load` gives it."""
+    try:
+        library = ctypes.CDLL(path)
+    except OSError as error:
+        raise Absent(f"it cannot be loaded, perhaps it was built for another machine: {error}") from error
+    try:
+        for name, (result, arguments) in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+    except AttributeError as error:
+        raise Absent("it was built from another version: a function is missing") from error
+    found = library.scar_interface()
+    if found != INTERFACE:
+        raise Absent(f"it was built from another version: interface {found}, not {INTERFACE}")
+    return library

@@ -1,0 +1,34 @@
+"""What the compiled library may be given: arrays of the right type, and not too many symbols at once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from scarfmt.errors import LimitExceeded
+
+MOST_SYMBOLS = (1 << 31) - 1
+"""Of one call: their places are 32-bit numbers. Tiles ask for 2^26 at most, 64 components of 2^20 anchors."""
+
+
+def address(array: NDArray[Any], dtype: DTypeLike) -> int:
+    """Where the numbers of an array lie. The library relies on their type and order, and changes some in place.
+
+    Raises:
+        TypeError: they are not of `dtype`, or not in one piece in C order.
+    """
+    if array.dtype != dtype or not array.flags.c_contiguous:
+        raise TypeError(f"{array.dtype} of strides {array.strides}, not {np.dtype(dtype)} in C order")
+    return int(array.ctypes.data)
+
+
+def check_symbols(count: int) -> None:
+    """Check that one call may read so many symbols.
+
+    Raises:
+        LimitExceeded: ``limit-tile-anchors``.
+    """
+    if count > MOST_SYMBOLS:
+        raise LimitExceeded("limit-tile-anchors", f"{count} symbols at once: decode with --backend numpy")
