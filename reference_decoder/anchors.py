@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from reference_decoder.explicit import CHUNK, network_outputs
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.counters import Counters
-from scarfmt.coding.reader import SceneModels
+from scarfmt.coding.models import SceneModels
 from scarfmt.container.schema import Stream
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.activation import opacity_logits

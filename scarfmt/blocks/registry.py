@@ -11,7 +11,7 @@ from scarfmt.blocks import codebooks, hash_grid, index_network, layer, metadata,
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind
 
-BLOCKS: Mapping[BlockKind, BlockSpec] = {
+BLOCKS: Mapping[int, BlockSpec] = {
     spec.kind: spec
     for spec in (
         layer.SPEC,

@@ -24,7 +24,6 @@ from reference_decoder.decode import decode
 from scarfmt import limits
 from scarfmt.blocks import codebooks, mlp
 from scarfmt.blocks import predictors as predictor_codec
-from scarfmt.coding import reader
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container import bytefields
 from scarfmt.container.schema import (
@@ -159,7 +158,7 @@ def _constants() -> dict[str, int]:
         **found,
         "MAX_ALPHABET": rans.MAX_ALPHABET,
         "MAX_TABLES": symbols.MAX_TABLES,
-        "MAX_TABLES_BYTES": reader.MAX_TABLES_BYTES,
+        "MAX_TABLES_BYTES": symbols.MAX_TABLES_BYTES,
         "MAX_CODEWORDS": scene_codebooks.MAX_CODEWORDS,
         "MAX_CODEWORD_COMPONENT": codebooks.MAX_VALUE,
         "MAX_LATENT": scene_codebooks.MAX_LATENT,
