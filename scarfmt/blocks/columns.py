@@ -70,7 +70,7 @@ class ColumnReader:
     def read(self, payload: bytes) -> Columns | None:
         """The records of a payload, None if it is too long for this, or not sound."""
         numbers = varints(payload, bits=_BITS) if len(payload) <= _AT_ONCE else None
-        if numbers is None or not 1 <= numbers[0] <= self._most:
+        if numbers is None or numbers[0] > self._most:
             return None
         places = self._places(numbers.tolist())
         if places is None:

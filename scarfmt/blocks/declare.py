@@ -40,11 +40,11 @@ Values = Mapping[str, Any]
 class Trace(Protocol):
     """Hears which bytes are what, as they are read."""
 
-    def enter(self, name: str | int, member: Any) -> None:
-        """A field, or the item of this number of a repetition, begins."""
+    def enter(self, name: str | int, at: int) -> None:
+        """A field, or the item of this number of a repetition, begins at byte `at` of the payload."""
 
-    def leave(self, value: Any) -> None:
-        """It ends, and has this value."""
+    def leave(self, value: Any, at: int) -> None:
+        """It ends before byte `at`, and has this value."""
 
     def part(self, name: str, start: int, past: int, value: Any) -> None:
         """Bytes `start` to `past` of the payload are a part of the field that has begun."""
@@ -303,7 +303,7 @@ class Record(Element):
     def __init__(self, *members: Any) -> None:
         super().__init__()
         self.members = members
-        self._steps = [(member.name, unnamed(member), member) for member in members]
+        self._steps = [(member.name, unnamed(member)) for member in members]
         self._runs = _fused(self._steps)
 
     def take(self, reader: Cursor, scope: Scope) -> Scope:
@@ -325,13 +325,13 @@ class Record(Element):
                 values[name] = element.take(reader, values)
 
     def _fill_watched(self, reader: Cursor, trace: Trace, values: Scope) -> None:
-        for name, element, member in self._steps:
+        for name, element in self._steps:
             if name is None:
                 element.take(reader, values)
                 continue
-            trace.enter(name, member)
+            trace.enter(name, reader.position)
             values[name] = element.take(reader, values)
-            trace.leave(values[name])
+            trace.leave(values[name], reader.position)
 
     def put(self, value: Values, scope: Values) -> bytes:
         values = Scope(scope)
@@ -342,7 +342,7 @@ class Record(Element):
         """The bytes of the fields, whose values are in scope."""
         return b"".join(
             element.put(None if name is None or isinstance(element, Derived) else values[name], values)
-            for name, element, _ in self._steps
+            for name, element in self._steps
         )
 
 
@@ -353,12 +353,12 @@ def unnamed(member: Any) -> Any:
     return member
 
 
-def _fused(steps: Sequence[tuple[str | None, Any, Any]]) -> list[tuple[Any, Any]]:
+def _fused(steps: Sequence[tuple[str | None, Any]]) -> list[tuple[Any, Any]]:
     """The steps, those of neighbouring scalars in one: they are read at once."""
     out: list[tuple[Any, Any]] = []
     names: list[str | None] = []
     codes = ""
-    for name, element, _ in [*steps, (None, None, None)]:
+    for name, element in [*steps, (None, None)]:
         if isinstance(element, Scalar):
             names.append(name)
             codes += element.code
@@ -400,10 +400,10 @@ class Repeat(Element):
         for index in range(evaluated(self.count, scope)):
             around["index"] = index
             if reader.trace is not None:
-                reader.trace.enter(index, self.item)
+                reader.trace.enter(index, reader.position)
             value = self.item.take(reader, around)
             if reader.trace is not None:
-                reader.trace.leave(value)
+                reader.trace.leave(value, reader.position)
             out.append(value)
         return out
 

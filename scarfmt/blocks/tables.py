@@ -9,7 +9,7 @@ import numpy as np
 from construct import this
 from numpy.typing import NDArray
 
-from scarfmt.blocks.columns import ColumnReader, Columns
+from scarfmt.blocks.columns import ColumnReader
 from scarfmt.blocks.declare import Count, Record, Repeat, Rule, Scope, SignedVarint, Varint, Varints, build, read
 from scarfmt.blocks.spec import BlockSpec, Frame, Reading
 from scarfmt.container.bytefields import compress, unsigned_varint
@@ -110,8 +110,7 @@ def unpack_tables(content: bytes) -> dict[TableKey, SymbolTable]:
     Raises:
         Malformed: ``bad-table`` for a record that breaks SPEC §8.3.
     """
-    columns = _READER.read(content)
-    found = None if columns is None else _sound(columns)
+    found = _unpack_sound(content)
     if found is not None:
         return found
     tables = read(TABLES, content, "tables")["tables"]
@@ -124,8 +123,11 @@ def _table(at: Scope) -> SymbolTable:
     return SymbolTable(alphabet, at["weights"])
 
 
-def _sound(columns: Columns) -> dict[TableKey, SymbolTable] | None:
-    """The tables of records that keep R-8.3-1; None if one breaks it."""
+def _unpack_sound(content: bytes) -> dict[TableKey, SymbolTable] | None:
+    """The tables of a content that breaks no rule, all numbers at once; None of any other."""
+    columns = _READER.read(content)
+    if columns is None:
+        return None
     keys, sizes, first = (columns.scalars[name] for name in ("key", "size", "first"))
     weights, ends = columns.arrays["weights"], np.cumsum(sizes)
     begins = ends - sizes

@@ -24,6 +24,7 @@ from reference_decoder.decode import decode
 from scarfmt import limits
 from scarfmt.blocks import codebooks, mlp
 from scarfmt.blocks import predictors as predictor_codec
+from scarfmt.blocks import tables as tables_block
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container import bytefields
 from scarfmt.container.schema import (
@@ -37,7 +38,7 @@ from scarfmt.container.schema import (
     Stream,
 )
 from scarfmt.container.source import BytesSource
-from scarfmt.entropy import rans, rice, symbols
+from scarfmt.entropy import rans, rice
 from scarfmt.neural import arithmetic, grid, network, predictors, tables
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.scene import codebooks as scene_codebooks
@@ -157,8 +158,8 @@ def _constants() -> dict[str, int]:
     return {
         **found,
         "MAX_ALPHABET": rans.MAX_ALPHABET,
-        "MAX_TABLES": symbols.MAX_TABLES,
-        "MAX_TABLES_BYTES": symbols.MAX_TABLES_BYTES,
+        "MAX_TABLES": tables_block.MAX_TABLES,
+        "MAX_TABLES_BYTES": tables_block.MAX_TABLES_BYTES,
         "MAX_CODEWORDS": scene_codebooks.MAX_CODEWORDS,
         "MAX_CODEWORD_COMPONENT": codebooks.MAX_VALUE,
         "MAX_LATENT": scene_codebooks.MAX_LATENT,
