@@ -11,16 +11,17 @@ export OPENBLAS_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow fuzz fuzz-guided lint types check example bench bench-full pictures ksy clean
+.PHONY: help demo test test-slow fuzz fuzz-guided sanitize lint types check wheel bench bench-full pictures
+.PHONY: portability ksy clean
 
 help:
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 22
 
 # torch alone and first: whatever else is installed afterwards then finds the pinned build in place.
-$(STAMP): pyproject.toml $(wildcard scarfmt/kernel/*.c scarfmt/kernel/*.h)
+$(STAMP): pyproject.toml setup.py conformance/suite/pyproject.toml $(wildcard scarfmt/kernel/*.c scarfmt/kernel/*.h)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet 'torch==2.13.0'
-	$(BIN)/python -m pip install --quiet --editable '.[encode,render,http,import,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[neural,render,http,import,dev]'
 	$(BIN)/python -m pip install --quiet --no-deps --editable conformance/suite
 	touch $(STAMP)
 
@@ -40,13 +41,20 @@ fuzz-guided: $(STAMP) ## coverage-guided fuzzing, ten minutes; installs atheris
 	$(BIN)/python -m pip install --quiet --editable ".[fuzz]"
 	$(BIN)/python -m fuzz.atheris_decode fuzz/corpus-guided -max_total_time=600
 
-lint: $(STAMP) ## ruff
+sanitize: $(STAMP) ## the kernel under address and undefined-behaviour sanitizers, MINUTES=5 of damaged files
+	$(BIN)/python -m fuzz.sanitize --minutes $(or $(MINUTES),5) --seed $(or $(SEED),1)
+
+lint: $(STAMP) ## ruff, and which module may import which
 	$(BIN)/ruff check .
+	$(BIN)/lint-imports
 
 types: $(STAMP) ## mypy --strict
 	$(BIN)/mypy
 
-check: test lint types ## what CI runs
+check: test lint types ## tests, lint and types; CI runs a short sanitize too
+
+wheel: $(STAMP) ## build the wheels into dist/ and try them in an empty environment
+	PYTHON=$(BIN)/python .ci/wheel
 
 bench: $(STAMP) ## every benchmark, short, on the example scene: prints, writes to build/bench/ alone
 	$(BIN)/python -m benchmarks.all --short
@@ -56,6 +64,9 @@ bench-full: $(STAMP) ## every benchmark on every scene found, two hours or more;
 
 pictures: $(STAMP) ## redraw docs/images/
 	$(BIN)/python -m benchmarks.pictures
+
+portability: $(STAMP) ## the vectors on emulated s390x and arm64, half an hour; needs qemu-user and cross compilers
+	$(BIN)/python -m conformance.portability
 
 ksy: ## compile conformance/kaitai/scar.ksy again (needs node and npm)
 	npm install --silent --no-save --prefix build/ksy kaitai-struct-compiler@0.11.0 js-yaml@4

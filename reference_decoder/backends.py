@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from scarfmt.coding.engine import Engine
 from scarfmt.engines import NAMES, engine_named
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InvalidInput, missing_package
 from scarfmt.neural.operations import NUMPY, Operations
 
 TORCH = ("torch", "cuda")
@@ -41,7 +41,7 @@ def operations(name: str) -> Operations:
 
         from reference_decoder.torch_operations import TorchOperations
     except ImportError as error:
-        raise InvalidInput("input-dependency", "this needs torch: pip install 'scarfmt[encode]'") from error
+        raise missing_package("torch", "neural") from error
     if name == "cuda" and not torch.cuda.is_available():
         raise InvalidInput("input-backend", "torch sees no CUDA GPU here", field="backend")
     return TorchOperations("cpu" if name == "torch" else "cuda")

@@ -77,5 +77,6 @@ def missing_package(package: str, extra: str) -> InvalidInput:
         package: name that cannot be imported.
         extra: the extra of pyproject.toml that brings it.
     """
-    message = f"this needs the package {package}: in a checkout of scarfmt, run pip install '.[{extra}]'"
+    # pip takes the extra from the scarfmt that is installed: the command works though no index has the name.
+    message = f"this needs the package {package}: pip install 'scarfmt[{extra}]'"
     return InvalidInput("input-dependency", message)

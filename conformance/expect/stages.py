@@ -43,11 +43,12 @@ def stage_of(name: str) -> str:
 
 def pinned(array: NDArray[Any]) -> dict[str, Any]:
     """Type, shape, SHA-256 of the C-order little-endian bytes, and the first numbers of an array."""
+    little = array.astype(array.dtype.newbyteorder("<"))  # NumPy's functions give the byte order of the machine
     return {
-        "dtype": array.dtype.str,
-        "shape": list(array.shape),
-        "sha256": hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest(),
-        "first": array.ravel()[:_FIRST].tolist(),
+        "dtype": little.dtype.str,
+        "shape": list(little.shape),
+        "sha256": hashlib.sha256(little.tobytes()).hexdigest(),
+        "first": little.ravel()[:_FIRST].tolist(),
     }
 
 

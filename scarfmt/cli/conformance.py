@@ -1,240 +1,48 @@
-"""`scarfmt conformance`: score any decoder against the conformance vectors."""
+"""`scarfmt conformance`: its commands are in the distribution scarfmt-conformance, imported when they are asked for."""
 
 from __future__ import annotations
 
-import sys
-import threading
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
+import importlib
 
 import click
 
-from scarfmt.cli.failures import FAILED
-from scarfmt.cli.files import open_output, print_json
-from scarfmt.cli.progress import progress
+from scarfmt.errors import InvalidInput
 
-if TYPE_CHECKING:
-    from scarfmt_conformance.manifest import Suite, Vector
-    from scarfmt_conformance.protocol import Decoder
-    from scarfmt_conformance.runner import Result, Run
-
-_REFERENCE = "-"
-_SHOWN_FAILURES = 20
-
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def _selection_options(command: F) -> F:
-    """The options that say which vectors are meant."""
-    options = (
-        click.option("--suite", metavar="DIR", help="Folder with manifest.json [default: ./conformance]."),
-        click.option("--only", metavar="GLOB", multiple=True, help="Only ids that fit, like 'valid/index-*'."),
-        click.option("--class", "classes", metavar="NAME", multiple=True, help="Only this class: valid, edge, ..."),
-        click.option("--feature", "features", metavar="WORD", multiple=True, help="Only vectors with this feature."),
-    )
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
-@click.group(short_help="Score any decoder against the test vectors.")
-def conformance() -> None:
-    """Score any decoder, in any language, against the conformance vectors.
-
-    The decoder is a command that answers questions about files in JSON; conformance/PROTOCOL.md says how.
-
-    \b
-    Examples:
-      scarfmt conformance run --decoder './mine {file} --layers {layers} --stage {stage}'
-      scarfmt conformance list --class invalid
-    """
-
-
-@conformance.command("list", short_help="Tell which vectors there are.")
-@_selection_options
-@click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", help="What goes to stdout.")
-def list_(suite: str | None, format_: str, **selection: tuple[str, ...]) -> None:
-    """Tell which vectors there are, and what features to select them by.
-
-    \b
-    Examples:
-      scarfmt conformance list --feature two-level
-      scarfmt conformance list --format json | jq -r '.vectors[].id'
-    """
-    from scarfmt_conformance import report
-
-    found, vectors = _selected(suite, selection)
-    if format_ == "json":
-        rows = [report.vector_json(vector) for vector in vectors]
-        print_json({"suite": str(found.folder), "bitstream": found.bitstream, "vectors": rows})
-    else:
-        click.echo(report.list_text(vectors), nl=False)
-
-
-def parse_stages(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[str, ...] | None:
-    """Stages of `NAME,...`.
-
-    Raises:
-        click.BadParameter: a name that no stage has.
-    """
-    if value is None:
-        return None
-    from scarfmt_conformance.protocol import STAGES
-
-    names = tuple(value.split(","))
-    if not set(names) <= set(STAGES):
-        raise click.BadParameter(f"{value!r}: choose from {', '.join(STAGES)}")
-    return names
-
-
-@dataclass(frozen=True)
-class _Asked:
-    """How the decoder is asked: the command, whether it is a session, and its limits."""
-
-    words: list[str]
-    session: bool
-    timeout: float
-    memory: int
-
-    def connect(self, stop: threading.Event) -> Decoder:
-        from scarfmt_conformance.process import Limits, OneShot
-        from scarfmt_conformance.session import Session
-
-        limits = Limits(self.timeout, self.memory << 20)
-        return Session(self.words, limits, stop) if self.session else OneShot(self.words, limits, stop)
-
-
-@conformance.command("run", short_help="Ask a decoder about every vector.")
-@click.option("--decoder", metavar="CMD", help="Command to run for each question, with {file} {layers} {stage} in it.")
-@click.option(
-    "--session",
-    metavar="CMD",
-    is_flag=False,
-    flag_value=_REFERENCE,
-    help="Command to start once, asked line by line; without CMD, the reference decoder's.",
+_DISTRIBUTION = "scarfmt_conformance"
+_ABSENT = (
+    "this needs the package scarfmt-conformance, in the folder conformance/suite of scarfmt's repository: "
+    "pip install ./conformance/suite"
 )
-@_selection_options
-@click.option("--stages", metavar="NAME,...", callback=parse_stages, help="Compare only these stages.")
-@click.option("--all-layers/--last-layer", default=True, help="Decode to each layer pinned, or to the last [all].")
-@click.option("--timeout", type=click.FloatRange(0.01), default=60.0, show_default=True, help="Seconds a question.")
-@click.option("--memory", type=click.IntRange(16, 1 << 20), default=2048, show_default=True, help="MiB a process.")
-@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Decoders asked at once.")
-@click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", help="What goes to stdout.")
-@click.option("--output", metavar="FILE.json", help="Write the report as JSON too.")
-@click.option("--junit", metavar="FILE.xml", help="Write the report as JUnit XML too, for CI servers.")
-@click.option("--force", is_flag=True, help="Overwrite the files of --output and --junit.")
-@click.option("--fail-fast", is_flag=True, help="Stop at the first failure.")
-@click.option("--verbose", "-v", is_flag=True, help="Tell every vector, and show every failure.")
-@click.pass_context
-def run_(ctx: click.Context, /, decoder: str | None, session: str | None, **wanted: Any) -> None:
-    """Ask a decoder about every vector and tell where it differs from the specification.
-
-    A decoder's command may hang, crash, or print anything: that is a failure of the vector it was asked about. Without
-    --decoder or --session the reference decoder is scored. Exit code 0 if nothing failed, 1 if something did.
-
-    \b
-    Examples:
-      scarfmt conformance run --decoder './mine {file} --layers {layers} --stage {stage}'
-      scarfmt conformance run --session 'node mine.mjs --session' --jobs 4 --junit report.xml
-      scarfmt conformance run --session './mine -s' --only 'valid/index-*' --stages models,indices -v
-    """
-    from scarfmt_conformance import report
-    from scarfmt_conformance.protocol import STAGES
-    from scarfmt_conformance.runner import Options, run
-
-    asked = _asked(decoder, session, wanted["timeout"], wanted["memory"])
-    suite, vectors = _selected(wanted["suite"], {name: wanted[name] for name in ("only", "classes", "features")})
-    options = Options(wanted["stages"] or STAGES, not wanted["all_layers"], wanted["jobs"], wanted["fail_fast"])
-    with ExitStack() as files, progress(wanted["format_"] == "json" or wanted["verbose"]) as bar:
-        names = {name: wanted[name] for name in ("output", "junit") if wanted[name] is not None}
-        outputs = {name: files.enter_context(open_output(path, wanted["force"])) for name, path in names.items()}
-        score = run(suite, vectors, asked.connect, options, _Told(len(vectors), wanted["verbose"], bar).tell)
-        _write(outputs, score, asked.words)
-    if wanted["format_"] == "json":
-        print_json(report.as_json(score, asked.words))
-    else:
-        click.echo(report.score_text(score), nl=False)
-    _print(score, wanted["verbose"])
-    if not score.passed:
-        ctx.exit(FAILED)
 
 
-def _asked(decoder: str | None, session: str | None, timeout: float, memory: int) -> _Asked:
-    """How to ask.
+class _Elsewhere(click.Group):
+    """A group whose commands and help are those of the other distribution, if that is installed."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return _commands().list_commands(ctx)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        return _commands().get_command(ctx, cmd_name)
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        _commands().format_help(ctx, formatter)
+
+
+def _commands() -> click.Group:
+    """The group with the commands.
 
     Raises:
-        click.UsageError: both ways at once, a program that does not exist, or no POSIX system.
-        InvalidInput: ``input-options``: the command is not one.
+        InvalidInput: ``input-dependency``: the distribution is not installed.
     """
-    import os
-    import shutil
-
-    from scarfmt_conformance.protocol import command, template
-
-    if os.name != "posix":
-        raise click.UsageError("decoders can be run safely on POSIX systems only")
-    if decoder is not None and session is not None:
-        raise click.UsageError("--decoder and --session exclude each other")
-    reference = [sys.executable, "-m", "scarfmt_conformance.reference.answers"]
-    if decoder is not None:
-        words = template(decoder)
-    elif session is None:
-        words = [*reference, "{file}", "--layers", "{layers}", "--stage", "{stage}"]
-    else:
-        words = [*reference, "--session"] if session == _REFERENCE else command(session)
-    if shutil.which(words[0]) is None:
-        raise click.UsageError(f"there is no program {words[0]!r}")
-    return _Asked(words, session is not None, timeout, memory)
+    try:
+        module = importlib.import_module(f"{_DISTRIBUTION}.command")
+    except ModuleNotFoundError as error:
+        if error.name != _DISTRIBUTION:
+            raise
+        raise InvalidInput("input-dependency", _ABSENT) from error
+    group = module.conformance
+    assert isinstance(group, click.Group)
+    return group
 
 
-def _selected(folder: str | None, selection: dict[str, tuple[str, ...]]) -> tuple[Suite, list[Vector]]:
-    from scarfmt_conformance.manifest import Selection, find_suite, load_suite
-
-    suite = load_suite(find_suite(folder))
-    return suite, Selection(**selection).of(suite.vectors)
-
-
-class _Told:
-    """What is told while the run goes on: a bar, or with -v a line per vector."""
-
-    def __init__(self, total: int, verbose: bool, bar: Callable[[str, float], None]):
-        self._total, self._verbose, self._bar = total, verbose, bar
-        self._done = 0
-
-    def tell(self, result: Result) -> None:
-        self._done += 1
-        if self._verbose:
-            reason = f"  {result.reason}" if result.reason else ""
-            click.echo(f"{result.outcome:<7}  {result.seconds:7.2f} s  {result.vector.id}{reason}", err=True)
-        else:
-            self._bar(result.vector.id, self._done / self._total)
-
-
-def _write(outputs: dict[str, BinaryIO], score: Run, words: Sequence[str]) -> None:
-    import json
-
-    from scarfmt_conformance import report
-
-    if "output" in outputs:
-        outputs["output"].write(json.dumps(report.as_json(score, words), indent=1).encode() + b"\n")
-    if "junit" in outputs:
-        outputs["junit"].write(report.junit(score))
-
-
-def _print(score: Run, verbose: bool) -> None:
-    """Failures, skips and the summary, on standard error."""
-    from scarfmt_conformance import report
-
-    failed = [result for result in score.results if result.failure is not None]
-    if score.handshake is not None:
-        click.echo(report.handshake_text(score.handshake), err=True)
-    for result in failed if verbose else failed[:_SHOWN_FAILURES]:
-        click.echo(report.failure_text(result), err=True)
-    if len(failed) > _SHOWN_FAILURES and not verbose:
-        click.echo(f"{len(failed) - _SHOWN_FAILURES} more failures: -v shows them, --output keeps them", err=True)
-    skips = report.skips_text(score)
-    if skips:
-        click.echo(skips, err=True)
-    click.echo(report.summary_text(score), err=True)
+conformance = _Elsewhere("conformance", short_help="Score any decoder against the test vectors.")

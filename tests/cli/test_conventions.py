@@ -179,7 +179,8 @@ def failing(error: BaseException) -> click.Group:
     [
         (MemoryError(), 1, "out-of-memory"),
         (PermissionError(13, "Permission denied", "x.ply"), 1, "os-error: [Errno 13] Permission denied: 'x.ply'"),
-        (ModuleNotFoundError("No module", name="torch.nn"), 1, "pip install '.[encode]'"),
+        (ModuleNotFoundError("No module", name="torch.nn"), 1, "pip install 'scarfmt[neural]'"),
+        (ModuleNotFoundError("No module", name="numba"), 1, "pip install 'scarfmt[encode]'"),
         (InvalidInput("input-frame", "which way is up?"), 2, "input-frame: which way is up?"),
         (KeyboardInterrupt(), 130, "interrupted"),
     ],

@@ -88,7 +88,7 @@ def test_a_missing_package_is_told_with_the_extra_to_install(
     result = run("encode", ply, tmp_path / "a.scar")
     assert result.exit_code == 1
     assert "input-dependency: this needs the package torch: " in result.stderr
-    assert "pip install '.[encode]'" in result.stderr
+    assert "pip install 'scarfmt[neural]'" in result.stderr
     assert list(tmp_path.iterdir()) == []
 
 

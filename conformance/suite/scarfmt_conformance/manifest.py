@@ -9,12 +9,15 @@ from __future__ import annotations
 import fnmatch
 import hashlib
 import json
-from collections.abc import Iterable
-from dataclasses import dataclass
+import zipfile
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from scarfmt.errors import InvalidInput
+from scarfmt_conformance.archive import OWN, unpacked
 from scarfmt_conformance.protocol import PROTOCOL
 
 MANIFEST = "manifest.json"
@@ -60,11 +63,18 @@ class Suite:
         folder: where it is.
         bitstream: version of the format that its files are of.
         vectors: in the order of the manifest.
+        archive: the zip that the folder was unpacked from, for as long as the suite is open.
     """
 
     folder: Path
     bitstream: str
     vectors: tuple[Vector, ...]
+    archive: Path | None = None
+
+    @property
+    def place(self) -> Path:
+        """What the user knows the suite by: its folder, or the zip."""
+        return self.archive or self.folder
 
 
 @dataclass(frozen=True)
@@ -130,18 +140,39 @@ class Selection:
         return named and vector.class_ in (self.classes or (vector.class_,)) and vector.features >= set(self.features)
 
 
-def find_suite(folder: str | None) -> Path:
-    """The folder of the suite: the one given, else ``./conformance``, else that of the checkout this package is in.
+def find_suite(place: str | None) -> Path:
+    """The folder or zip of the suite.
+
+    Args:
+        place: the one wanted; None for ``./conformance``, else that of the checkout this package is in, else the zip
+            that was installed with it.
 
     Raises:
-        InvalidInput: ``input-suite``: there is no manifest.
+        InvalidInput: ``input-suite``: there is no manifest, and no such zip.
     """
-    candidates = [Path("conformance"), Path(__file__).resolve().parents[2]] if folder is None else [Path(folder)]
+    usual = [Path("conformance"), Path(__file__).resolve().parents[2], OWN]
+    candidates = usual if place is None else [Path(place)]
     for candidate in candidates:
-        if (candidate / MANIFEST).is_file():
+        if (candidate / MANIFEST).is_file() or zipfile.is_zipfile(candidate):
             return candidate.resolve()
     places = " or ".join(str(candidate) for candidate in candidates)
-    raise InvalidInput("input-suite", f"no {MANIFEST} in {places}: give the folder of the vectors with --suite")
+    raise InvalidInput("input-suite", f"no {MANIFEST} in {places}: give the folder or zip of the vectors with --suite")
+
+
+@contextmanager
+def open_suite(place: Path) -> Iterator[Suite]:
+    """The suite in a folder or zip; the files of a zip exist only meanwhile.
+
+    Raises:
+        InvalidInput: ``input-suite``: it cannot be read, or is not one.
+    """
+    with ExitStack() as opened:
+        try:
+            folder = opened.enter_context(unpacked(place))
+        except (zipfile.BadZipFile, OSError) as error:
+            raise _broken(place, f"it cannot be unpacked: {error}") from error
+        suite = load_suite(folder)
+        yield suite if folder == place else replace(suite, archive=place)
 
 
 def load_suite(folder: Path) -> Suite:

@@ -136,7 +136,7 @@ def as_json(run: Run, command: Sequence[str]) -> dict[str, Any]:
     claims = run.capabilities
     return {
         "format": FORMAT,
-        "suite": {"folder": str(run.suite.folder), "bitstream": run.suite.bitstream},
+        "suite": {"folder": str(run.suite.place), "bitstream": run.suite.bitstream},
         "command": list(command),
         "decoder": None
         if claims is None

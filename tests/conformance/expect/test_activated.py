@@ -124,7 +124,7 @@ def test_values_of_slots_are_as_uncertain_as_features() -> None:
     plan = replace(static_plans()["anchors"][1], counts=(4, 3))
     cancels = QuantisedMlp((linear([[1] * 4] * 2, [1] * 2, [1e6] * 2), linear([[1, -1]] * 4, [1] * 4, [0] * 4)))
     scene = replace(build(plan), decoder=cancels)
-    made = activated(scene, expected_layers(scene)[-1])
+    made = activated(scene, expected_layers(scene)[-1], scene.fields.origin)
     assert not made["feature"].reference.any()
     centre = made.pop("gaussian.centre")
     assert all(array.magnitude is not None and np.median(array.magnitude) > 1e4 for array in made.values())

@@ -14,9 +14,9 @@ from xml.etree import ElementTree
 import click
 import pytest
 from click.testing import CliRunner, Result
+from scarfmt_conformance.command import conformance
 
 from scarfmt.cli import cli
-from scarfmt.cli.conformance import conformance
 from tests.conformance.suite.conftest import FAKE, PATIENCE_SECONDS, SESSION, SuiteWriter, is_gone, wait_until
 
 REPOSITORY = Path(__file__).resolve().parents[3]
@@ -164,7 +164,8 @@ def test_an_interrupt_ends_the_decoder_too(suite: SuiteWriter, tmp_path: Path) -
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
         f"sys.argv[1:] = {[str(word) for word in words]!r}; from scarfmt.cli import main; main()"
     )
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    code = (str(REPOSITORY), str(REPOSITORY / "conformance" / "suite"))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(code)}
     with subprocess.Popen(
         [sys.executable, "-c", script], env=environment, stderr=subprocess.PIPE, text=True
     ) as process:

@@ -16,7 +16,7 @@ from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import local_bits, tile_frame
 from scarfmt.container.schema import Profile, Stream
-from scarfmt.neural.layer_context import LayerContext
+from scarfmt.neural.layer_context import LayerContext, cell_centres
 from scarfmt.neural.network import Inputs
 from scarfmt.scene.model import DecodedContext, SceneModel
 from tests.samples.scene_samples import random_scene
@@ -55,7 +55,7 @@ class _Recorder:
     def advance(self, state: int, _stage: int, _codes: NDArray[Any]) -> int:
         return state
 
-    def context(self, h: NDArray[Any], _state: int) -> NDArray[Any]:
+    def mixed(self, h: NDArray[Any], _state: int) -> NDArray[Any]:
         return h
 
     def first_blocks(self, _book: int, _y: NDArray[Any]) -> list[Any]:
@@ -158,5 +158,4 @@ def test_positions_are_those_of_the_hash_grid() -> None:
     found = lattice_positions(rows, scene.contents, frames)
     for place, position in zip(rows.places[:50], found[:50], strict=True):
         content = scene.contents[place[0]]
-        context = LayerContext(scene.model, frames[place[0]], content.codes, content.classes)
-        np.testing.assert_array_equal(context.lattice_positions(place[1:])[0], position)
+        np.testing.assert_array_equal(cell_centres(frames[place[0]], content.codes[place[1:]])[0], position)

@@ -106,37 +106,43 @@ def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Ite
         return
     models = reader.models(layers or None)
     if "models" in wanted:
-        yield "models", _exact(of.models(models))
+        yield "models", hashed(of.models(models))
     if wanted == ("models",):
         return
     found = of.decoding(reader, models, manner.tile_by_tile)
     for name, arrays in of.EXACT.items():
         if name in wanted:
-            yield name, _exact(arrays(found))
+            yield name, hashed(arrays(found))
     if "activated" in wanted:
-        yield "activated", _numbers(of.activated(found, manner.single, manner.camera))
+        yield "activated", encoded(of.activated(found, manner.single, manner.camera))
 
 
-def _exact(arrays: dict[str, NDArray[Any]]) -> Answer:
-    """Hashes, and the first numbers for someone who looks for a bug."""
+def _little(array: NDArray[Any]) -> NDArray[Any]:
+    """The array as answers have it, little-endian: most NumPy functions give the byte order of the machine."""
+    return array.astype(array.dtype.newbyteorder("<"))
+
+
+def hashed(arrays: dict[str, NDArray[Any]]) -> Answer:
+    """Arrays of an exact stage as they are answered: hashes, and the first numbers for someone who looks for a bug."""
     out = {}
     for name, array in sorted(arrays.items()):
-        data = array.tobytes()
+        little = _little(array)
         out[name] = {
-            "dtype": array.dtype.str,
-            "shape": list(array.shape),
-            "sha256": hashlib.sha256(data).hexdigest(),
-            "first": array.ravel()[:_SHOWN].tolist(),
+            "dtype": little.dtype.str,
+            "shape": list(little.shape),
+            "sha256": hashlib.sha256(little.tobytes()).hexdigest(),
+            "first": little.ravel()[:_SHOWN].tolist(),
         }
     return {"arrays": out}
 
 
-def _numbers(arrays: dict[str, NDArray[Any]]) -> Answer:
+def encoded(arrays: dict[str, NDArray[Any]]) -> Answer:
+    """Activated arrays as they are answered: the numbers themselves, in base64."""
     out = {}
     for name, array in sorted(arrays.items()):
-        little = array.astype(array.dtype.newbyteorder("<"))
+        little = _little(array)
         data = base64.b64encode(little.tobytes()).decode("ascii")
-        out[name] = {"dtype": little.dtype.str, "shape": list(array.shape), "data": data}
+        out[name] = {"dtype": little.dtype.str, "shape": list(little.shape), "data": data}
     return {"arrays": out}
 
 

@@ -32,7 +32,7 @@ class LayerRecord:
     def frequencies(self, stream: Stream, stage: int, frequencies: Numbers) -> None:
         name = f"frequencies.{stream.name}" + (f".{stage}" if stage else "")
         if name not in self.tables:
-            self.tables[name] = frequencies.astype("<u4")
+            self.tables[name] = frequencies.astype("u4")
 
     def contexts(self, stream: Stream, component: int, step: int, contexts: I64) -> None:
         self._append(f"context.{stream.name}.{component}.{step}", contexts)
@@ -42,7 +42,7 @@ class LayerRecord:
 
     def _append(self, name: str, rows: Numbers) -> None:
         # A copy, and of integers: what observers are shown is only lent.
-        self.parts.setdefault(name, []).append(rows.astype("<i4"))
+        self.parts.setdefault(name, []).append(rows.astype("i4"))
 
 
 class Records:

@@ -34,6 +34,7 @@ from scarfmt_conformance.reference.activated import activated_arrays
 from scarfmt_conformance.reference.observed import Records
 
 Arrays = dict[str, NDArray[Any]]
+"""Of the protocol's types, in the byte order of the machine: they become little-endian when they are answered."""
 
 THREADS = 4
 """Tiles decoded side by side, more than there are in most vectors."""
@@ -121,7 +122,7 @@ def models(found: SceneModels) -> Arrays:
     out: Arrays = {}
     if found.codebooks is not None:
         books = enumerate((found.codebooks.coarse, found.codebooks.residual))
-        out = {f"codebook.{number}": words.astype("<i4") for number, words in books if len(words)}
+        out = {f"codebook.{number}": words.astype("i4") for number, words in books if len(words)}
     if found.grid is not None:
         out |= {f"grid.bits.{level}": bits.astype("u1") for level, bits in enumerate(found.grid.bits)}
     return out
@@ -135,7 +136,7 @@ def context(found: Decoding) -> Arrays:
         places = zip(found.reader.container.tiles, found.contents, strict=True)
         filled = ((tile_frame(fields, tile), content.codes) for tile, content in places if len(content))
         parts = [engine.grid_features(grid, cell_centres(frame, codes)) for frame, codes in filled]
-        out["grid.features"] = _stacked(parts, (grid.width,), "<i4")
+        out["grid.features"] = _stacked(parts, (grid.width,), "i4")
     return out
 
 
@@ -147,7 +148,7 @@ def frequencies(found: Decoding) -> Arrays:
 def indices(found: Decoding) -> Arrays:
     """Codeword numbers."""
     width = found.models.model.max_stages
-    return {"index": _stacked([content.indices for content in found.contents], (width,), "<u2")}
+    return {"index": _stacked([content.indices for content in found.contents], (width,), "u2")}
 
 
 def integers(found: Decoding) -> Arrays:
@@ -156,8 +157,8 @@ def integers(found: Decoding) -> Arrays:
     empty = TileContent.empty(model)
     sizes = [len(content) for content in contents]
     out: Arrays = {
-        "tile": np.repeat(np.arange(len(contents), dtype="<u4"), sizes),
-        "code": _stacked([content.codes for content in contents], (), "<u8"),
+        "tile": np.repeat(np.arange(len(contents), dtype="u4"), sizes),
+        "code": _stacked([content.codes for content in contents], (), "u8"),
         "class": _stacked([content.classes for content in contents], (), "u1"),
     }
     if empty.slot_layers.shape[1]:
@@ -165,7 +166,7 @@ def integers(found: Decoding) -> Arrays:
         out["slot_layer"] = _stacked(slots, empty.slot_layers.shape[1:], "u1")
     for index, channel in enumerate(model.channels):
         values = [content.values[index] for content in contents]
-        out[f"v.{channel.stream.name}"] = _stacked(values, empty.values[index].shape[1:], "<i4")
+        out[f"v.{channel.stream.name}"] = _stacked(values, empty.values[index].shape[1:], "i4")
     return out
 
 
@@ -174,7 +175,7 @@ def sums(found: Decoding) -> Arrays:
     decoded, decoder, books = found.decoded, found.models.decoder, found.models.codebooks
     if decoder is None:
         return {}
-    total = np.zeros((len(decoded), decoder.inputs), "<i4")
+    total = np.zeros((len(decoded), decoder.inputs), "i4")
     if books is not None and decoded.indices is not None:
         total[:] = books.latents(decoded.indices, decoded.stages)
     return {"codeword_sum": total}
@@ -184,10 +185,10 @@ def values(found: Decoding) -> Arrays:
     """Positions, channel values and latents."""
     decoded = found.decoded
     assert decoded.positions is not None  # all attributes are decoded
-    out: Arrays = {"position": decoded.positions.astype("<f8")}
-    out |= {f"value.{stream.name}": array.astype("<f4") for stream, array in decoded.values.items()}
+    out: Arrays = {"position": decoded.positions.astype("f8")}
+    out |= {f"value.{stream.name}": array.astype("f4") for stream, array in decoded.values.items()}
     if found.models.decoder is not None:
-        out["latent"] = decoded.latents.astype("<f4")
+        out["latent"] = decoded.latents.astype("f4")
     return out
 
 

@@ -1,0 +1,7 @@
+"""``python -m conformance.portability``."""
+
+import sys
+
+from conformance.portability.run import main
+
+sys.exit(main(sys.argv[1:]))

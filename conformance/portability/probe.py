@@ -1,0 +1,26 @@
+"""What a machine is and what decodes there, as JSON: run in the system that is emulated."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+
+import numpy as np
+
+from scarfmt.engines import choice
+
+
+def machine() -> dict[str, str | bool]:
+    """Processor, byte order, versions, and whether the compiled kernel decodes."""
+    return {
+        "processor": platform.machine(),
+        "byteorder": sys.byteorder,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "kernel": choice().absence is None,
+    }
+
+
+if __name__ == "__main__":
+    print(json.dumps(machine()))

@@ -1,0 +1,150 @@
+"""The compiled kernel under AddressSanitizer and UndefinedBehaviorSanitizer, on sound, damaged and forged files.
+
+``python -m fuzz.sanitize --minutes 2`` builds the kernel with gcc's sanitizers in ``build/sanitize/`` and, with it in
+place of the installed one, takes files through decode and validate: every file of the corpus, then turn by turn a
+mutant of any kind and one that is forged deep inside and sealed again, so that what no checksum stops reaches the C
+code. Any report of a sanitizer, and any exception that is no ScarError, ends the run with exit code 1; the file is kept
+in ``fuzz/findings/``. Input n of seed S is always the same file. Needs gcc on Linux.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from random import Random
+
+from fuzz.corpus import Seed, corpus
+from fuzz.target import decoded, truncated, validated
+from fuzz.testing import block_mutators
+from fuzz.testing.mutators import Mutant, mutate
+from fuzz.testing.parts import is_file, resealed
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+BUILD = REPOSITORY / "build" / "sanitize"
+FINDINGS = REPOSITORY / "fuzz" / "findings"
+FLAGS = ("-g", "-O1", "-fno-omit-frame-pointer", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+# Python frees little at its end; and every report is to end the process at once.
+OPTIONS = {"ASAN_OPTIONS": "detect_leaks=0:abort_on_error=0", "UBSAN_OPTIONS": "print_stacktrace=1"}
+DEEP = tuple(block_mutators.OPERATORS)
+_TRUNCATE_EVERY = 8
+_SHOW_EVERY = 30.0
+
+
+def build(sources: Path = REPOSITORY / "scarfmt" / "kernel", folder: Path = BUILD) -> Path:
+    """A copy of the package in `folder` whose kernel is compiled from `sources` with the sanitizers.
+
+    Raises:
+        subprocess.CalledProcessError: gcc refuses the sources, or has no sanitizers.
+    """
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(
+        REPOSITORY / "scarfmt", folder / "scarfmt", ignore=shutil.ignore_patterns("__pycache__", "*.so", "*.c", "*.h")
+    )
+    library = folder / "scarfmt" / "kernel" / "native.so"
+    files = sorted(map(str, sources.glob("*.c")))
+    subprocess.run(["gcc", "-shared", "-fPIC", *FLAGS, "-o", str(library), *files], check=True)
+    return library
+
+
+def run_under_sanitizers(arguments: list[str], folder: Path = BUILD) -> int:
+    """The exit code of this module's `--inside` with the sanitizers loaded before Python itself."""
+    runtime = subprocess.run(["gcc", "-print-file-name=libasan.so"], check=True, capture_output=True, text=True)
+    # Through malloc, every bytes object and array has ends that are watched.
+    environment = {**os.environ, **OPTIONS, "LD_PRELOAD": runtime.stdout.strip(), "PYTHONMALLOC": "malloc"}
+    environment["PYTHONPATH"] = f"{folder}{os.pathsep}{REPOSITORY}"
+    command = [sys.executable, "-m", "fuzz.sanitize", "--inside", str(folder), *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, check=False).returncode
+
+
+def inputs(files: list[Seed], seed: int) -> Iterator[tuple[str, bytes]]:
+    """(name, bytes) of every file as it is, then mutants and deep mutants without end."""
+    yield from ((file.name, file.data) for file in files)
+    datas = [file.data for file in files]
+    # Reading takes longer the larger a file is: small ones are where most is learnt in a second.
+    weights = [1 / (500 + len(data)) for data in datas]
+    number = 0
+    while True:
+        rng = Random(f"{seed}/{number}")
+        file = rng.choices(files, weights)[0]
+        mutant = (_deep if number % 2 else mutate)(file.data, rng.getrandbits(32), datas)
+        yield f"{number} {file.name} {'+'.join(mutant.operators)}", mutant.data
+        number += 1
+
+
+def _deep(data: bytes, seed: int, others: list[bytes]) -> Mutant:
+    """One to three changes inside blocks, and every checksum right."""
+    rng = Random(seed)
+    names: list[str] = []
+    for _ in range(rng.randint(1, 3)):
+        if not is_file(data):
+            break
+        mutant = mutate(data, rng.getrandbits(32), others, rng.choice(DEEP))
+        data, names = mutant.data, [*names, *mutant.operators]
+    return Mutant(resealed(data) if is_file(data) else data, tuple(names), True)
+
+
+def work(folder: Path, seed: int, minutes: float) -> int:
+    """Take all files of the corpus through the code, then mutants for some minutes; the exit code."""
+    current = folder / "current.scar"
+    shown = until = time.monotonic()
+    files = corpus()
+    outcomes: Counter[str] = Counter()
+    for count, (name, data) in enumerate(inputs(files, seed)):
+        now = time.monotonic()
+        if count == len(files):
+            until = now + 60 * minutes
+        if count >= len(files) and now >= until:
+            break
+        if now - shown > _SHOW_EVERY:
+            shown = now
+            print(f"{count} files", flush=True)
+        # What a report is about must outlive the process.
+        current.write_bytes(data)
+        (folder / "current.txt").write_text(name)
+        refusal = decoded(data)
+        outcomes["refused" if refusal else "decoded"] += 1
+        validated(data)
+        if count % _TRUNCATE_EVERY == 0:
+            truncated(data)
+    if str(folder / "scarfmt" / "kernel" / "native.so") not in Path("/proc/self/maps").read_text():
+        print("the kernel with sanitizers was never loaded", file=sys.stderr)
+        return 1
+    print(f"{outcomes.total()} files ({len(files)} of the corpus), {dict(outcomes)}: no report")
+    return 0
+
+
+def _keep(folder: Path) -> None:
+    """Say which file the run ended at, and keep it."""
+    if not (folder / "current.scar").exists():
+        return
+    FINDINGS.mkdir(exist_ok=True)
+    kept = FINDINGS / "sanitize.scar"
+    shutil.copyfile(folder / "current.scar", kept)
+    print(f"ended at input {(folder / 'current.txt').read_text()}, kept as {kept}", file=sys.stderr)
+
+
+def main() -> int:
+    """Command line; 1 if there is a report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--minutes", type=float, default=5.0, help="of mutants, after all files of the corpus")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--inside", type=Path, help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.inside is not None:
+        return work(arguments.inside, arguments.seed, arguments.minutes)
+    build()
+    code = run_under_sanitizers(["--seed", str(arguments.seed), "--minutes", str(arguments.minutes)])
+    if code:
+        _keep(BUILD)
+    return bool(code)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

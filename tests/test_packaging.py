@@ -1,0 +1,63 @@
+"""pyproject.toml: what an installation brings, and that messages and pages name extras that exist."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import scarfmt
+from tests.conftest import REPOSITORY
+
+PROJECT: dict[str, Any] = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
+SUITE: dict[str, Any] = tomllib.loads((REPOSITORY / "conformance" / "suite" / "pyproject.toml").read_text())["project"]
+
+NAMED = re.compile(
+    r"pip install (?:-e )?'(?:scarfmt|\.|[\w./-]+\.whl)\[([\w,]+)\]'|missing_package\([^)]*, \"(\w+)\"\)"
+)
+TEXTS = [
+    REPOSITORY / "README.md",
+    *sorted((REPOSITORY / "docs").glob("*.md")),
+    *sorted(path for package in ("scarfmt", "reference_decoder") for path in (REPOSITORY / package).rglob("*.py")),
+]
+
+
+def names(requirements: list[str]) -> set[str]:
+    return {re.split(r"[\s<>=\[;]", requirement)[0] for requirement in requirements}
+
+
+def test_an_installation_brings_no_more_than_decoding_needs() -> None:
+    assert names(PROJECT["dependencies"]) == {"numpy", "constriction", "zstandard", "construct", "click"}
+
+
+def test_the_library_pins_no_exact_version_that_others_may_need_otherwise() -> None:
+    """An exact pin of torch in a library makes it impossible to install beside most others."""
+    used = [one for extra, found in EXTRAS.items() if extra not in ("dev", "fuzz") for one in found]
+    assert not [one for one in (*PROJECT["dependencies"], *used) if "==" in one]
+
+
+def test_encoding_brings_no_torch_and_everything_else_that_it_needs() -> None:
+    assert "torch" not in names(EXTRAS["encode"])
+    assert names(EXTRAS["neural"]) == {"scarfmt", "torch"}
+    assert names(EXTRAS["render"]) <= names(EXTRAS["encode"])
+    assert names(EXTRAS["import"]) <= names(EXTRAS["encode"])
+
+
+def test_nothing_under_a_licence_that_binds_those_who_ship_it() -> None:
+    """plyfile is GPL: whoever ships it beside this package ships a GPL combination."""
+    assert "plyfile" not in names([one for found in EXTRAS.values() for one in found])
+
+
+@pytest.mark.parametrize("path", [path for path in TEXTS if NAMED.search(path.read_text(encoding="utf-8"))], ids=str)
+def test_extras_named_exist(path: Path) -> None:
+    for found in NAMED.finditer(path.read_text(encoding="utf-8")):
+        assert set((found[1] or found[2]).split(",")) <= set(EXTRAS), found[0]
+
+
+def test_the_version_is_written_once_and_both_distributions_have_it() -> None:
+    assert PROJECT["dynamic"] == ["version"]
+    assert SUITE["version"] == scarfmt.__version__
