@@ -18,6 +18,7 @@ import numpy as np
 from construct import Construct, Float64l, FormatField, Int8ul, Int32ul, Renamed
 
 from scarfmt.container.bytefields import ByteReader, signed_varint, unsigned_varint
+from scarfmt.container.registries import Stream
 from scarfmt.container.schema import scalar_type
 from scarfmt.entropy.rice import pack_rice, pack_shifted, unpack_rice, unpack_shifted
 from scarfmt.errors import ScarError
@@ -72,6 +73,10 @@ class Element(Construct):  # type: ignore[misc]
         """The bytes of a value."""
         raise NotImplementedError
 
+    def shown(self, value: Any) -> Any:
+        """A value as people are told it."""
+        return value
+
 
 def evaluated(expression: Any, scope: Values) -> Any:
     """The value of an expression of construct, or of a constant."""
@@ -81,9 +86,9 @@ def evaluated(expression: Any, scope: Values) -> Any:
 class Scalar(Element):
     """An integer or float of a fixed size, little-endian."""
 
-    def __init__(self, field: FormatField) -> None:
+    def __init__(self, field: FormatField, shown: Callable[[Any], Any] | None = None) -> None:
         super().__init__()
-        self.code = field.fmtstr[1:]
+        self.code, self._shown = field.fmtstr[1:], shown
         self.spelled, self.dtype = scalar_type(field)
         self._struct = struct.Struct(field.fmtstr)
 
@@ -93,22 +98,35 @@ class Scalar(Element):
     def put(self, value: Any, scope: Values) -> bytes:
         return self._struct.pack(value)
 
+    def shown(self, value: Any) -> Any:
+        return value if self._shown is None else self._shown(value)
+
+
+def stream_name(number: int) -> str:
+    """A stream kind as people are told it."""
+    return f"{number} {Stream(number).name}" if number in set(Stream) else str(number)
+
 
 U8, U32, F64 = Scalar(Int8ul), Scalar(Int32ul), Scalar(Float64l)
+STREAM = Scalar(Int8ul, stream_name)
+"""A stream kind, u8."""
 
 
 class Varint(Element):
     """An unsigned LEB128 integer below 2^bits (SPEC §5.7)."""
 
-    def __init__(self, bits: int) -> None:
+    def __init__(self, bits: int, shown: Callable[[int], Any] | None = None) -> None:
         super().__init__()
-        self.bits, self.spelled = bits, f"varint({bits})"
+        self.bits, self.spelled, self._shown = bits, f"varint({bits})", shown
 
     def take(self, reader: Cursor, scope: Scope) -> int:
         return reader.unsigned(self.bits)
 
     def put(self, value: int, scope: Values) -> bytes:
         return unsigned_varint(value)
+
+    def shown(self, value: int) -> Any:
+        return value if self._shown is None else self._shown(value)
 
 
 class SignedVarint(Element):
@@ -331,7 +349,7 @@ class Record(Element):
                 continue
             trace.enter(name, reader.position)
             values[name] = element.take(reader, values)
-            trace.leave(values[name], reader.position)
+            trace.leave(element.shown(values[name]), reader.position)
 
     def put(self, value: Values, scope: Values) -> bytes:
         values = Scope(scope)
@@ -403,7 +421,7 @@ class Repeat(Element):
                 reader.trace.enter(index, reader.position)
             value = self.item.take(reader, around)
             if reader.trace is not None:
-                reader.trace.leave(value, reader.position)
+                reader.trace.leave(self.item.shown(value), reader.position)
             out.append(value)
         return out
 

@@ -9,6 +9,7 @@ from construct import this
 
 from scarfmt.blocks.declare import (
     F64,
+    STREAM,
     U8,
     Count,
     Numbers,
@@ -57,7 +58,7 @@ _COMPONENT = Record(
 )
 
 _CHANNEL = Record(
-    "stream" / U8,
+    "stream" / STREAM,
     "components" / U8,
     Rule(
         "R-7.11-2",

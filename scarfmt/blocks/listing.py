@@ -22,8 +22,7 @@ from scarfmt.blocks.declare import (
 )
 
 _INDENT = 4
-_NAMES = 22
-_TYPES = 20
+_TYPES = 27
 _NAME = re.compile(r"this\['(\w+)'\]")
 
 
@@ -44,42 +43,44 @@ def _closes_last(text: str) -> bool:
     return False
 
 
-def listing(title: str, record: Record) -> list[str]:
-    """The lines of a declaration, `title` the first."""
-    return [f"{title}:", *_lines(record, _INDENT)]
+def listing(title: str, record: Record) -> str:
+    """A declaration in a few lines, `title` the first."""
+    rows = list(_rows(record, 1))
+    width = max(_INDENT * depth + len(name) for depth, name, kind, _ in rows if kind) + 2
+    lines = [f"{title}:"]
+    for depth, name, kind, remark in rows:
+        text = " " * _INDENT * depth + name
+        text = f"{text:{width}}{kind}" if kind else text
+        lines.append(f"{text:{width + _TYPES}}  # {remark}" if remark else text)
+    return "\n".join(lines) + "\n"
 
 
-def _lines(record: Record, indent: int) -> Iterator[str]:
+_Row = tuple[int, str, str, str]
+"""Depth, name or what stands in its place, type, remark."""
+
+
+def _rows(record: Record, depth: int) -> Iterator[_Row]:
     for member in record.members:
-        yield from _member_lines(member, indent)
+        yield from _member_rows(member, depth)
 
 
-def _member_lines(member: Any, indent: int) -> Iterator[str]:
+def _member_rows(member: Any, depth: int) -> Iterator[_Row]:
     element, name = unnamed(member), member.name
     if isinstance(element, When):
-        yield " " * indent + f"if {expression_text(element.condition)}:"
-        yield from _lines(element.record, indent + _INDENT)
+        yield depth, f"if {expression_text(element.condition)}:", "", ""
+        yield from _rows(element.record, depth + 1)
     elif isinstance(element, Rule):
-        yield _line(indent, "", "", f"check {element.number}")
+        yield depth, f"check {element.number}", "", ""
     elif isinstance(element, Derived):
-        yield from _derived_lines(element, name, indent)
+        if element.text:
+            yield depth, f"{name} = {element.text}", "", ""
+        if element.rules:
+            yield depth, "check " + ", ".join(element.rules), "", ""
     elif isinstance(element, Repeat) and isinstance(element.item, Record):
-        yield _line(indent, name, f"{expression_text(element.count)} times:", member.docs)
-        yield from _lines(element.item, indent + _INDENT)
+        yield depth, name, f"{expression_text(element.count)} times:", member.docs
+        yield from _rows(element.item, depth + 1)
     else:
-        yield _line(indent, name, spelled(element), member.docs)
-
-
-def _derived_lines(element: Derived, name: str, indent: int) -> Iterator[str]:
-    if element.text:
-        yield " " * indent + f"{name} = {element.text}"
-    if element.rules:
-        yield _line(indent, "", "", "check " + ", ".join(element.rules))
-
-
-def _line(indent: int, name: str, kind: str, remark: str) -> str:
-    text = " " * indent + f"{name:{_NAMES - indent}} {kind}"
-    return f"{text:{_NAMES + _TYPES}}  # {remark}" if remark else text.rstrip()
+        yield depth, name, spelled(element), member.docs
 
 
 def spelled(element: Element) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from construct import this
 
-from scarfmt.blocks.declare import U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
+from scarfmt.blocks.declare import STREAM, U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind, Stream
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
@@ -22,7 +22,7 @@ MAX_INPUTS = 255
 
 LAYER_OF_PREDICTOR = Record(
     "shift" / U8,
-    "weights" / Bits(this.rows * (this.columns - MAX_CLASSES + this.classes)) * "row by row",
+    "weights" / Bits(this.rows * (this.columns + this.classes - MAX_CLASSES)) * "row by row",
     # Here, as int32 would wrap a weight that the layer's own check must see.
     Rule(
         "R-10.3-2",
@@ -34,7 +34,7 @@ LAYER_OF_PREDICTOR = Record(
 """Parameters: `rows` and `columns`."""
 
 _PREDICTOR = Record(
-    "stream" / U8,
+    "stream" / STREAM,
     "component" / U8,
     "step" / U8,
     "b1" / U8 * "B1 - 1",

@@ -30,9 +30,8 @@ MODEL_BLOCKS = tuple(spec for spec in BLOCKS.values() if spec.kind != BlockKind.
 """Those a decoder needs."""
 
 
-def element_rule() -> str:
-    """What the directory's `count` is, as R-5.5-14 lists it."""
-    words: dict[str, list[str]] = {}
-    for spec in MODEL_BLOCKS:
-        words.setdefault(spec.elements, []).append(spec.kind.name)
-    return "; ".join(f"{' and '.join(kinds)}, {elements}" for elements, kinds in words.items())
+def element_table() -> str:
+    """What the directory's `count` is, as R-5.5-14 prints it."""
+    lines = ["| kind | `count` | section |", "|---|---|---|"]
+    lines += [f"| {int(spec.kind)} {spec.kind.name} | {spec.elements} | §{spec.section} |" for spec in MODEL_BLOCKS]
+    return "\n".join(lines) + "\n"

@@ -80,10 +80,17 @@ class Writing:
 
 @dataclass(frozen=True)
 class Frame:
-    """A block that is one Zstandard frame: the most bytes its content may have, and what errors call it."""
+    """A block that is one Zstandard frame.
+
+    Attributes:
+        limit: most bytes its content may have.
+        field: what errors call it.
+        counted: whether a reader limits what all such frames of a file unfold to together (SPEC §13.2).
+    """
 
     limit: int
     field: str
+    counted: bool = False
 
 
 def no_parameters(payload: bytes, reading: Reading) -> dict[str, Any]:

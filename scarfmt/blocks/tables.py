@@ -10,7 +10,19 @@ from construct import this
 from numpy.typing import NDArray
 
 from scarfmt.blocks.columns import ColumnReader
-from scarfmt.blocks.declare import Count, Record, Repeat, Rule, Scope, SignedVarint, Varint, Varints, build, read
+from scarfmt.blocks.declare import (
+    Count,
+    Record,
+    Repeat,
+    Rule,
+    Scope,
+    SignedVarint,
+    Varint,
+    Varints,
+    build,
+    read,
+    stream_name,
+)
 from scarfmt.blocks.spec import BlockSpec, Frame, Reading
 from scarfmt.container.bytefields import compress, unsigned_varint
 from scarfmt.container.registries import BlockKind
@@ -29,7 +41,7 @@ _WEIGHT_BITS = (3, 5, 7, 9, 11, 13)
 
 
 _TABLE = Record(
-    "key" / Varint(32),
+    "key" / Varint(32, lambda number: _key_text(number)),
     Rule("R-8.3-1", lambda at: _ascends(at), lambda at: _bad_table("table keys must ascend strictly")),
     "size" / Count(MAX_ALPHABET) * "symbols",
     Rule("R-8.3-1", lambda at: at["size"] > 0, lambda at: _bad_table("a table needs at least one symbol")),
@@ -47,6 +59,11 @@ TABLES = Record("table_count" / _COUNT, "tables" / Repeat(this.table_count, _TAB
 """The content of the frame of a TABLES block."""
 
 _READER = ColumnReader(_COUNT, _TABLE)
+
+
+def _key_text(number: int) -> str:
+    stream, *others = TableKey.from_number(number)
+    return f"({stream_name(stream)}, {', '.join(map(str, others))})"
 
 
 def _ascends(at: Scope) -> bool:
@@ -153,7 +170,7 @@ SPEC = BlockSpec(
     taken=lambda writing: writing.tables or None,
     count=len,
     elements="table records",
-    frame=Frame(MAX_TABLES_BYTES, "tables"),
+    frame=Frame(MAX_TABLES_BYTES, "tables", counted=True),
 )
 
 

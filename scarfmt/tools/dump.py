@@ -9,6 +9,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Collection, Iterator
 from dataclasses import replace
+from enum import IntEnum
 from functools import partial
 from typing import Any
 
@@ -17,9 +18,10 @@ from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import BlockSpec, Reading
 from scarfmt.coding.models import NOTHING_OPENED
 from scarfmt.coding.work import Contents
+from scarfmt.container.bytefields import decompress
 from scarfmt.container.directory import block_name
 from scarfmt.container.file import Container, Entry, check_crc, read_header
-from scarfmt.container.registries import BlockKind
+from scarfmt.container.registries import BlockKind, ColourSpace, CoordinateFrame, Profile, Stream
 from scarfmt.container.schema import (
     DIRECTORY_ENTRY,
     FILE_HEADER,
@@ -37,6 +39,15 @@ from scarfmt.container.zstd_frame import frame_fields
 from scarfmt.errors import ScarError
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.tools.fields import SHOWN_ITEMS, FieldRows, Row, moved, rest, shown
+
+_NAMED: dict[str, type[IntEnum]] = {
+    "profile": Profile,
+    "coordinate_frame": CoordinateFrame,
+    "colour_space": ColourSpace,
+    "kind": BlockKind,
+    "stream": Stream,
+}
+"""Fields of the container whose numbers have names."""
 
 _STATE_BYTES = 8
 """A sub-stream's last two words are the state that decoding starts with."""
@@ -209,7 +220,8 @@ class Dump:
 
         def unfold() -> None:
             nonlocal content
-            content = contents.decompress(payload, frame.limit, frame.field)
+            inflate = contents.decompress if frame.counted else decompress
+            content = inflate(payload, frame.limit, frame.field)
 
         if self._attempt(entry, unfold):
             rows = self._fields(entry, content, spec, payload)
@@ -284,6 +296,8 @@ def _structure(structure: Any, name: str, section: str, data: bytes, at: int) ->
             value = value.hex(" ")
         elif isinstance(value, list):
             value = " ".join(map(str, value))
+        elif row.name in _NAMED and value in set(_NAMED[row.name]):
+            value = f"{value} {_NAMED[row.name](value).name}"
         elif row.name.endswith("crc32") or (row.name == "tile" and value == NO_TILE):
             value = f"0x{value:08X}"
         yield Row(start, row.size, f"{name}.{row.name}", value, section)
