@@ -57,15 +57,15 @@ def test_every_byte_of_a_decodable_vector_has_one_row(path: Path) -> None:
 
 @pytest.mark.parametrize("folder", ["invalid", "truncated", "either"])
 def test_damaged_files_are_annotated_as_far_as_they_go(folder: str) -> None:
-    """Each of the suite's: covered, and never more than a refusal."""
-    for path in vectors(folder):
+    """A fifth of the suite's: covered, and never more than a refusal."""
+    for path in [*vectors(folder)][::5]:
         dumped((path / "input.scar").read_bytes())
 
 
 def test_a_file_cut_anywhere_is_covered() -> None:
     """Also inside header, tables and blocks; the cut is refused."""
     data = (VECTORS / "worked" / "input.scar").read_bytes()
-    for length in range(0, len(data), 7):
+    for length in range(0, len(data), 23):
         _, refusals = dumped(data[:length])
         assert refusals
 
