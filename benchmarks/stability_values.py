@@ -11,9 +11,10 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from conformance.decoders.python import integer_oracle as oracle
+from conformance.decoders.python.arithmetic import exp2w
 from reference_decoder.dequantise import latents, positions
 from scarfmt.container.directory import Tile
+from scarfmt.container.morton import interleave
 from scarfmt.engines import best_engine, choice
 from scarfmt.entropy.rans import (
     MAX_ALPHABET,
@@ -30,7 +31,6 @@ from scarfmt.neural.operations import NUMPY
 from scarfmt.neural.tables import EXP2_LAST, SIGMOID, TANH, exp2_table
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import MAX_STEPS, Lattice
-from scarfmt.scene.morton import interleave
 
 Edge = dict[str, Any]
 
@@ -265,7 +265,7 @@ def _literal_tables() -> list[Edge]:
         sigmoid = [int(mpmath.nint(4096 / (1 + mpmath.exp(-mpmath.mpf(u) / 32)))) for u in range(256)]
     differ = sum(a != b for a, b in zip([*TANH, *SIGMOID], [*tanh, *sigmoid], strict=True))
     found = exp2_table().tolist()
-    differ_exp = sum(oracle.exp2w(d) != weight for d, weight in enumerate(found))
+    differ_exp = sum(exp2w(d) != weight for d, weight in enumerate(found))
     apart = [abs(weight - 65536 * 2.0 ** (-d / 32)) for d, weight in enumerate(found)]
     worst = max(range(EXP2_LAST + 1), key=apart.__getitem__)
     return [

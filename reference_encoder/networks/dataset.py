@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import TileFrame
+from scarfmt.container.morton import deinterleave
 from scarfmt.engines import best_engine
 from scarfmt.neural.context import CellMeans, count_features, depth_shifts, passes
 from scarfmt.neural.context_operations import fine
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
-from scarfmt.scene.morton import deinterleave
 
 I64 = NDArray[np.int64]
 I32 = NDArray[np.int32]
@@ -203,8 +203,8 @@ def index_inputs(
     before, after = model.stages(layer - 1, classes), model.stages(layer, classes)
     attributes = attribute_values(model, layer, content, order)
     own = np.minimum(np.maximum(attributes[wanted] >> ATTRIBUTE_SHIFT, -_WIDEST), _WIDEST)
-    kinds = np.arange(model.layers[-1].class_count)
-    parts = [(classes[wanted, None] == kinds) * CLASS_VALUE]
+    every = np.arange(model.layers[-1].class_count)
+    parts = [(classes[wanted, None] == every) * CLASS_VALUE]
     if options.own:
         parts.append(own)
     if options.occupancies:

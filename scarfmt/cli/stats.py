@@ -1,12 +1,12 @@
-"""What `decode --stats` tells: the work of a decode, beside what the whole file holds."""
+"""What `decode --stats` reports: the work of a decode, beside what the whole file holds."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scarfmt.coding.counters import Counters
     from scarfmt.container.source import ByteSource
+    from scarfmt.counters import Counters
 
 _TOTALS = (("bytes", "bytes_read"), ("blocks", "blocks"), ("tiles", "tiles"), ("anchors", "anchors"))
 _DETAILS = {"symbols": "symbols_by_coding", "multiply_adds": "multiply_adds_by_part"}
@@ -21,7 +21,7 @@ def decode_stats(source: ByteSource, counters: Counters, seconds: float) -> dict
         seconds: it took.
 
     Returns:
-        ``seconds``, ``decoded`` (:meth:`scarfmt.coding.counters.Counters.report`), and of the whole ``file`` its
+        ``seconds``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`), and of the whole ``file`` its
         ``bytes``, ``blocks``, ``tiles``, ``anchors`` and ``layers``.
     """
     from scarfmt.container.file import read_header
@@ -40,7 +40,7 @@ def decode_stats(source: ByteSource, counters: Counters, seconds: float) -> dict
 
 
 def format_stats(stats: dict[str, Any]) -> str:
-    """The same for people, a line each."""
+    """The report of :func:`decode_stats` for people, a line for each count."""
     decoded, whole = stats["decoded"], stats["file"]
     rows = [(name, decoded[key], _share(decoded[key], whole[name])) for name, key in _TOTALS]
     for name, key in _DETAILS.items():

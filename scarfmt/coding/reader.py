@@ -14,10 +14,8 @@ from functools import partial
 from typing import TypeVar
 
 from scarfmt.blocks.registry import MODEL_BLOCKS
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.coding.models import ModelBlocks, SceneModels, load_models, placed
-from scarfmt.coding.observe import LayerObserver, Observe, ObservedReader
 from scarfmt.coding.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
 from scarfmt.coding.work import Contents, check_work, extent
 from scarfmt.container.directory import tile_frame
@@ -25,12 +23,14 @@ from scarfmt.container.file import COALESCE_BYTES, Container, Entry, check_crc
 from scarfmt.container.schema import Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE, Substream, check_substream, unpack_table
+from scarfmt.counters import Counters
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput, Malformed, Truncated
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.neural.products import NetworkWork
+from scarfmt.observe import LayerObserver, Observe, ObservedReader
 from scarfmt.scene.model import Lattice, SceneModel
 
 ALL_STREAMS = frozenset(Stream) - {Stream.MODELS, Stream.FRAMING}
@@ -242,8 +242,8 @@ class SceneReader:
             known += new
             if entry is None and not known:
                 continue
-            parts = self._substreams(entry, payload, model, streams) if entry else {}
             observer = observe(tile, layer) if observe is not None else None
+            parts = self._substreams(entry, payload, model, streams) if entry else {}
             here, readers = content.head(known), _Readers(parts, tables, observer, self.engine)
             decode = partial(
                 get_layer, model, layer, frame, here, new, readers.open, streams, sizes, beside, observer, counters,

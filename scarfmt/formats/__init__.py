@@ -7,13 +7,17 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
+from scarfmt.container.source import read_bounded
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import anchor_npz, compressed_ply, inria_ply, sog, splat, spz
 from scarfmt.formats.anchor_npz import save_anchor_npz
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-__all__ = ["FORMATS", "Format", "detect", "load", "save_anchor_npz"]
+__all__ = ["FORMATS", "MAX_PIPE_BYTES", "Format", "detect", "load", "save_anchor_npz"]
+
+MAX_PIPE_BYTES = 1 << 33
+"""Bytes of a scene taken from a pipe: 30 million Gaussians as a PLY."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,7 @@ def load(path_or_bytes: str | PathLike[str] | bytes, *, format: str | None = Non
     Values are as stored: nothing is clamped, and NaN and infinities are kept (see `scarfmt.formats.clean`).
 
     Args:
-        path_or_bytes: a file, a directory holding an unbundled SOG, or the content of a file.
+        path_or_bytes: a file, a pipe, a directory holding an unbundled SOG, or the content of a file.
         format: id of the format; by default the content decides, then the file name.
 
     Returns:
@@ -60,7 +64,7 @@ def load(path_or_bytes: str | PathLike[str] | bytes, *, format: str | None = Non
     Raises:
         InvalidInput: unknown format (refusal `input-format`), unreadable or damaged.
         Unsupported: a newer version of a known format.
-        LimitExceeded: more Gaussians than any scene has.
+        LimitExceeded: more Gaussians than any scene has, or a pipe that does not end (refusal `input-limit`).
     """
     source = _source(path_or_bytes)
     return _named(format).load(source) if format is not None else detect(source).load(source)
@@ -87,6 +91,9 @@ def _source(path_or_bytes: str | PathLike[str] | bytes) -> Source:
     if isinstance(path_or_bytes, bytes):
         return Source(path_or_bytes)
     path = Path(path_or_bytes)
+    if path.is_fifo():
+        with path.open("rb") as pipe:
+            return Source(read_bounded(pipe, str(path), MAX_PIPE_BYTES))
     return Source(path / "meta.json" if path.is_dir() else path)
 
 

@@ -7,7 +7,8 @@ Arrays, float16, float32 or float64; N anchors, K Gaussian slots for each, D fea
 - ``offset`` (N, K, 3): slot centres, in units of exp(scaling[:3]).
 - ``scaling`` (N, 6): natural logs.
 - ``mlp_opacity.{0,2}.{weight,bias}``, ``mlp_cov...``, ``mlp_color...``: weights (out, in), biases (out,); the input
-  is [feature, view direction, distance], D + 4 wide; the outputs are K, 7K and 3K wide.
+  is [feature, view direction, distance], D + 4 wide, or without the distance (Scaffold-GS's ``add_*_dist=False``)
+  D + 3 wide, the same for all three; the outputs are K, 7K and 3K wide.
 - ``slot_mask`` (N, K) bool, optional: slots that may ever be drawn.
 
 Other arrays (``voxel_size``, ``n_offsets``...) are ignored. Evaluation: Scaffold-GS, section 3.
@@ -15,10 +16,9 @@ Other arrays (``voxel_size``, ``n_offsets``...) are ignored. Evaluation: Scaffol
 
 from __future__ import annotations
 
-import io
 import tokenize
 from os import PathLike
-from typing import BinaryIO
+from typing import IO, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,20 @@ from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import AnchorModel, Mlp
 
 _PARTS = ("anchor", "feat", "offset", "scaling")
-# numpy evaluates the header as a Python literal; these are all the ways in which that fails.
-_HEADER_ERRORS = (ValueError, TypeError, EOFError, SyntaxError, RecursionError, MemoryError, tokenize.TokenError)
+# numpy evaluates the header as a Python literal, and makes a type of what it says; these are all the ways in which
+# that fails.
+_HEADER_ERRORS = (
+    ValueError,
+    TypeError,
+    KeyError,
+    IndexError,
+    AttributeError,
+    EOFError,
+    SyntaxError,
+    RecursionError,
+    MemoryError,
+    tokenize.TokenError,
+)
 _OUTPUTS_PER_SLOT = {"opacity": 1, "cov": 7, "color": 3}
 
 
@@ -55,9 +67,7 @@ def load(source: Source) -> AnchorModel:
         _check_shape(source, "feat", features, (count, width))
         _check_shape(source, "offset", offsets, (count, slots, 3))
         _check_shape(source, "scaling", scaling, (count, 6))
-        mlps = {
-            name: _read_mlp(archive, name, width + 4, outputs * slots) for name, outputs in _OUTPUTS_PER_SLOT.items()
-        }
+        mlps = _read_networks(archive, width, slots)
         mask = _read_mask(archive, (count, slots))
     with np.errstate(over="ignore"):  # doubles beyond float32 become infinities, which a later check reports
         return AnchorModel(
@@ -101,11 +111,21 @@ def save_anchor_npz(model: AnchorModel, destination: str | PathLike[str] | Binar
         np.savez_compressed(destination, allow_pickle=False, **arrays)
 
 
-def _read_mlp(archive: Archive, name: str, inputs: int, outputs: int) -> Mlp:
+def _read_networks(archive: Archive, width: int, slots: int) -> dict[str, Mlp]:
+    """The three networks, of D + 4 inputs, or all of D + 3 (SPEC §9.6); `width` is D."""
+    mlps = {name: _read_mlp(archive, name, outputs * slots) for name, outputs in _OUTPUTS_PER_SLOT.items()}
+    inputs = {name: mlp.weights[0].shape[1] for name, mlp in mlps.items()}
+    if set(inputs.values()) not in ({width + 3}, {width + 4}):
+        message = f"networks of {inputs} inputs, expected {width + 3} or {width + 4}, the same for all"
+        raise archive.source.corrupt(message, field="mlp_opacity.0.weight")
+    return mlps
+
+
+def _read_mlp(archive: Archive, name: str, outputs: int) -> Mlp:
     names = [f"mlp_{name}.{layer}.{part}" for layer in (0, 2) for part in ("weight", "bias")]
     with np.errstate(over="ignore"):
         first, first_bias, second, second_bias = (_floats(archive, part).astype(np.float32) for part in names)
-    hidden = len(first) if first.ndim else 0
+    hidden, inputs = first.shape if first.ndim == 2 else (0, 0)
     shapes = ((hidden, inputs), (hidden,), (outputs, hidden), (outputs,))
     for part, array, shape in zip(names, (first, first_bias, second, second_bias), shapes, strict=True):
         _check_shape(archive.source, part, array, shape)
@@ -130,22 +150,33 @@ def _floats(archive: Archive, name: str) -> NDArray[np.generic]:
 
 
 def _array(archive: Archive, name: str, kind: str) -> NDArray[np.generic]:
-    """One member as an array, its declared size compared with its bytes before use."""
-    data = archive.read(f"{name}.npy")
-    stream = io.BytesIO(data)
+    """One member as an array. What its header declares is compared with the archive before it is unpacked."""
+    member = f"{name}.npy"
+    with archive.open(member) as stream:
+        shape, fortran, dtype = _read_header(archive.source, name, stream)
+        if dtype.kind != kind or dtype.itemsize > 8:
+            raise archive.source.corrupt(f"type {dtype}, expected kind {kind!r}", field=name)
+        expected = dtype.itemsize
+        for length in shape:
+            expected *= length
+        if expected != archive.members[member].file_size - stream.tell():
+            raise archive.source.corrupt(f"shape {shape} needs {expected} bytes", field=name)
+        flat = np.frombuffer(stream.read(), dtype)
+    try:
+        array: NDArray[np.generic] = flat.reshape(shape, order="F" if fortran else "C")
+    except (ValueError, TypeError, OverflowError) as error:  # more dimensions, or longer ones, than numpy has
+        raise archive.source.corrupt(f"shape {shape}: {error}", field=name) from error
+    return array
+
+
+def _read_header(source: Source, name: str, stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[np.generic]]:
+    """Shape, whether in Fortran order, and type, as the `.npy` header at the start of `stream` declares them."""
     try:
         version = np.lib.format.read_magic(stream)
         read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, fortran, dtype = read_header(stream)
     except _HEADER_ERRORS as error:
-        raise archive.source.corrupt(f"damaged .npy header ({error})", field=name) from error
-    if dtype.kind != kind or dtype.itemsize > 8:
-        raise archive.source.corrupt(f"type {dtype}, expected kind {kind!r}", field=name)
-    expected = dtype.itemsize
-    for length in shape:
-        expected *= length
-    if min(shape, default=0) < 0 or expected != len(data) - stream.tell():
-        raise archive.source.corrupt(f"shape {shape} needs {expected} bytes", field=name)
-    flat = np.frombuffer(data, dtype, offset=stream.tell())
-    array: NDArray[np.generic] = flat.reshape(shape, order="F" if fortran else "C")
-    return array
+        raise source.corrupt(f"damaged .npy header ({error})", field=name) from error
+    if not all(type(length) is int and length >= 0 for length in shape):
+        raise source.corrupt(f"shape {shape}", field=name)
+    return shape, fortran, dtype

@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.formats import ply
+from scarfmt.formats import ply, ply_body
 from scarfmt.formats.dequantise import complete_smallest_three, dc_of_colour, logit_of_alpha, sh_from_channel_major
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import F32, F64, GaussianScene
@@ -41,7 +41,7 @@ def load(source: Source) -> GaussianScene:
     """
     header = ply.read_header(source)
     rest = _check_layout(source, header)
-    elements = ply.read_elements(source, header)
+    elements = ply_body.read_elements(source, header, ["chunk", "vertex", "sh"] if rest else ["chunk", "vertex"])
     vertex, chunk = elements["vertex"], elements["chunk"]
     of_chunk = np.arange(len(vertex)) // CHUNK
     low, high = (_bounds(chunk, end, "", "xyz")[of_chunk] for end in ("min", "max"))
@@ -78,7 +78,7 @@ def _check_layout(source: Source, header: ply.Header) -> list[str]:
 
 
 def _bounds(chunk: NDArray[np.void], end: str, what: str, axes: str) -> F64:
-    return ply.columns(chunk, [f"{end}_{what}{axis}" for axis in axes]).astype(np.float64)
+    return ply_body.columns(chunk, [f"{end}_{what}{axis}" for axis in axes]).astype(np.float64)
 
 
 def _between(low: F64, high: F64, fraction: F64) -> F64:

@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from scarfmt.errors import InvalidInput
-from scarfmt.formats import ply
+from scarfmt.formats import ply, ply_body
 from scarfmt.formats.dequantise import sh_from_channel_major
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import F32, GaussianScene
@@ -41,18 +41,18 @@ def load(source: Source) -> GaussianScene:
     """
     header = ply.read_header(source)
     vertex = header.elements.get("vertex")
-    names = [] if vertex is None else [name for name, kind in vertex.properties.items() if kind != "list"]
+    names = [] if vertex is None else [name for name, kind in vertex.properties.items() if kind != ply.LIST]
     rest = _required_columns(source, names)
-    rows = ply.read_elements(source, header)["vertex"]
-    scales = ply.columns(rows, [name for name in ("scale_0", "scale_1", "scale_2") if name in names])
-    dc = ply.columns(rows, ["f_dc_0", "f_dc_1", "f_dc_2"])[:, None, :]
-    harmonics = sh_from_channel_major(ply.columns(rows, rest))
+    rows = ply_body.read_elements(source, header, ["vertex"])["vertex"]
+    scales = ply_body.columns(rows, [name for name in ("scale_0", "scale_1", "scale_2") if name in names])
+    dc = ply_body.columns(rows, ["f_dc_0", "f_dc_1", "f_dc_2"])[:, None, :]
+    harmonics = sh_from_channel_major(ply_body.columns(rows, rest))
     with np.errstate(over="ignore"):  # doubles beyond float32 become infinities, which a later check reports
         return GaussianScene(
-            ply.columns(rows, ["x", "y", "z"]).astype(np.float64),
+            ply_body.columns(rows, ["x", "y", "z"]).astype(np.float64),
             _with_third_axis(scales.astype(np.float32)),
-            ply.columns(rows, [f"rot_{i}" for i in range(4)]).astype(np.float32),
-            ply.columns(rows, ["opacity"])[:, 0].astype(np.float32),
+            ply_body.columns(rows, [f"rot_{i}" for i in range(4)]).astype(np.float32),
+            ply_body.columns(rows, ["opacity"])[:, 0].astype(np.float32),
             np.concatenate([dc.astype(np.float32), harmonics], axis=1),
         )
 

@@ -1,7 +1,6 @@
-"""Reading the elements of a PLY file into numpy, with its declared sizes checked first.
+"""The header of a PLY file: its elements, their properties, and where the rows begin.
 
-plyfile is used nowhere else: it reads binary files through a memory map, and is trusted with the body only after
-the header's counts were found to fit into the file.
+Greg Turk, "The PLY Polygon File Format", 1994. The rows are read in :mod:`scarfmt.formats.ply_body`.
 """
 
 from __future__ import annotations
@@ -10,42 +9,73 @@ import re
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scarfmt.errors import InvalidInput, LimitExceeded
-from scarfmt.formats.source import MAX_GAUSSIANS, Source
+from scarfmt.formats.source import Source
 
 _MAX_HEADER = 1 << 16
-_SIZES = {
-    **dict.fromkeys(("char", "int8", "uchar", "uint8"), 1),
-    **dict.fromkeys(("short", "int16", "ushort", "uint16"), 2),
-    **dict.fromkeys(("int", "int32", "uint", "uint32", "float", "float32"), 4),
-    **dict.fromkeys(("double", "float64"), 8),
+_FIRST_LINE = re.compile(rb"ply[ \t]*(\r\n|\n|\r)")
+
+LIST = "list"
+"""What `Element.properties` says of a list."""
+
+TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
 }
+"""numpy's name of each PLY type, without byte order."""
+
+_BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 
 
 @dataclass
 class Element:
-    """One element declaration: its row count and the name and type of each property (`list` for lists)."""
+    """One element declaration.
+
+    Attributes:
+        name: e.g. ``"vertex"``.
+        count: rows.
+        properties: type of each property by name, in the order of a row; `LIST` for lists.
+        layout: for each property, the type of its length (None for a single number) and of a number.
+        row_bytes: least bytes of a row.
+    """
 
     name: str
     count: int
     properties: dict[str, str] = field(default_factory=dict)
+    layout: list[tuple[str | None, str]] = field(default_factory=list)
     row_bytes: int = 0
+
+    def declare(self, name: str, length: str | None, item: str, text: bool) -> None:
+        """Add a property; in text, a number takes at least a digit and what divides it from the next."""
+        self.properties[name] = item if length is None else LIST
+        self.layout.append((length, item))
+        self.row_bytes += 2 if text else np.dtype(TYPES[length or item]).itemsize
 
 
 @dataclass(frozen=True)
 class Header:
-    """What a PLY header declares."""
+    """What a PLY header declares.
 
-    text: bool
+    Attributes:
+        byte_order: ``"<"``, ``">"``, or empty for text.
+        elements: by name, in the order of the file.
+        length: bytes of the header.
+    """
+
+    byte_order: str
     elements: dict[str, Element]
     length: int
 
 
 def is_ply(source: Source) -> bool:
     """Whether the content starts as a PLY file does."""
-    return re.match(rb"ply[ \t]*[\r\n]", source.head(16)) is not None
+    return _FIRST_LINE.match(source.head(16)) is not None
 
 
 def read_header(source: Source) -> Header:
@@ -55,84 +85,42 @@ def read_header(source: Source) -> Header:
         InvalidInput: not a PLY file, or the header is cut or malformed.
     """
     head = source.head(_MAX_HEADER)
-    end = re.search(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)", head)
-    if not is_ply(source) or end is None:
+    start = _FIRST_LINE.match(head)
+    if start is None:
+        raise source.corrupt("not a PLY file", offset=0)
+    # One end of line holds for a whole header: the first byte of the rows may look like another.
+    newline = re.escape(start[1])
+    end = re.search(newline + rb"end_header[ \t]*" + newline, head)
+    if end is None:
         raise source.corrupt("no complete PLY header in the first 64 KiB")
     try:
-        lines = [line.split() for line in re.split(r"\r\n|\n|\r", head[: end.start()].decode("ascii"))]
+        lines = [line.split() for line in re.split(newline.decode(), head[: end.start()].decode("ascii"))]
     except UnicodeDecodeError as error:
         raise source.corrupt("the PLY header is not ASCII") from error
     elements: dict[str, Element] = {}
-    text = False
-    for words in lines:
+    byte_order: str | None = None
+    for words in lines[1:]:
         match words:
-            case ["format", kind, _]:
-                text = kind == "ascii"
+            case ["format", kind, "1.0"] if kind in _BYTE_ORDERS and byte_order is None:
+                byte_order = _BYTE_ORDERS[kind]
             case ["element", name, count] if re.fullmatch(r"[0-9]{1,18}", count) and name not in elements:
                 elements[name] = Element(name, int(count))
-            case ["property", *declaration] if elements:
-                _declare(source, next(reversed(elements.values())), declaration, text)
-            case ["element" | "property" | "format", *_]:
+            case ["property", *declaration] if elements and byte_order is not None:
+                _declare(source, next(reversed(elements.values())), declaration, text=not byte_order)
+            case [] | ["comment" | "obj_info", *_]:
+                pass
+            case _:
                 raise source.corrupt(f"malformed PLY header line {' '.join(words)[:80]!r}")
-    return Header(text, elements, end.end())
+    if byte_order is None:
+        raise source.corrupt("the PLY header lacks its format")
+    return Header(byte_order, elements, end.end())
 
 
 def _declare(source: Source, element: Element, declaration: list[str], text: bool) -> None:
     match declaration:
-        case ["list", length, item, name] if length in _SIZES and item in _SIZES:
-            element.properties[name] = "list"
-            element.row_bytes += 2 if text else _SIZES[length]
-        case [kind, name] if kind in _SIZES and name not in element.properties:
-            element.properties[name] = kind
-            element.row_bytes += 2 if text else _SIZES[kind]
+        case ["list", length, item, name] if {length, item} <= TYPES.keys() and name not in element.properties:
+            element.declare(name, length, item, text)
+        case [kind, name] if kind in TYPES and name not in element.properties:
+            element.declare(name, None, kind, text)
         case _:
             raise source.corrupt(f"malformed PLY property {' '.join(declaration)[:80]!r}")
-
-
-def check_sizes(source: Source, header: Header) -> None:
-    """Refuse counts that cannot fit into the file, before memory is allocated for them.
-
-    Raises:
-        InvalidInput: the file is too short for its header.
-        LimitExceeded: more rows than any scene has.
-    """
-    needed = header.length
-    for element in header.elements.values():
-        if element.count > MAX_GAUSSIANS:
-            raise LimitExceeded("input-limit", f"{source.name}: {element.count} rows, above the limit {MAX_GAUSSIANS}")
-        if element.count and not element.properties:
-            raise source.corrupt("an element has rows but no properties", field=element.name)
-        needed += element.count * element.row_bytes
-    # The last line of a text file may lack its newline.
-    if source.size + header.text < needed:
-        raise source.corrupt(f"{source.size} bytes, but the PLY header declares at least {needed}")
-
-
-def read_elements(source: Source, header: Header) -> dict[str, NDArray[np.void]]:
-    """The rows of every element, as structured arrays in memory.
-
-    Raises:
-        InvalidInput: plyfile is not installed, or the body does not match the header.
-        LimitExceeded: more rows than any scene has.
-    """
-    try:
-        from plyfile import PlyData, PlyParseError
-    except ImportError as error:
-        message = "reading PLY files needs plyfile: pip install 'scarfmt[import]'"
-        raise InvalidInput("input-dependency", message) from error
-    check_sizes(source, header)
-    with source.open() as stream:
-        try:
-            data = PlyData.read(stream)
-        except (PlyParseError, ValueError, OverflowError) as error:
-            raise source.corrupt(f"malformed PLY: {error}") from error
-        return {element.name: np.array(element.data) for element in data.elements}
-
-
-def columns(rows: NDArray[np.void], names: list[str]) -> NDArray[np.generic]:
-    """The named columns as one (N, len(names)) array of their common type, at least float32."""
-    kind = np.result_type(np.float32, *(rows.dtype[name] for name in names)) if names else np.dtype(np.float32)
-    table = np.empty((len(rows), len(names)), kind)
-    for position, name in enumerate(names):
-        table[:, position] = rows[name]
-    return table

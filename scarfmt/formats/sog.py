@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.errors import InvalidInput, Unsupported
+from scarfmt.errors import InvalidInput, Unsupported, missing_package
 from scarfmt.formats.archive import is_zip, member_names, open_archive
 from scarfmt.formats.dequantise import complete_smallest_three, logit_of_alpha
 from scarfmt.formats.source import Source
@@ -54,27 +54,35 @@ def load(source: Source) -> GaussianScene:
         LimitExceeded: more Gaussians than any scene has.
     """
     if not is_zip(source):
-        return _Reader(source, source.read(), _directory_reader(source)).scene()
+        directory = _directory(source)
+        read: ReadMember = lambda name: Source(directory / name).read()  # noqa: E731
+        return _Reader(source, source.read(), read, _bytes_in(directory)).scene()
     with open_archive(source) as archive:
         paths = {PurePosixPath(name).name: name for name in archive.members}
         meta = archive.read(paths.get(_META, _META))
-        return _Reader(source, meta, lambda name: archive.read(paths.get(name, name))).scene()
+        return _Reader(source, meta, lambda name: archive.read(paths.get(name, name)), source.size).scene()
 
 
-def _directory_reader(source: Source) -> ReadMember:
+def _directory(source: Source) -> Path:
+    """The directory of a `meta.json`."""
     if source.path is None:
         message = "a meta.json read from memory has no images beside it; give its path, or a bundled .sog"
         raise InvalidInput("input-incomplete", message)
-    directory: Path = source.path.parent
-    return lambda name: Source(directory / name).read()
+    return source.path.parent
+
+
+def _bytes_in(directory: Path) -> int:
+    """Bytes of the regular files of a directory."""
+    return sum(path.stat().st_size for path in directory.iterdir() if path.is_file())
 
 
 class _Reader:
-    """Decodes one SOG from its metadata and a function that reads images by bare file name."""
+    """Decodes one SOG from its metadata, a function that reads images by bare file name, and the bytes of all files."""
 
-    def __init__(self, source: Source, meta: bytes, read: ReadMember):
+    def __init__(self, source: Source, meta: bytes, read: ReadMember, packed_bytes: int):
         self.source = source
         self._read = read
+        self._packed_bytes = packed_bytes
         try:
             self.meta = json.loads(meta)
         except (ValueError, RecursionError) as error:
@@ -203,26 +211,27 @@ class _Reader:
             square: whether it has one pixel for each Gaussian.
         """
         try:
-            from PIL import Image
-        except ImportError as error:
-            message = "reading SOG files needs pillow: pip install 'scarfmt[import]'"
-            raise InvalidInput("input-dependency", message) from error
+            from PIL import Image, UnidentifiedImageError
+        except ModuleNotFoundError as error:
+            raise missing_package("pillow", "import") from error
         data = self._read(name)
         try:
             with Image.open(io.BytesIO(data), formats=("WEBP", "PNG")) as image:
-                self._check_size(name, image.size, len(data), square)
+                self._check_size(name, image.size, square)
                 pixels: U8 = np.asarray(image.convert("RGBA"))
         except (OSError, ValueError, SyntaxError, EOFError, Image.DecompressionBombError) as error:
             if isinstance(error, InvalidInput):
                 raise
-            raise self.source.corrupt(f"damaged image ({error})", field=name) from error
+            # pillow's own text names the stream in memory, which means nothing to a person.
+            reason = "unknown kind" if isinstance(error, UnidentifiedImageError) else error
+            raise self.source.corrupt(f"damaged image ({reason})", field=name) from error
         return pixels
 
-    def _check_size(self, name: str, size: tuple[int, int], file_bytes: int, square: bool) -> None:
+    def _check_size(self, name: str, size: tuple[int, int], square: bool) -> None:
         pixels = size[0] * size[1]
         if square and pixels < self.count:
             raise self.source.corrupt(f"{pixels} pixels for {self.count} Gaussians", field=name)
         if pixels > 2 * self.count + _SPARE_PIXELS:
             raise self.source.corrupt(f"{pixels} pixels, far more than {self.count} Gaussians need", field=name)
         # An image of one colour is a few bytes whatever its size, so the whole scene is what counts.
-        self.source.check_count(self.count, file_bytes=max(self.source.size, file_bytes))
+        self.source.check_count(self.count, file_bytes=self._packed_bytes)

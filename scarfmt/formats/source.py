@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import stat
 import tempfile
 from pathlib import Path
 from typing import BinaryIO
@@ -11,15 +13,21 @@ from scarfmt.errors import InvalidInput, LimitExceeded
 MAX_GAUSSIANS = 1 << 27
 """Above any published scene; an import needs about 60 bytes of memory for each at SH degree 0."""
 
-_DENSEST = 1024 / 9
-"""Gaussians per file byte no compressor of real scenes comes near: the bound SPZ's reference reader uses."""
+FREE_GAUSSIANS = 1 << 16
+"""Any compressed file may declare so many: what it may declare beyond grows with its bytes."""
+
+GAUSSIANS_PER_BYTE = 1
+"""Of a compressed file, beyond `FREE_GAUSSIANS`. Real scenes stay below 0.1; it is the default of
+:class:`scarfmt.limits.Limits` too. SPZ's own reader allows 1024 / 9: 850 bytes of memory for each of them."""
+
+_NO_WAITING = getattr(os, "O_NONBLOCK", 0)
 
 
 class Source:
     """The bytes of one input, read only as far as needed.
 
     Args:
-        origin: a path, or the whole content of a file.
+        origin: the path of a regular file, or the whole content of a file.
     """
 
     def __init__(self, origin: Path | bytes):
@@ -58,9 +66,14 @@ class Source:
             spill.seek(0)
             return spill
         try:
-            return self.path.open("rb")
+            # Not to wait for the writer of a pipe; the files of a SOG directory may be anything.
+            stream = open(self.path, "rb", opener=lambda path, flags: os.open(path, flags | _NO_WAITING))  # noqa: SIM115
         except OSError as error:
             raise self._unreadable(error) from error
+        if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            stream.close()
+            raise InvalidInput("input-unreadable", f"{self.name}: not a regular file; copy its content to one")
+        return stream
 
     def corrupt(self, message: str, *, field: str | None = None, offset: int | None = None) -> InvalidInput:
         """The error for content that breaks its own format."""
@@ -76,14 +89,14 @@ class Source:
 
         Raises:
             LimitExceeded: above MAX_GAUSSIANS.
-            InvalidInput: more Gaussians than so few bytes can hold.
+            InvalidInput: more Gaussians than so few bytes hold in any real scene.
         """
         if count > MAX_GAUSSIANS:
             raise LimitExceeded(
                 "input-limit", f"{self.name}: declares {count} Gaussians, above the limit of {MAX_GAUSSIANS}"
             )
         size = self.size if file_bytes is None else file_bytes
-        if count > size * _DENSEST:
+        if count > FREE_GAUSSIANS + GAUSSIANS_PER_BYTE * size:
             raise self.corrupt(f"declares {count} Gaussians in {size} bytes")
 
     def _path_size(self) -> int:

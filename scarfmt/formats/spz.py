@@ -182,8 +182,12 @@ def _rotations(raw: U8) -> F32:
 
 
 def _harmonics(colour: U8, rest: U8) -> F32:
-    dc = (colour / 255.0 - 0.5) / _COLOUR_SCALE
-    return np.concatenate([dc, (rest - 128.0) / 128.0], axis=1).astype(np.float32)
+    """(N, (degree + 1)^2, 3), through tables of the 256 values: in place, for they are most of a scene's memory."""
+    levels = np.arange(256)
+    sh = np.empty((len(colour), 1 + rest.shape[1], 3), np.float32)
+    sh[:, :1] = ((levels / 255.0 - 0.5) / _COLOUR_SCALE).astype(np.float32)[colour]
+    sh[:, 1:] = ((levels - 128.0) / 128.0).astype(np.float32)[rest]
+    return sh
 
 
 def _stored_axes(source: Source, extensions: bytes) -> Signs:

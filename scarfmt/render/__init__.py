@@ -1,3 +1,3 @@
-"""Rendering and picture comparison; needs the `render` extra (numba, pillow, scipy)."""
+"""Rendering and picture comparison; needs the `render` extra (numba, pillow)."""
 
 from __future__ import annotations

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import correlate1d
 
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.gaussians import F64
@@ -53,10 +52,20 @@ def ssim(a: NDArray[np.floating], b: NDArray[np.floating]) -> float:
 
 
 def _window_mean(image: F64) -> F64:
-    window = np.exp(-(np.arange(-_RADIUS, _RADIUS + 1) ** 2) / (2 * _SIGMA**2))
-    window /= window.sum()
-    rows = correlate1d(image, window, axis=0, mode="constant")
-    return np.asarray(correlate1d(rows, window, axis=1, mode="constant"), dtype=np.float64)
+    """Means over the window, which is a product of one along the rows and one along the columns."""
+    return _mean_along(_mean_along(image, 0), 1)
+
+
+def _mean_along(image: F64, axis: int) -> F64:
+    """Weighted means along one axis, zeros beyond the border; neighbours at like distance share a weight."""
+    weights = np.exp(-(np.arange(_RADIUS + 1) ** 2) / (2 * _SIGMA**2))
+    weights /= weights[0] + 2 * weights[1:].sum()
+    lines = np.moveaxis(image, axis, 0)
+    means = weights[0] * lines
+    for distance in range(1, min(_RADIUS, len(lines) - 1) + 1):
+        means[distance:] += weights[distance] * lines[:-distance]
+        means[:-distance] += weights[distance] * lines[distance:]
+    return np.moveaxis(means, 0, axis)
 
 
 def _clipped(image: NDArray[np.floating]) -> F64:

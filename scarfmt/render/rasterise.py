@@ -168,6 +168,31 @@ def _alpha(opacity: float, power: float) -> float:
 
 
 @device
+def _shade(planes: F64, pixel: int, alpha: float, red: float, green: float, blue: float) -> tuple[float, float]:
+    """Blend a colour over a pixel of `planes`; its weight there, and the transmittance behind it.
+
+    The one statement of the image model: pictures and sensitivities both follow it.
+    """
+    before = planes[_TRANSMITTANCE + pixel]
+    after = before * (1.0 - alpha)
+    still = planes[_OPEN + pixel] if after >= MIN_TRANSMITTANCE else 0.0
+    weight = alpha * before * still
+    planes[_OPEN + pixel] = still
+    planes[_TRANSMITTANCE + pixel] = after if still > 0.0 else before
+    planes[_COLOUR + pixel] += weight * red
+    planes[_COLOUR + _PIXELS + pixel] += weight * green
+    planes[_COLOUR + 2 * _PIXELS + pixel] += weight * blue
+    return weight, after
+
+
+@device
+def _behind(planes: F64, place: int) -> float:
+    """What lies behind the splats blended so far, in one colour of a pixel: the finished picture less what is there."""
+    behind: float = planes[_FINAL + place] - planes[_COLOUR + place]
+    return behind
+
+
+@device
 def _blend(state: F64, splat: F64, left: float, top: float) -> None:
     """Blend one splat over the tile whose first pixel is (left, top)."""
     a, b, c = -0.5 * splat[CONIC_A], -splat[CONIC_B], -0.5 * splat[CONIC_C]
@@ -186,15 +211,7 @@ def _blend(state: F64, splat: F64, left: float, top: float) -> None:
                 pixel = row * TILE + place
                 dx = dx0 + (first_column + place)
                 alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
-                before = planes[_TRANSMITTANCE + pixel]
-                after = before * (1.0 - alpha)
-                still = planes[_OPEN + pixel] if after >= MIN_TRANSMITTANCE else 0.0
-                weight = alpha * before * still
-                planes[_OPEN + pixel] = still
-                planes[_TRANSMITTANCE + pixel] = after if still > 0.0 else before
-                planes[_COLOUR + pixel] += weight * red
-                planes[_COLOUR + _PIXELS + pixel] += weight * green
-                planes[_COLOUR + 2 * _PIXELS + pixel] += weight * blue
+                _shade(planes, pixel, alpha, red, green, blue)
 
 
 @device
@@ -246,7 +263,7 @@ def _render_tiles(
 
 @device
 def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
-    """As :func:`_blend`, and fill `out` with the splat's sums of w, w^2 and contrast, and its largest w.
+    """Blend one splat as :func:`_blend` does; fill `out` with its sums of w, w^2 and contrast, and its largest w.
 
     Needs the finished picture in the `_FINAL` planes: what lies behind is what is finished less what is in front.
     """
@@ -267,22 +284,11 @@ def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
                 pixel = row * TILE + place
                 dx = dx0 + (first_column + place)
                 alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
-                before = planes[_TRANSMITTANCE + pixel]
-                after = before * (1.0 - alpha)
-                still = planes[_OPEN + pixel] if after >= MIN_TRANSMITTANCE else 0.0
-                weight = alpha * before * still
-                planes[_OPEN + pixel] = still
-                planes[_TRANSMITTANCE + pixel] = after if still > 0.0 else before
-                mixed_red = planes[_COLOUR + pixel] + weight * red
-                mixed_green = planes[_COLOUR + _PIXELS + pixel] + weight * green
-                mixed_blue = planes[_COLOUR + 2 * _PIXELS + pixel] + weight * blue
-                planes[_COLOUR + pixel] = mixed_red
-                planes[_COLOUR + _PIXELS + pixel] = mixed_green
-                planes[_COLOUR + 2 * _PIXELS + pixel] = mixed_blue
+                weight, after = _shade(planes, pixel, alpha, red, green, blue)
                 share = 1.0 / max(after, MIN_TRANSMITTANCE)
-                over_red = red - (planes[_FINAL + pixel] - mixed_red) * share
-                over_green = green - (planes[_FINAL + _PIXELS + pixel] - mixed_green) * share
-                over_blue = blue - (planes[_FINAL + 2 * _PIXELS + pixel] - mixed_blue) * share
+                over_red = red - _behind(planes, pixel) * share
+                over_green = green - _behind(planes, pixel + _PIXELS) * share
+                over_blue = blue - _behind(planes, pixel + 2 * _PIXELS) * share
                 squared = weight * weight
                 contrast = over_red * over_red + over_green * over_green + over_blue * over_blue
                 largest = planes[_LANES + 3 * TILE + place]

@@ -107,7 +107,8 @@ class AnchorModel:
         features: (N, D) float32.
         offsets: (N, K, 3) float32, in units of the anchor's first three scalings.
         log_scaling: (N, 6) float32, natural logs; [0:3] multiply offsets, [3:6] multiply Gaussian scales.
-        mlps: ``{"opacity", "cov", "color"}`` -> :class:`Mlp` of input [feature, view direction, distance].
+        mlps: ``{"opacity", "cov", "color"}`` -> :class:`Mlp` of input [feature, view direction, distance],
+            or all three without the distance.
         slot_mask: (N, K) bool, slots that may ever be drawn.
     """
 

@@ -204,7 +204,8 @@ def npy(array: NDArray[Any]) -> bytes:
     return out.getvalue()
 
 
-def anchor_arrays(count: int = 5, slots: int = 2, width: int = 3) -> dict[str, NDArray[Any]]:
+def anchor_arrays(count: int = 5, slots: int = 2, width: int = 3, extra: int = 4) -> dict[str, NDArray[Any]]:
+    """The arrays of an anchor model whose networks take `extra` inputs beside the features."""
     rng = np.random.default_rng(5)
     shapes: dict[str, tuple[int, ...]] = {
         "anchor": (count, 3),
@@ -213,7 +214,7 @@ def anchor_arrays(count: int = 5, slots: int = 2, width: int = 3) -> dict[str, N
         "scaling": (count, 6),
     }
     for name, outputs in (("opacity", slots), ("cov", 7 * slots), ("color", 3 * slots)):
-        shapes[f"mlp_{name}.0.weight"], shapes[f"mlp_{name}.0.bias"] = (4, width + 4), (4,)
+        shapes[f"mlp_{name}.0.weight"], shapes[f"mlp_{name}.0.bias"] = (4, width + extra), (4,)
         shapes[f"mlp_{name}.2.weight"], shapes[f"mlp_{name}.2.bias"] = (outputs, 4), (outputs,)
     return {name: rng.normal(size=shape).astype(np.float32) for name, shape in shapes.items()}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import pickle
 import zipfile
 from dataclasses import replace
@@ -93,14 +94,62 @@ def test_wrong_shape_type_or_absence_names_the_array(name: str) -> None:
         assert caught.value.field is not None
 
 
-@pytest.mark.parametrize("shape", [(1 << 40, 3), (-1, 3), (1 << 62, 1 << 62), (5, True)])
-def test_declared_shape_is_checked_before_memory_is_allocated(shape: tuple[int, ...]) -> None:
-    members = {f"{name}.npy": npy(array) for name, array in anchor_arrays().items()}
+HUGE = [(1 << 40, 3), (-1, 3), (1 << 62, 1 << 62), (5, True)]
+WITH_RIGHT_BYTES = [(0, 1 << 70), (0, 1 << 40, 1 << 40), (True, True), (1,) * 70]
+
+
+@pytest.mark.parametrize("member", ["anchor", "offset", "slot_mask"])
+@pytest.mark.parametrize("shape", HUGE + WITH_RIGHT_BYTES, ids=lambda shape: str(shape)[:20])
+def test_impossible_shapes_are_damage(shape: tuple[int, ...], member: str) -> None:
+    """Before memory is allocated for them, and where there are as many bytes as they ask for."""
+    arrays = anchor_arrays() | {"slot_mask": np.ones((5, 2), np.bool_)}
+    members = {f"{name}.npy": npy(array) for name, array in arrays.items()}
     head = io.BytesIO()
-    np.lib.format.write_array_header_1_0(head, {"descr": "<f4", "fortran_order": False, "shape": shape})
-    members["anchor.npy"] = head.getvalue() + bytes(60)
-    with pytest.raises(InvalidInput):
+    kind = "|b1" if member == "slot_mask" else "<f4"
+    np.lib.format.write_array_header_1_0(head, {"descr": kind, "fortran_order": False, "shape": shape})
+    body = 60 if shape in HUGE else math.prod(shape) * np.dtype(kind).itemsize
+    members[f"{member}.npy"] = head.getvalue() + bytes(body)
+    with pytest.raises(InvalidInput) as caught:
         load(zipped(members))
+    assert (caught.value.refusal, caught.value.field) == ("input-corrupt", member)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "{'descr': '<f4', 'fortran_order': False, 'shape': (" + "9" * 5000 + ",)}",
+        "{'descr': [], 'fortran_order': False, 'shape': (5, 3)}",
+        "{'descr': [('a', '<f4'), ('a', '<f4')], 'fortran_order': False, 'shape': (5, 3)}",
+        "{'descr': {}, 'fortran_order': False, 'shape': (5, 3)}",
+        "{'descr': ('<f4', (3,)), 'fortran_order': False, 'shape': (5, 3)}",
+        "{'descr': ('<f4', 1 << 70), 'fortran_order': False, 'shape': (5, 3)}",
+        "{'descr': None, 'fortran_order': False, 'shape': (5, 3)}",
+        "{'descr': '<f4', 'fortran_order': 2, 'shape': (5, 3)}",
+        "{'descr': '<f4', 'fortran_order': False, 'shape': 5}",
+        "[" * 3000,
+        "",
+    ],
+    ids=lambda header: header[:40],
+)
+def test_odd_headers_are_damage(header: str) -> None:
+    """numpy evaluates them as Python literals, which fail in many ways."""
+    members = {f"{name}.npy": npy(array) for name, array in anchor_arrays().items()}
+    text = header.encode() + b"\n"
+    members["anchor.npy"] = b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + bytes(60)
+    with pytest.raises(InvalidInput) as caught:
+        load(zipped(members))
+    assert caught.value.refusal == "input-corrupt"
+
+
+@pytest.mark.parametrize("extra", [3, 4])
+def test_networks_take_the_distance_or_not(extra: int) -> None:
+    """Scaffold-GS's add_*_dist options: all three alike."""
+    arrays = anchor_arrays(extra=extra)
+    model = read(anchor_npz(arrays))
+    assert model.mlps["color"].weights[0].shape == (4, 3 + extra)
+    arrays["mlp_cov.0.weight"] = arrays["mlp_cov.0.weight"][:, :-1]
+    with pytest.raises(InvalidInput, match="the same for all"):
+        load(anchor_npz(arrays))
 
 
 def test_only_stored_and_deflated_members_are_read() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,78 @@ def test_other_properties_and_elements_are_ignored() -> None:
     rows = np.ones((2, len(properties)))
     data = ply(properties, rows, extra="element camera 0\nproperty list uchar int vertex_indices")
     assert len(read(data)) == 2
+
+
+@pytest.mark.parametrize("form", ["little", "big", "ascii"])
+def test_elements_before_the_vertices_are_passed_over(form: str) -> None:
+    """Also with lists, whose rows are of any length."""
+    order = {"little": "<", "big": ">", "ascii": ""}[form]
+    whole = inria_ply(3, 9, form=form)
+    head, body = whole.split(b"end_header\n", 1)
+    start = head.index(b"element vertex")
+    faces = b"element face 2\nproperty list uchar int corners\nproperty double weight\n"
+    faces += b"element bare 2\nproperty short a\n"
+    if form == "ascii":
+        rows = b"3 0 1 2 0.5\n0 1.5\n7\n8\n"
+    else:
+        rows = struct.pack(f"{order}B3idBd", 3, 0, 1, 2, 0.5, 0, 1.5) + struct.pack(f"{order}2h", 7, 8)
+    changed = head[:start] + faces + head[start:] + b"end_header\n" + rows + body
+    np.testing.assert_array_equal(read(changed).sh, read(whole).sh)
+
+
+def test_lists_that_lead_astray_are_refused() -> None:
+    """Of a negative length, or beyond the end of the file; and lists among the vertices."""
+    whole = inria_ply(3, 9)
+    head, body = whole.split(b"end_header\n", 1)
+    start = head.index(b"element vertex")
+    before = head[:start] + b"element face 1\nproperty list int int corners\n" + head[start:] + b"end_header\n"
+    among = head + b"property list uchar uchar extra\nend_header\n" + body + bytes(3)
+    for data in (before + struct.pack("<i", -1) + body, before + struct.pack("<i", 1 << 30) + body, among):
+        with pytest.raises(InvalidInput) as caught:
+            load(data)
+        assert caught.value.refusal == "input-corrupt"
+
+
+@pytest.mark.parametrize("newline", [b"\n", b"\r\n", b"\r"])
+def test_any_end_of_line_divides_a_header(newline: bytes) -> None:
+    """One for all of it: a row may begin with a byte that looks like another."""
+    whole = inria_ply(3, 9)
+    head, body = whole.split(b"end_header\n", 1)
+    body = b"\n\r\n\r" + body[4:]
+    scene = read((head + b"end_header\n").replace(b"\n", newline) + body)
+    assert scene.positions[0, 0] == np.frombuffer(body[:4], "<f4")[0]
+    np.testing.assert_array_equal(scene.sh, read(whole).sh)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b"format binary_little_endian 1.0\n", b""),
+        (b"format binary_little_endian 1.0", b"format binary_little_endian 2.0"),
+        (b"format binary_little_endian 1.0", b"format binary_middle_endian 1.0"),
+        (b"element vertex 3", b"element vertex -3"),
+        (b"element vertex 3", b"element vertex 3\nelement vertex 3"),
+        (b"property float x", b"property float x\nproperty float x"),
+        (b"property float x", b"property quaternion x"),
+        (b"property float x", b"nonsense"),
+    ],
+)
+def test_headers_that_break_the_rules_are_refused(old: bytes, new: bytes) -> None:
+    whole = inria_ply(3, 9)
+    assert old in whole
+    with pytest.raises(InvalidInput) as caught:
+        load(whole.replace(old, new, 1))
+    assert caught.value.refusal == "input-corrupt"
+
+
+@pytest.mark.parametrize("row", [b"", b"1 2", b"1 2 3 4 5 x", b"# 1"])
+def test_text_rows_have_a_number_for_each_property(row: bytes) -> None:
+    whole = inria_ply(3, 0, form="ascii")
+    lines = whole.split(b"\n")
+    lines[-3] = row if row != b"1 2 3 4 5 x" else lines[-3] + b" x"
+    with pytest.raises(InvalidInput) as caught:
+        load(b"\n".join(lines))
+    assert caught.value.refusal == "input-corrupt"
 
 
 def test_two_dimensional_gaussians_become_flat_disks() -> None:

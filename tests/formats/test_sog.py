@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import zipfile
 from pathlib import Path
 
@@ -88,6 +89,48 @@ def test_file_names_cannot_lead_out_of_the_directory(tmp_path: Path) -> None:
     assert caught.value.refusal == "input-unreadable"
 
 
+def directory_of_files(folder: Path) -> Path:
+    """An unbundled SOG in a directory of its own."""
+    inside = folder / "scene"
+    inside.mkdir()
+    for name, data in sog_files().items():
+        (inside / name).write_bytes(data)
+    return inside
+
+
+@pytest.mark.skipif(os.name != "posix", reason="POSIX pipes, links and devices")
+@pytest.mark.parametrize("what", ["pipe", "link to a device", "link to itself", "directory"])
+@pytest.mark.parametrize("name", ["scales.webp", "meta.json"])
+def test_only_regular_files_of_a_directory_are_read(tmp_path: Path, name: str, what: str) -> None:
+    """A pipe would hang, a device never end."""
+    inside = directory_of_files(tmp_path)
+    path = inside / name
+    path.unlink()
+    make = {
+        "pipe": lambda: os.mkfifo(path),
+        "link to a device": lambda: path.symlink_to("/dev/zero"),
+        "link to itself": lambda: path.symlink_to(path),
+        "directory": lambda: path.mkdir(),
+    }
+    make[what]()
+    with pytest.raises(InvalidInput) as caught:
+        load(inside)
+    assert caught.value.refusal == "input-unreadable"
+
+
+def test_a_directory_is_read_and_links_to_files_are_followed(tmp_path: Path) -> None:
+    inside = directory_of_files(tmp_path)
+    (inside / "scales.webp").rename(tmp_path / "elsewhere")
+    (inside / "scales.webp").symlink_to(tmp_path / "elsewhere")
+    np.testing.assert_array_equal(load(inside).log_scales, read(sog_files()).log_scales)
+
+
+def test_messages_do_not_name_streams_in_memory() -> None:
+    with pytest.raises(InvalidInput, match=r"damaged image \(unknown kind\)") as caught:
+        read(sog_files() | {"scales.webp": b"no picture"})
+    assert "BytesIO" not in caught.value.message
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -156,14 +199,18 @@ def test_meta_json_from_memory_asks_for_its_path() -> None:
     assert caught.value.refusal == "input-incomplete"
 
 
+def _nearest(points: np.ndarray, point: np.ndarray, count: int) -> np.ndarray:
+    """Rows of the `count` nearest `points`, in any order."""
+    return np.argpartition(((points - point) ** 2).sum(1), count)[:count]
+
+
 @pytest.mark.scene
 def test_real_statues_have_normals_along_their_thin_axis(shared_data: Path) -> None:
     """Guards the quaternion's component order: thin axes lie along the local surface normal, on average."""
-    spatial = pytest.importorskip("scipy.spatial")
     scene = load(shared_data / "splats" / "angel.sog")
     assert isinstance(scene, GaussianScene)
     chosen = np.random.default_rng(0).choice(len(scene), 1500, replace=False)
-    _, near = spatial.cKDTree(scene.positions).query(scene.positions[chosen], k=24)
+    near = np.array([_nearest(scene.positions, scene.positions[row], 24) for row in chosen])
     around = scene.positions[near] - scene.positions[near].mean(1, keepdims=True)
     normals = np.linalg.eigh(around.transpose(0, 2, 1) @ around)[1][:, :, 0]
     w, x, y, z = scene.rotations[chosen].astype(float).T

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from scarfmt.errors import InvalidInput
+from scarfmt.formats import load
 from scarfmt.render.compare import compare, compare_with_photos
 from scarfmt.render.images import read_image, to_bytes, write_png
 from scarfmt.render.metrics import psnr, ssim
@@ -74,28 +75,11 @@ def test_photos_of_the_chosen_split_are_compared(tmp_path: Path) -> None:
         compare_with_photos(scene, tmp_path, split="validation")
 
 
-def _load_ply(path: Path) -> GaussianScene:
-    ply = pytest.importorskip("plyfile")
-    vertices = ply.PlyData.read(str(path))["vertex"].data
-
-    def columns(*names: str) -> np.ndarray:
-        return np.stack([vertices[name] for name in names], axis=1).astype(np.float32)
-
-    rest = columns(*(f"f_rest_{k}" for k in range(45))).reshape(-1, 3, 15).transpose(0, 2, 1)
-    sh = np.concatenate([columns("f_dc_0", "f_dc_1", "f_dc_2")[:, None], rest], axis=1)
-    return GaussianScene(
-        columns("x", "y", "z").astype(np.float64),
-        columns("scale_0", "scale_1", "scale_2"),
-        columns("rot_0", "rot_1", "rot_2", "rot_3"),
-        columns("opacity")[:, 0],
-        sh,
-    )
-
-
 @pytest.mark.scene
 def test_real_scene_has_the_quality_its_training_reported(shared_data: Path) -> None:
     """28.18 dB and SSIM 0.891 over the 13 held-out photos: cameras, SH, blending and metrics are all right."""
-    scene = _load_ply(shared_data / "splats" / "plush-on-bed.ply")
+    scene = load(shared_data / "splats" / "plush-on-bed.ply")
+    assert isinstance(scene, GaussianScene)
     result = compare_with_photos(scene, shared_data / "photos" / "plush-on-bed")
     assert len(result.names) == 13
     assert result.mean_psnr_db == pytest.approx(28.18, abs=0.01)

@@ -44,6 +44,21 @@ def test_ssim_is_the_literal_formula() -> None:
     assert ssim(a, a) == pytest.approx(1)
 
 
+@pytest.mark.parametrize(
+    ("seed", "height", "width", "expected"),
+    [
+        (0, 17, 14, 0.8651187330729285),
+        (1, 3, 40, 0.8937089581098557),
+        (2, 1, 1, 0.5247717198245861),
+        (3, 5, 6, 0.8923245951956768),
+        (4, 480, 640, 0.8230768328564764),
+    ],
+)
+def test_ssim_is_what_it_was_computed_with_scipy(seed: int, height: int, width: int, expected: float) -> None:
+    """Values of scipy.ndimage.correlate1d: figures published before stay comparable."""
+    assert ssim(*_pair(seed, height, width)) == pytest.approx(expected, abs=1e-12)
+
+
 def test_ssim_of_float32_pictures_is_that_of_float64() -> None:
     a, b = _pair(1)
     assert ssim(a.astype(np.float32), b.astype(np.float32)) == pytest.approx(ssim(a, b), abs=1e-6)
