@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from fuzz.testing.scenes import random_scene
 from scarfmt.blocks.registry import BLOCKS, MODEL_BLOCKS, element_table
 from scarfmt.container.registries import BlockKind, Profile
 from scarfmt.scene.model import SceneModel
-from tests.samples.scene_samples import random_scene
 
 
 def test_every_kind_that_belongs_to_no_tile_is_registered() -> None:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.registries import BlockKind
 from scarfmt.container.source import BytesSource
 from scarfmt.tools.dump import Dump
 from scarfmt.tools.fields import SHOWN_ITEMS, Row
-from tests.samples.scene_samples import random_scene
 
 VECTORS = Path(__file__).parents[2] / "conformance" / "vectors"
 
