@@ -94,7 +94,7 @@ def _refuse_constant(name: str) -> Any:
     "--latent",
     type=click.Choice(LATENTS),
     help="Basis of the latents: linear (Karhunen-Loève), or learned (an autoencoder with residual vector quantisation,"
-    f" trained by squared error after the scene is finished, unlike the paper's; slower) [default: {DEFAULTS.latent}].",
+    f" trained by squared error after the scene is finished, unlike the paper's) [default: {DEFAULTS.latent}].",
 )
 @click.option(
     "--estimator",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scarfmt.coding.counters import Counters
     from scarfmt.container.source import ByteSource
+    from scarfmt.counters import Counters
 
 _TOTALS = (("bytes", "bytes_read"), ("blocks", "blocks"), ("tiles", "tiles"), ("anchors", "anchors"))
 _DETAILS = {"symbols": "symbols_by_coding", "multiply_adds": "multiply_adds_by_part"}
@@ -21,7 +21,7 @@ def decode_stats(source: ByteSource, counters: Counters, seconds: float) -> dict
         seconds: it took.
 
     Returns:
-        ``seconds``, ``decoded`` (:meth:`scarfmt.coding.counters.Counters.report`), and of the whole ``file`` its
+        ``seconds``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`), and of the whole ``file`` its
         ``bytes``, ``blocks``, ``tiles``, ``anchors`` and ``layers``.
     """
     from scarfmt.container.file import read_header

@@ -21,15 +21,15 @@ from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
 from scarfmt.codecs.neural_indices import IndexCoder
 from scarfmt.codecs.positions import put_positions
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
-from scarfmt.coding.observe import LayerObserver
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
+from scarfmt.counters import Counters
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predicted import PredictedChannel, Predictors, PredictorSet
+from scarfmt.observe import LayerObserver
 from scarfmt.scene.model import SceneModel
 
 I64 = NDArray[np.int64]
@@ -279,19 +279,9 @@ def get_layer(
         counters: of their multiply-adds.
         engine: what computes.
     """
-    known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
-    classes = content.classes
     if new:
-        with _opened(open_stream, Stream.POSITIONS) as reader:
-            content.codes[-new:] = engine.get_positions(reader, new, frame.bits)
-        with _opened(open_stream, Stream.CLASSES) as reader:
-            classes[-new:] = get_classes(reader, new, known, past)
-    turned_on = np.zeros(content.slot_layers.shape, np.bool_)
-    if model.profile == Profile.ANCHOR:
-        before = content.slot_layers > 0
-        with _opened(open_stream, Stream.MASKS) as reader:
-            turned_on = get_masks(reader, before) & ~before
-        content.slot_layers[turned_on] = layer
+        _get_new(model, layer, frame, content, new, open_stream, engine)
+    classes, turned_on = content.classes, _turned_on(model, layer, content, open_stream)
     need = needed_streams(model, wanted, neural)
     coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
     context = _context(model, frame, content, neural.sets, coder, engine, observer, counters)
@@ -320,6 +310,34 @@ def get_layer(
                 engine.get_neural_indices(reader, coder, context, content.indices, stages)
                 return
             get_indices(reader, content.indices, classes, *stages, book_sizes)
+
+
+def _get_new(
+    model: SceneModel,
+    layer: int,
+    frame: TileFrame,
+    content: TileContent,
+    new: int,
+    open_stream: OpenStream,
+    engine: Engine,
+) -> None:
+    """Positions and classes of the last `new` anchors."""
+    with _opened(open_stream, Stream.POSITIONS) as reader:
+        content.codes[-new:] = engine.get_positions(reader, new, frame.bits)
+    with _opened(open_stream, Stream.CLASSES) as reader:
+        known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
+        content.classes[-new:] = get_classes(reader, new, known, past)
+
+
+def _turned_on(model: SceneModel, layer: int, content: TileContent, open_stream: OpenStream) -> NDArray[np.bool_]:
+    """(n, K) bool: Gaussian slots that this layer turns on, noted in `content`."""
+    if model.profile != Profile.ANCHOR:
+        return np.zeros(content.slot_layers.shape, np.bool_)
+    before = content.slot_layers > 0
+    with _opened(open_stream, Stream.MASKS) as reader:
+        turned_on = get_masks(reader, before) & ~before
+    content.slot_layers[turned_on] = layer
+    return np.asarray(turned_on)
 
 
 @contextmanager

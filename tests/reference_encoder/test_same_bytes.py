@@ -89,6 +89,7 @@ def test_anchor_models_are_not_measured_without_torch(monkeypatch: pytest.Monkey
 
 def test_another_blas_kernel_changes_last_bits_at_most(tmp_path: Path) -> None:
     """Two kernels of OpenBLAS, with and without fused multiply-add: values agree within the tolerance of SPEC §9.5."""
+    cases = {"effort 1": WITHOUT_NETWORKS["effort 1"]}
     files = {
         kernel: _encoded_elsewhere(tmp_path / kernel, cases, OPENBLAS_CORETYPE=kernel)
         for kernel in ("Haswell", "Prescott")
