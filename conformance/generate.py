@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from conformance.cases import Case
 from conformance.expect.document import BITSTREAM, FORMAT, expectation
+from conformance.expect.json_text import json_text
 from conformance.expect.schemas import LICENCE, expect_schema, manifest_schema
 from conformance.faults.catalogue import invalid_files
 from conformance.faults.container_faults import container_faults
@@ -32,7 +32,7 @@ from conformance.faults.stream_faults import stream_faults
 from conformance.faults.truncated_cases import truncated_cases
 from conformance.faults.work_cases import work_cases
 from conformance.faults.work_pairs import work_pairs
-from conformance.json_text import json_text
+from conformance.scenes.cases import Case
 from conformance.scenes.edge_scenes import edge_cases
 from conformance.scenes.valid_cases import named, valid_cases, with_origin
 

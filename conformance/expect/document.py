@@ -6,7 +6,6 @@ import hashlib
 import json
 from typing import Any
 
-from conformance.cases import Case
 from conformance.decoders.python.answers import Answers
 from conformance.decoders.python.container import METADATA_KIND, blocks_of_kind, container_fields, profile_of
 from conformance.decoders.python.decoder import Decoder
@@ -15,6 +14,7 @@ from conformance.expect.expectations import Arrays, expected_layers, expected_me
 from conformance.expect.features import exercised, features_of
 from conformance.expect.places import interval, places
 from conformance.expect.stages import pinned, pinned_stages, traced_arrays
+from conformance.scenes.cases import Case
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Profile
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from conformance.faults.table_records import Record, Records, number, packed, unpacked, with_tables
-from conformance.files import blocks_of, changed, content_of, rebuilt, stored_frame, without
+from conformance.surgery.files import blocks_of, changed, content_of, rebuilt, stored_frame, without
 from conformance.writer.fields import rice, svarint, varint
 from conformance.writer.models import codebooks_block
 from scarfmt.blocks.codebooks import unpack_codebooks

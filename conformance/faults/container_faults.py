@@ -10,10 +10,12 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from conformance.cases import Case, refused
 from conformance.faults.precedence import precedence_cases
 from conformance.faults.zstd_faults import zstd_faults
-from conformance.parts import (
+from conformance.scenes.cases import Case, refused
+from conformance.scenes.container_scenes import anchor_file, plain_file, root_file
+from conformance.spec.spec_text import size_of
+from conformance.surgery.parts import (
     NO_TILE,
     TILE_KIND,
     Change,
@@ -27,8 +29,6 @@ from conformance.parts import (
     remade,
     taken_apart,
 )
-from conformance.scenes.container_scenes import anchor_file, plain_file, root_file
-from conformance.spec.spec_text import size_of
 
 _LAYER, _TABLES, _METADATA = 1, 2, 64
 _TOP = (1 << 64) - 1

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from conformance.cases import Case
 from conformance.faults.table_records import number
 from conformance.faults.zstd_faults import raw_block, window_of, with_frame, zstd_block, zstd_frame
-from conformance.files import blocks_of, content_of, vector_file
+from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import plain_scene
+from conformance.surgery.files import blocks_of, content_of, vector_file
 from conformance.writer import Table, WriteOptions
 from scarfmt.container.schema import BlockKind
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from conformance.files import changed, vector_file
 from conformance.scenes.made import Plan, build, steady
+from conformance.surgery.files import changed, vector_file
 from conformance.writer.models import layer_block
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile

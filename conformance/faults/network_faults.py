@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from conformance.files import blocks_of, changed, rebuilt
+from conformance.surgery.files import blocks_of, changed, rebuilt
 from conformance.writer.fields import rice, shifted, varint
 from conformance.writer.networks import network_block, predictors_block
 from scarfmt.blocks.index_network import unpack_network

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from conformance.cases import Case, refused
-from conformance.files import blocks_of, changed, rebuilt, tile_parts, without
+from conformance.scenes.cases import Case, refused
+from conformance.surgery.files import blocks_of, changed, rebuilt, tile_parts, without
 from conformance.writer.fields import varint
 from conformance.writer.networks import network_block, predictors_block
 from conformance.writer.tile import tile_block

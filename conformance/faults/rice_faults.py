@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from conformance.cases import Case, refused
-from conformance.files import blocks_of, changed
+from conformance.scenes.cases import Case, refused
+from conformance.surgery.files import blocks_of, changed
 from conformance.writer.fields import rice, shifted
 from conformance.writer.models import codebooks_block
 from scarfmt.blocks.codebooks import unpack_codebooks

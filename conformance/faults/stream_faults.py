@@ -9,11 +9,11 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from conformance.cases import Case, refused
 from conformance.faults.table_records import Record, Records, number, rans_words, uniform, valued, with_tables
-from conformance.files import blocks_of, rebuilt, tile_parts, vector_file
+from conformance.scenes.cases import Case, refused
 from conformance.scenes.made import PLAIN, Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
+from conformance.surgery.files import blocks_of, rebuilt, tile_parts, vector_file
 from conformance.writer.container import write_container
 from conformance.writer.tile import tile_block
 from scarfmt.coding.writer import QuantisedScene

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from conformance.cases import Case
 from conformance.faults.limit_faults import long_last_block
-from conformance.parts import Parts, broken, remade, taken_apart
+from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import plain_file
 from conformance.spec.spec_text import size_of
+from conformance.surgery.parts import Parts, broken, remade, taken_apart
 from scarfmt.coding.writer import QuantisedScene
 
 # Among them files cut where the index network is there, but not the residual codebook that one of its heads is for.

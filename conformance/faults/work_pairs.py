@@ -13,11 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from conformance.cases import Case
 from conformance.decoders.python.decoder import Decoder
 from conformance.expect.work import Declared, Work
-from conformance.files import vector_file
-from conformance.parts import TILE_KIND, Parts, taken_apart
+from conformance.scenes.cases import Case
 from conformance.scenes.made import (
     ANCHOR_CHANNELS,
     BY_CLASS,
@@ -30,6 +28,8 @@ from conformance.scenes.made import (
     channel,
 )
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
+from conformance.surgery.files import vector_file
+from conformance.surgery.parts import TILE_KIND, Parts, taken_apart
 from conformance.writer import FrameStyle, WriteOptions
 from conformance.writer.frames import BlockForm
 from scarfmt.blocks.mlp import Linear, QuantisedMlp

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from conformance.cases import Case, refused
-from conformance.files import stored_frame
-from conformance.parts import block_with, remade, taken_apart
+from conformance.scenes.cases import Case, refused
+from conformance.surgery.files import stored_frame
+from conformance.surgery.parts import block_with, remade, taken_apart
 
 MAGIC = bytes.fromhex("28b52ffd")
 _SKIPPABLE = bytes.fromhex("502a4d18")
