@@ -1,7 +1,7 @@
 """Where a refused file breaks its rule: the structure of SPEC §5 that an offset of the refusal lies in (R-12.1-2).
 
 ``places.json`` names it by vector: ``header`` (its fixed part), ``front`` (all of it, for its CRC), ``summary K`` (of
-layer K), ``tables`` (tile table and directory), ``record T`` (tile T), ``entry E`` and ``block E`` (both by number of the
+layer K), ``tables`` (tile table and directory), ``record T`` (tile T), ``entry E`` and ``block E`` (by number of the
 directory entry, from 0), ``end`` of a source that is too short, ``after`` for what follows the file. Vectors that are
 not in it have a fault in no single structure. The names were drawn up from two decoders that agreed.
 """
