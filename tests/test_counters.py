@@ -20,6 +20,8 @@ from conformance.decoders.python import decoder as minimal_decoder
 from conformance.decoders.python.fields import Rans
 from conformance.decoders.python.hash_grid import Grid as MinimalGrid
 from conformance.decoders.python.predictors import Predictor as MinimalPredictor
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.scenes import random_scene
 from reference_decoder.backends import backend as engine_of
 from reference_decoder.bake import bake
 from reference_decoder.decode import decode, iter_tiles
@@ -41,8 +43,6 @@ from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.gaussians import AnchorModel
 from scarfmt.tools.inspection import inspect
 from scarfmt.tools.truncate import truncate
-from tests.samples.neural_scenes import neural_scene
-from tests.samples.scene_samples import random_scene
 
 VECTORS = Path(__file__).resolve().parents[2] / "conformance" / "vectors"
 VALID = sorted((VECTORS / "valid").glob("*/input.scar"))

@@ -8,6 +8,7 @@ import numpy as np
 from scarfmt_conformance.reference.observed import LayerRecord, Records
 
 from conformance.spec import worked_network
+from fuzz.testing.neural_scenes import neural_scene
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Stream
@@ -17,8 +18,7 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.observe import Numbers, ObservedReader
-from tests.samples.file_surgery import same_content
-from tests.samples.neural_scenes import neural_scene
+from tests.samples.contents import same_content
 
 
 def test_looking_changes_nothing() -> None:

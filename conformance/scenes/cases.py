@@ -18,7 +18,7 @@ class Case:
         rules: rules of SPEC.md that it exercises; of a file to be refused, the one it breaks.
         features: words to select vectors by, such as ``two-level``; those that follow from the file are added.
         scene: what the file holds; None if it must be refused.
-        layers: the file holds the first so many layers of `scene`, None for all.
+        layers: decoded are the first so many layers of `scene`, None for all; the file has no more that is sound.
         refusals: the ids it may be refused with; one for a file that must be refused.
         stage: where the refusal comes at the latest: ``container``, ``models``, ``tiles`` or ``metadata``.
         extend_to: length up to which zeros follow the file, 0 for none.

@@ -9,8 +9,8 @@ import pytest
 from conformance.faults.limit_faults import crc32_with_zeros
 from conformance.faults.truncated_cases import cut_to_layers
 from conformance.faults.zstd_faults import zstd_block, zstd_frame
-from conformance.parts import broken, field_at, header_with, remade, taken_apart
 from conformance.spec.spec_text import structure
+from conformance.surgery.parts import broken, field_at, header_with, remade, taken_apart
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.file import Container
 from scarfmt.container.schema import field_tables
