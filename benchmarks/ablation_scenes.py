@@ -141,7 +141,7 @@ def _fit(problem: Problem, options: EncodeOptions, codewords: int, stages: int) 
 
 @lru_cache(maxsize=1)
 def sample(name: str, quantiser: str, rows: int | None, held: int) -> Sample:
-    """Rows of a scene, at most `rows` to train on and `held` others; without `rows`, nine tenths and the rest."""
+    """Rows of a scene, at most `rows` to train on and `held` others, a quarter at most; without `rows`, nine tenths."""
     scene = encoded(name, quantiser).scene
     assert scene.codebooks is not None
     model = replace(scene.model, context=CONTEXT)
@@ -154,7 +154,7 @@ def sample(name: str, quantiser: str, rows: int | None, held: int) -> Sample:
     every = replace(every, codes=_renumbered(every, clusters))
     positions = lattice_positions(every, scene.contents, [tile_frame(scene.fields, tile) for tile in scene.tiles])
     order = np.random.default_rng(0).permutation(len(every))
-    last = np.sort(order[: min(held, len(order) // 10) if rows is None else held])
+    last = np.sort(order[: min(held, len(order) // (10 if rows is None else 4))])
     first = np.setdiff1d(order, last)[:rows]
     own = sum(model.channels[index].components for index in model.attributes)
     sizes = tuple(found.sizes for found in clusters)
