@@ -26,18 +26,19 @@ import numpy as np
 import torch
 
 from benchmarks.ablation_scenes import OWN, QUANTISERS, Sample, encoded, sample, static_bytes
-from benchmarks.ablation_tables import write_page
+from benchmarks.ablation_tables import NAME, texts, write_page
 from benchmarks.entropy_variants import BranchedMlp, GruOnly, StageMlp, build_variant
 from benchmarks.latent import at_bits, learned_curves, thinned
-from benchmarks.report import SCRATCH, load_results, machine, save_results
+from benchmarks.report import SCRATCH, add_arguments, load_results, save_results
 from benchmarks.scenes import chosen
-from reference_encoder.decide.assemble import codebook_size
 from reference_encoder.latent.autoencoder import AutoencoderOptions
+from reference_encoder.latent.fit import codebook_size
 from reference_encoder.latent.rvq import RvqOptions
 from reference_encoder.networks.defaults import shape_for
 from reference_encoder.networks.export import export
 from reference_encoder.networks.grid import BinaryGrid, Lookup, default_levels, fit_box, wave_grid
-from reference_encoder.networks.model import IndexModel, NetworkShape
+from reference_encoder.networks.model import IndexModel
+from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.networks.train import Examples, TrainOptions, measure, train
 from reference_encoder.options import ESTIMATORS
 from scarfmt.blocks.codebooks import pack_codebooks
@@ -49,8 +50,8 @@ from scarfmt.engines import best_engine
 from scarfmt.neural.network import Inputs
 from scarfmt.render.compare import compare
 
-NAME = "ablation"
 SCENES = ("plush-on-bed", "flowers", "plush-on-bed, anchors")
+SHORT_SCENES, SHORT_STUDY = ("plush-toys",), "context"
 STUDIES = ("context", "spatial", "quantiser", "network", "estimator")
 Record = dict[str, Any]
 
@@ -285,7 +286,7 @@ def _trained(
     others at those of the held rows.
     """
     epochs = job.rows[2]
-    options = TrainOptions(epochs=epochs, batch=BATCH, rate=RATE, quantised=quantised, patience=0.0, seed=job.seed)
+    options = TrainOptions(epochs, BATCH, RATE, quantised=quantised, patience=0.0, seed=job.seed)
     seen, unseen = (None if grid is None else grid.lookup(p) for p in (data.train_positions, data.held_positions))
     began = time.process_time()
     try:
@@ -338,7 +339,7 @@ def _wanted(names: Sequence[str], studies: Sequence[str], full: bool, known: dic
     return sorted(found, key=lambda job: (job.seed, STUDIES.index(job.study)))
 
 
-def _measure(wanted: Sequence[Job], results: dict[str, Any], workers: int) -> None:
+def _measure(wanted: Sequence[Job], results: dict[str, Any], workers: int, keep: bool) -> None:
     """Measure the jobs in processes of their own and keep each result as it comes."""
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=spawn) as pool:
@@ -347,30 +348,35 @@ def _measure(wanted: Sequence[Job], results: dict[str, Any], workers: int) -> No
         began, pending = time.perf_counter(), {pool.submit(run, job): job for job in wanted}
         for done, future in enumerate(as_completed(pending), start=1):
             job = pending[future]
-            results.setdefault("records", {})[job.key] = future.result()
-            results["machine"] = machine()
-            save_results(NAME, results)
+            results.setdefault(job.study, {})[job.key] = future.result()
+            save_results(NAME, results, keep, [f"{job.study}/{job.key}"])
             passed = time.perf_counter() - began
             print(f"{passed:5.0f} s  {done}/{len(pending)}  {job.key}", file=sys.stderr, flush=True)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_arguments(parser, scenes=False)
     parser.add_argument("--scene", nargs="+", help=f"default: {', '.join(SCENES)}")
     parser.add_argument("--study", nargs="+", choices=STUDIES, default=STUDIES)
     parser.add_argument("--full", action="store_true", help="all rows and longer training")
     parser.add_argument("--again", action="store_true", help="measure what there are results of, too")
     parser.add_argument("--report", action="store_true", help="only rewrite docs/ablations.md")
-    parser.add_argument("--no-write", action="store_true", help="leave docs/ablations.md as it is")
     parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args()
-    results = load_results(NAME)
+    keep = not arguments.no_write
+    results = load_results(NAME) if keep or arguments.report else {}
     if not arguments.report:
-        names = [scene.name for scene in chosen(arguments.scene or SCENES)]
-        known = {} if arguments.again else results.get("records", {})
-        _measure(_wanted(names, arguments.study, arguments.full, known), results, arguments.workers)
-    if not arguments.no_write:
+        names = [scene.name for scene in chosen(arguments.scene or (SHORT_SCENES if arguments.short else SCENES))]
+        known = {} if arguments.again else {key: done for study in results.values() for key, done in study.items()}
+        wanted = _wanted(names, arguments.study, arguments.full, known)
+        if arguments.short:
+            wanted = [job for job in wanted if (job.study, job.seed) == (SHORT_STUDY, 0)]
+        _measure(wanted, results, arguments.workers, keep)
+    if keep:
         write_page(results)
+    else:
+        print("\n\n".join(texts(results).values()))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -20,27 +19,25 @@ from numpy.typing import NDArray
 from benchmarks.latent import Problem, thinned
 from benchmarks.report import SCRATCH
 from benchmarks.scenes import Scene, chosen
-from reference_encoder import anchor_profile, explicit_profile
-from reference_encoder.decide.assemble import codebook_size
-from reference_encoder.latent.fit import fit_latent
-from reference_encoder.latent.linear import Latent, linear_latent
-from reference_encoder.latent.rvq import RvqOptions, RvqResult, quantise
+from reference_encoder import pipeline
+from reference_encoder.latent.fit import FittedLatent, Wanted, codebook_size, fit_latent
+from reference_encoder.latent.linear import linear_latent
+from reference_encoder.latent.rvq import RvqOptions, Vectors, quantise
 from reference_encoder.networks.clusters import Clusters, arrange
 from reference_encoder.networks.dataset import ContextOptions, IndexRows, index_rows, lattice_positions
-from reference_encoder.networks.defaults import LATENTS
-from reference_encoder.networks.smallest_file import CONTEXT
 from reference_encoder.networks.train import code_uses
 from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.profiles import anchors, explicit
+from reference_encoder.tuning import CONTEXT, CONTEXT_LATENTS
 from scarfmt.blocks.tables import fit_table, pack_tables
 from scarfmt.codecs.indices import put_indices
-from scarfmt.coding.writer import QuantisedScene, silent
+from scarfmt.coding.writer import QuantisedScene, Report
 from scarfmt.container.bytefields import compress
 from scarfmt.container.directory import local_bits, tile_frame
 from scarfmt.entropy.emitters import SymbolCounter
 from scarfmt.formats import load
 from scarfmt.formats.clean import clean
 from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.gaussians import AnchorModel
 
 I64 = NDArray[np.int64]
 
@@ -111,13 +108,10 @@ def _encode(scene: Scene, quantiser: str) -> Encoded:
     source, _ = clean(load(scene.path), drop_invalid=True)
     options = EncodeOptions(quality=QUALITY, frame=scene.frame, cameras=scene.known_cameras())
     with _watched(QUANTISERS.get(quantiser)) as asked:
-        if isinstance(source, AnchorModel):
-            found, targets = anchor_profile.encode_anchors(source, options, silent)
-        else:
-            found, targets = explicit_profile.encode_explicit(source, options, silent)
+        found = pipeline.quantised(source, options)
     problem, used = asked[0]
-    error = 0.0 if targets is None else targets.error(found)
-    return Encoded(found, thinned(problem, _VECTORS), used, error)
+    error = 0.0 if found.targets is None else found.targets.error(found.scene)
+    return Encoded(found.scene, thinned(problem, _VECTORS), used, error)
 
 
 @contextmanager
@@ -125,30 +119,24 @@ def _watched(wanted: tuple[int, int] | None) -> Iterator[list[tuple[Problem, tup
     """Inside, the encoder's latents get `wanted` codewords and stages; yields what was asked for, to be filled."""
     asked: list[tuple[Problem, tuple[int, int]]] = []
 
-    def fit(
-        vectors: Any, weight: Any, classes: Any, rate: float, extra: int, options: Any, report: Any, metric: Any = None
-    ) -> tuple[Latent | None, RvqResult | None]:
-        problem = Problem(vectors, weight, classes, rate, metric)
-        own = codebook_size(len(classes)), EFFORTS[options.effort].stages + extra
+    def fit(task: Wanted, options: EncodeOptions, report: Report) -> FittedLatent | None:
+        problem = Problem(task.vectors, task.weight, task.classes, task.lambda_, task.metric)
+        own = codebook_size(len(task.classes)), EFFORTS[options.effort].stages + task.extra_stages
         asked.append((problem, wanted or own))
-        if wanted is None:
-            return fit_latent(vectors, weight, classes, rate, extra, options, report, metric)
-        return _fit(problem, options, *wanted)
+        return fit_latent(task, options, report) if wanted is None else _fit(problem, options, *wanted)
 
-    with mock.patch.object(explicit_profile, "fit_latent", fit), mock.patch.object(anchor_profile, "fit_latent", fit):
+    with mock.patch.object(explicit, "fit_latent", fit), mock.patch.object(anchors, "fit_latent", fit):
         yield asked
 
 
-def _fit(
-    problem: Problem, options: EncodeOptions, codewords: int, stages: int
-) -> tuple[Latent | None, RvqResult | None]:
+def _fit(problem: Problem, options: EncodeOptions, codewords: int, stages: int) -> FittedLatent | None:
     """As `fit_latent` for the linear latent, with a quantiser of any size."""
     latent = linear_latent(problem.vectors, problem.weight, problem.rate * len(problem.classes), problem.metric)
     if latent is None:
-        return None, None
+        return None
     effort = EFFORTS[options.effort]
     rvq = RvqOptions(codewords, stages, problem.rate, effort.sample, effort.epochs, options.seed)
-    return latent, quantise(latent.values, latent.weight, problem.classes, rvq)
+    return FittedLatent(latent, quantise(Vectors(latent.values, latent.weight, problem.classes), rvq))
 
 
 @lru_cache(maxsize=1)
@@ -157,7 +145,8 @@ def sample(name: str, quantiser: str, rows: int | None, held: int) -> Sample:
     scene = encoded(name, quantiser).scene
     assert scene.codebooks is not None
     model = replace(scene.model, context=CONTEXT)
-    seen = ContextOptions(CONTEXT.passes_log2, CONTEXT.occupancies, latents=min(LATENTS, scene.codebooks.dimension))
+    latents = min(CONTEXT_LATENTS, scene.codebooks.dimension)
+    seen = ContextOptions(CONTEXT.passes_log2, CONTEXT.occupancies, latents=latents)
     bits = [local_bits(scene.fields, tile) for tile in scene.tiles]
     most = None if rows is None else rows + held
     every = index_rows(model, scene.contents, bits, scene.codebooks, seen, most)

@@ -7,25 +7,32 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import replace_section, table
+from benchmarks.report import dated, replace_section, table
 from benchmarks.scenes import REPOSITORY
 
+NAME = "ablation"
 PAGE = REPOSITORY / "docs" / "ablations.md"
 Record = dict[str, Any]
 Records = Sequence[Record]
 
 
-def write_page(results: dict[str, Any]) -> None:
-    """Rewrite all tables of the page."""
-    records: list[Record] = list(results.get("records", {}).values())
+def texts(results: dict[str, Any]) -> dict[str, str]:
+    """Markdown of every study with results."""
+    found = {}
     for study, text in STUDIES.items():
-        mine = [record for record in records if record["study"] == study and "failed" not in record]
+        mine = [record for record in results.get(study, {}).values() if "failed" not in record]
         parts = [text([r for r in mine if r["full"] is full]) for full in (False, True)]
         titles = "", "With `--full`:\n\n"
-        replace_section(
-            study, "\n\n".join(title + part for title, part in zip(titles, parts, strict=True) if part), PAGE
-        )
-    replace_section("machine", f"CPU seconds are those of {results.get('machine', 'no machine yet')}.", PAGE)
+        shown = [title + part for title, part in zip(titles, parts, strict=True) if part]
+        if shown:
+            found[study] = "\n\n".join(shown)
+    return found
+
+
+def write_page(results: dict[str, Any]) -> None:
+    """Rewrite all tables of the page."""
+    for study, text in texts(results).items():
+        replace_section(study, dated(text, NAME, section=f"{study}/"), PAGE)
 
 
 def seeds(records: Records, variant: str) -> Records:

@@ -87,9 +87,12 @@ def peak_bytes() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
+def note_path(path: Path) -> Path:
+    """What is known of a kept file lies there."""
+    return path.with_name(path.name + ".json")
+
+
 def _encode(job: Job) -> dict[str, Any]:
-    from benchmarks.encoded import note_path
-    from benchmarks.report import machine
     from benchmarks.scenes import chosen
     from reference_encoder.encode import EncodeOptions, encode
     from scarfmt.formats import load
@@ -103,7 +106,7 @@ def _encode(job: Job) -> dict[str, Any]:
     start = time.perf_counter()
     data = encode(source, options)
     report = {"seconds": time.perf_counter() - start, "bytes": len(data)}
-    note = {**report, "peak_bytes": peak_bytes(), "machine": machine()}
+    note = {**report, "peak_bytes": peak_bytes()}
     path = Path(job["out"])
     # The file last: where it is, it is whole and its note is there.
     note_path(path).write_text(json.dumps(note), encoding="utf-8")

@@ -21,6 +21,7 @@ import numpy as np
 
 from benchmarks.entropy_cases import Clock, Shape, decode_batch, make_batch, make_case
 from benchmarks.entropy_stress import equal, make_question, rows_of
+from benchmarks.report import SKIPPED, add_arguments
 from benchmarks.scenes import REPOSITORY
 from reference_decoder.backends import TORCH, operations
 from reference_decoder.decode import decode
@@ -29,7 +30,6 @@ from scarfmt.errors import InvalidInput
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.operations import NUMPY, Operations
 
-SKIPPED = 77
 VECTORS = REPOSITORY / "conformance" / "vectors"
 NETWORKS, ANCHORS = 200, 20_000
 SHAPES = [
@@ -93,16 +93,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", type=Path, help="files to decode besides the conformance vectors")
     parser.add_argument("--backend", choices=TORCH, default="cuda")
+    add_arguments(parser, scenes=False)
     chosen = parser.parse_args(arguments)
     try:
         do = operations(chosen.backend)
     except InvalidInput as refusal:
         print(f"SKIPPED, nothing was compared: {refusal}")
         return SKIPPED
+    networks, shapes, anchors = (20, SHAPES[:1], 500) if chosen.short else (NETWORKS, SHAPES, ANCHORS)
+    vectors = _vectors()[:: 20 if chosen.short else 1]
     results = {
-        "random networks": compare_networks(do),
-        "indices of synthetic streams": compare_streams(do),
-        "files": compare_files(chosen.backend, itertools.chain(_vectors(), chosen.files)),
+        "random networks": compare_networks(do, networks),
+        "indices of synthetic streams": compare_streams(do, shapes, anchors),
+        "files": compare_files(chosen.backend, itertools.chain(vectors, chosen.files)),
     }
     for what, (count, differ) in results.items():
         print(f"{chosen.backend} against numpy: {count:,} {what}, {differ:,} differ")

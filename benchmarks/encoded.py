@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import child
+from benchmarks.child import note_path
 from benchmarks.report import SCRATCH
 from benchmarks.scenes import REPOSITORY, Scene
 
@@ -76,15 +77,10 @@ def encoded(scene: Scene, quality: float, effort: int) -> dict[str, Any]:
     """The file of a scene, encoded in a process of its own unless it is there.
 
     Returns:
-        ``path``, ``bytes``, ``seconds``, ``peak_bytes`` and ``machine``, as it was when the file was made.
+        ``path``, ``bytes``, ``seconds`` and ``peak_bytes`` of making it.
     """
     path = encoded_path(scene, quality, effort)
     note = note_path(path)
     if not (path.exists() and note.exists()):
         child.run(job="encode", scene=scene.name, quality=quality, effort=effort, out=str(path))
     return {"path": str(path), **json.loads(note.read_text(encoding="utf-8"))}
-
-
-def note_path(path: Path) -> Path:
-    """What is known of a kept file lies there."""
-    return path.with_name(path.name + ".json")

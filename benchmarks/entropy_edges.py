@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.entropy_operations import DoubleOperations, ShuffledOperations
-from conformance.decoders.python import integer_oracle as oracle
+from conformance.decoders.python import arithmetic as exact
+from conformance.writer.oracle import Oracle, frequencies_of
 from reference_decoder.torch_operations import TorchOperations
 from scarfmt.entropy.rans import MAX_ALPHABET, TOTAL
 from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, MAX_SHIFT, MAX_WEIGHT, Linear, amplitude, half_step
@@ -73,7 +74,8 @@ def _linear_layers(rng: np.random.Generator) -> Edge:
         x = amax * np.where(layer.weights < 0, -1, 1) * signs[:, None]
         sums = x.astype(np.int64) @ layer.weights.T.astype(np.int64) + layer.biases
         worst = max(worst, int(np.abs(sums).max()) + half_step(layer.shift))
-        wanted = [oracle.linear(layer, row, -amax, amax) for row in x.tolist()]
+        plain = exact.Linear(layer.weights.tolist(), layer.biases.tolist(), layer.shift)
+        wanted = [plain(row, -amax, amax) for row in x.tolist()]
         for do in every_way():
             found = np.asarray(Rounded(layer, do, -amax, amax)(do.constant(x)))
             differ += int(np.count_nonzero(found != wanted))
@@ -98,8 +100,8 @@ def _recurrent_layers(rng: np.random.Generator) -> Edge:
         px = tokens.astype(np.int64) @ layer.inputs[0].T + layer.biases[0]
         ph = states.astype(np.int64) @ layer.recurrent.T + layer.recurrent_biases
         worst = max(worst, int((np.abs(px) + np.abs(ph)).max()) + 2 * half_step(layer.shift))
-        judge = oracle.Oracle(network, books.coarse.tolist(), books.residual.tolist())
-        wanted = [judge.gru_state(layer, *pair) for pair in zip(px.tolist(), states.tolist(), strict=True)]
+        judge = Oracle(network, books.coarse.tolist(), books.residual.tolist()).network
+        wanted = [judge.gru_step(0, 1, *pair) for pair in zip(tokens.tolist(), states.tolist(), strict=True)]
         for do in every_way():
             recurrence = Recurrence(layer, [tokens], bits, do)
             products = recurrence.token_products(1, do.index(np.arange(len(tokens))))
@@ -118,7 +120,7 @@ def _roundings() -> Edge:
         values = (steps[np.abs(steps) <= most][:, None] * max(half_step(shift), 1) + [-1, 0, 1]).ravel()
         values = values[np.abs(values) + half_step(shift) < ACCUMULATOR_LIMIT]
         layer = Linear(np.zeros((len(values), 1), np.int32), values.astype(np.int64), shift)
-        wanted = [oracle.round_shift(v, shift) for v in values.tolist()]
+        wanted = [exact.round_shift(v, shift) for v in values.tolist()]
         for do in every_way():
             found = np.asarray(Rounded(layer, do, -ACCUMULATOR_LIMIT, ACCUMULATOR_LIMIT)(do.constant(np.zeros((1, 1)))))
             differ += int(np.count_nonzero(found[0] != wanted))
@@ -130,11 +132,11 @@ def _tables() -> Edge:
     """Every argument of the tables, and far beyond their ends."""
     far = [-ACCUMULATOR_LIMIT + 1, -70_000, 70_000, ACCUMULATOR_LIMIT - 1]
     both, positive = [*range(-LAST - 50, LAST + 51), *far], [*range(600), *far[2:]]
-    checks = [(sigmoid_table(), LAST, both, [oracle.sigmoid12(v) for v in both])]
-    checks += [(exp2_table(), 0, positive, [oracle.exp2w(d) for d in positive])]
+    checks = [(sigmoid_table(), LAST, both, [exact.sigmoid12(v) for v in both])]
+    checks += [(exp2_table(), 0, positive, [exact.exp2w(d) for d in positive])]
     for bits in range(8, 13):
         top = amplitude(bits)
-        states = [oracle.clamp(oracle.round_shift(oracle.tanh12(v), 12 - bits), -top, top) for v in both]
+        states = [exact.clamp(exact.round_shift(exact.tanh12(v), 12 - bits), -top, top) for v in both]
         checks.append((state_table(bits), LAST, both, states))
     cases = differ = 0
     for table, origin, arguments, wanted in checks:
@@ -178,7 +180,7 @@ def _frequency_rows(rng: np.random.Generator) -> Edge:
         logits = np.clip(logits, 1 - ACCUMULATOR_LIMIT, ACCUMULATOR_LIMIT - 1)
         logits[0] = rng.choice([-(ACCUMULATOR_LIMIT - 1), ACCUMULATOR_LIMIT - 1], size)
         logits[1] = rng.choice([0, -511, -512], size)
-        wanted = [oracle.frequencies(row) for row in logits.astype(np.int64).tolist()]
+        wanted = [frequencies_of(row) for row in logits.astype(np.int64).tolist()]
         for do in every_way():
             found = do.frequency_rows(do.constant(logits.T), do.constant(exp2_table())) + 1
             differ += int(np.count_nonzero(found != wanted))
@@ -193,7 +195,7 @@ def _shares(rng: np.random.Generator) -> Edge:
     for states in range(1, 9):
         scores = np.round(rng.normal(size=(states, _SHARES // 8)) * rng.choice([0, 3, 30, 300, 1e6], _SHARES // 8))
         scores = np.clip(scores, 1 - ACCUMULATOR_LIMIT, ACCUMULATOR_LIMIT - 1)
-        weights = [[oracle.exp2w(max(column) - v) for v in column] for column in scores.astype(np.int64).T.tolist()]
+        weights = [[exact.exp2w(max(column) - v) for v in column] for column in scores.astype(np.int64).T.tolist()]
         wanted = np.array([[256 * w // sum(column) for w in column] for column in weights]).T
         for do in every_way():
             found = np.asarray(do.shares(do.constant(scores), do.constant(exp2_table())))

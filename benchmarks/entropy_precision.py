@@ -9,14 +9,14 @@ import numpy as np
 import torch
 
 from reference_encoder.networks.dataset import IndexRows
-from reference_encoder.networks.model import NetworkShape
+from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.networks.train import Examples, TrainOptions, measure, train
 from scarfmt.scene.codebooks import Codebooks
 
 PRECISIONS = {"float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
 _ANCHORS, _COLUMNS, _WORDS, _STAGES, _DIMENSION = 6000, 24, 64, 3, 12
 _SHAPE = NetworkShape(hidden=16, middle=32, mixer=32, codeword_dims=_DIMENSION)
-_OPTIONS = TrainOptions(epochs=10, batch=128, rate=0.025, patience=0.0)
+_OPTIONS = TrainOptions(epochs=10, batch=128, learning_rate=0.025, patience=0.0)
 
 
 def problem() -> tuple[IndexRows, Codebooks]:

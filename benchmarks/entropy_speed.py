@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.entropy_cases import Batch, Clock, Shape, decode_batch, make_batch, make_case
-from benchmarks.report import machine, replace_section, save_results, table
+from benchmarks.report import dated, replace_section, save_results, table
 from benchmarks.scenes import REPOSITORY
 from reference_decoder.backends import operations
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder
@@ -239,8 +239,8 @@ def markdown(results: dict[str, Any]) -> str:
             table(part_head, part_rows(shapes), text_columns=2).rstrip(),
             "### Static tables, one thread",
             table(["alphabet", "symbols a call", "M symbols/s"], static).rstrip(),
-            f"Measured on {results['machine']}; load of the machine before and after: {results['load']}. Above "
-            f"{_QUIET:.0f} before, other programs took part of both cores: wall figures then say what was left.",
+            f"Load of the machine before and after: {results['load']}. Above {_QUIET:.0f} before, other programs took "
+            "part of both cores: wall figures then say what was left.",
         ]
     )
 
@@ -251,7 +251,7 @@ def measure(full: bool) -> dict[str, Any]:
     parts = [_child(backend, full) for backend in BACKENDS]
     shapes = [run for pair in zip(*(part["shapes"] for part in parts), strict=True) for run in pair]
     load = f"{before:.1f}, {os.getloadavg()[0]:.1f}"
-    return {"shapes": shapes, "static": parts[0]["static"], "machine": machine(), "load": load}
+    return {"shapes": shapes, "static": parts[0]["static"], "load": load}
 
 
 def main() -> None:
@@ -268,7 +268,7 @@ def main() -> None:
     keep = arguments.full and not arguments.no_write
     save_results(NAME, results, keep)
     show = partial(replace_section, NAME, page=PAGE) if keep else print
-    show(markdown(results))
+    show(dated(markdown(results), NAME, keep))
 
 
 if __name__ == "__main__":

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 
 from benchmarks.entropy_operations import CountingOperations, DoubleOperations, ShuffledOperations
 from benchmarks.entropy_precision import measure_training, training_rows
-from benchmarks.report import machine, replace_section, save_results, table
+from benchmarks.report import dated, replace_section, save_results, table
 from benchmarks.scenes import REPOSITORY
-from conformance.decoders.python.integer_oracle import Oracle
+from conformance.writer.oracle import Oracle
 from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.torch_operations import TorchOperations
 from scarfmt.neural.arithmetic import Linear
@@ -138,9 +138,9 @@ def oracle_rows(question: Question) -> Rows:
     ys = [oracle.context(x, codes) for x, codes in zip(question.x.tolist(), question.codes.tolist(), strict=True)]
     head = case.network.heads[book]
     if not head.two_level:
-        return [np.array([oracle.flat(book, y) for y in ys]) - 1]
+        return [np.array([oracle.top(book, y) for y in ys]) - 1]
     members = [np.array([oracle.members(book, y, i) for y in ys]) - 1 for i in range(len(head.clusters))]
-    return [np.array([oracle.clusters(book, y) for y in ys]) - 1, *members]
+    return [np.array([oracle.top(book, y) for y in ys]) - 1, *members]
 
 
 def equal(found: Rows, wanted: Rows) -> bool:
@@ -234,7 +234,7 @@ def markdown(results: dict[str, Any]) -> str:
     if "training" in results:
         head = ["products in", "network", "bits an index, as trained", "bits an index in the file", "lost"]
         parts += ["### Training precision", table(head, training_rows(results["training"]), 2).rstrip()]
-    return "\n\n".join([*parts, f"Computed on {results['machine']}."])
+    return "\n\n".join(parts)
 
 
 def failures(results: dict[str, Any]) -> int:
@@ -245,17 +245,17 @@ def failures(results: dict[str, Any]) -> int:
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true", help="more networks, and training; keeps the results")
+    parser.add_argument("--short", action="store_true", help="some dozen networks: what is done without --full")
     parser.add_argument("--no-write", action="store_true", help="with --full: print the tables instead")
     chosen = parser.parse_args(arguments)
     count = NETWORKS_FULL if chosen.full else NETWORKS
-    results: dict[str, Any] = {"networks": measure_networks(count), "machine": machine()}
+    results: dict[str, Any] = {"networks": measure_networks(count)}
     if chosen.full:
         results["training"] = measure_training()
     keep = chosen.full and not chosen.no_write
-    if keep:
-        save_results(NAME, results)
+    save_results(NAME, results, keep)
     show = partial(replace_section, NAME, page=PAGE) if keep else print
-    show(markdown(results))
+    show(dated(markdown(results), NAME, keep))
     if failures(results):
         sys.exit("results differ")
 

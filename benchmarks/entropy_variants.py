@@ -6,19 +6,21 @@ same cost of weights. The format has no place for them, so they are trained and 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 
 import torch
 
 from reference_encoder.networks.dataset import IndexRows
 from reference_encoder.networks.layers import Dense, Scale
-from reference_encoder.networks.model import IndexModel, InputStatistics, NetworkShape
+from reference_encoder.networks.model import IndexModel, InputStatistics
+from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.networks.train import code_uses
 from scarfmt.scene.codebooks import Codebooks
 
 
-class StageMlp(IndexModel):
-    """The paper's MLP: the spatial embedding and the number of the stage, nothing of earlier indices."""
+class Variant(IndexModel):
+    """The index network with a part of it replaced."""
 
     def __init__(
         self,
@@ -30,10 +32,22 @@ class StageMlp(IndexModel):
         seed: int = 0,
     ) -> None:
         super().__init__(shape, books, clusters, stages, statistics, seed)
-        generator = torch.Generator().manual_seed(seed)
+        self.change(torch.Generator().manual_seed(seed))
+
+    @abstractmethod
+    def change(self, generator: torch.Generator) -> None:
+        """Replace the part; weights are drawn from `generator`."""
+
+
+class StageMlp(Variant):
+    """The paper's MLP: the spatial embedding and the number of the stage, nothing of earlier indices."""
+
+    def change(self, generator: torch.Generator) -> None:
+        """In place of states, the mixer sees which stage it is."""
+        shape = self.shape
         self.gru, self.attention = torch.nn.ModuleList(), None
         value = Scale.hidden(shape, shape.hidden)
-        seen = Scale.joined(value, Scale.hidden(shape, stages))
+        seen = Scale.joined(value, Scale.hidden(shape, self.stages))
         self.mixer = Dense(seen, shape.mixer, value.unit, shape, generator)
 
     def histories(self, codes: torch.Tensor, exact: bool, upto: int) -> list[torch.Tensor]:
@@ -41,28 +55,20 @@ class StageMlp(IndexModel):
         return [_one_hot(self, len(codes), stage) for stage in range(upto + 1)]
 
 
-class BranchedMlp(IndexModel):
+class BranchedMlp(Variant):
     """The paper's branched MLP: one branch sees the spatial embedding, one the earlier codewords.
 
     Each has its own mixer and its own half of the heads, and their logits are added: the heads are linear in what
     they see, so a head over both halves side by side is the sum of two heads.
     """
 
-    def __init__(
-        self,
-        shape: NetworkShape,
-        books: Codebooks,
-        clusters: Sequence[Sequence[int]],
-        stages: int,
-        statistics: InputStatistics,
-        seed: int = 0,
-    ) -> None:
-        super().__init__(shape, books, clusters, stages, statistics, seed)
-        generator = torch.Generator().manual_seed(seed)
+    def change(self, generator: torch.Generator) -> None:
+        """Two mixers of half the width in place of the recurrent part, one for each branch."""
+        shape = self.shape
         self.gru, self.attention = torch.nn.ModuleList(), None
         value, half = Scale.hidden(shape, shape.hidden), shape.mixer // 2
-        seen = Scale.hidden(shape, stages)
-        for stage in range(stages - 1, 0, -1):
+        seen = Scale.hidden(shape, self.stages)
+        for stage in range(self.stages - 1, 0, -1):
             seen = Scale.joined(Scale.codewords(self.codewords(min(stage - 1, 1)).numpy()), seen)
         self.mixer = Dense(value, half, value.unit, shape, generator)
         self.earlier = Dense(seen, shape.hidden, value.unit, shape, generator)
@@ -84,20 +90,12 @@ class BranchedMlp(IndexModel):
         return torch.cat([spatial, earlier], 1)
 
 
-class GruOnly(IndexModel):
+class GruOnly(Variant):
     """The paper's vanilla GRU: the state over earlier indices, nothing of where the anchor lies."""
 
-    def __init__(
-        self,
-        shape: NetworkShape,
-        books: Codebooks,
-        clusters: Sequence[Sequence[int]],
-        stages: int,
-        statistics: InputStatistics,
-        seed: int = 0,
-    ) -> None:
-        super().__init__(shape, books, clusters, stages, statistics, seed)
-        generator = torch.Generator().manual_seed(seed)
+    def change(self, generator: torch.Generator) -> None:
+        """The mixer sees the state alone, and the embedding is frozen."""
+        shape = self.shape
         # Frozen layers cost no bits: a file without the embedding would not hold them.
         self.first.freeze()
         self.second.freeze()

@@ -19,6 +19,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -26,15 +27,16 @@ from unittest import mock
 import numpy as np
 
 from benchmarks import child
-from benchmarks.encoded import kept_path, note_path
-from benchmarks.report import add_arguments, load_results, machine, replace_section, save_results, table
+from benchmarks.child import note_path
+from benchmarks.encoded import kept_path
+from benchmarks.report import add_arguments, dated, load_results, replace_section, save_results, table
 from benchmarks.scenes import Scene, chosen
-from reference_encoder.anchor_profile import encode_anchors
-from reference_encoder.explicit_profile import encode_explicit
+from reference_encoder import pipeline
+from reference_encoder.networks import candidates as neural
 from reference_encoder.networks import defaults
-from reference_encoder.networks import smallest_file as neural
+from reference_encoder.networks.candidates import with_index_network, with_predictors
 from reference_encoder.networks.clusters import Clusters
-from reference_encoder.networks.smallest_file import index_bytes, with_index_network, with_predictors
+from reference_encoder.networks.file_costs import index_bytes
 from reference_encoder.networks.train import TrainOptions
 from reference_encoder.options import EncodeOptions
 from scarfmt.coding.writer import QuantisedScene, silent, write_scene
@@ -42,7 +44,6 @@ from scarfmt.engines import best_engine
 from scarfmt.formats import load
 from scarfmt.formats.clean import clean
 from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.gaussians import AnchorModel
 
 NAME = "gain"
 SCENES = ["plush-toys", "plush-on-bed", "plush-dog", "plush-on-bed, anchors"]
@@ -55,9 +56,7 @@ _SHORT_EPOCHS = 1
 def quantised(scene: Scene, options: EncodeOptions) -> QuantisedScene:
     """What the encoder decides for a scene, before any network."""
     source, _ = clean(load(scene.path), drop_invalid=True)
-    if isinstance(source, AnchorModel):
-        return encode_anchors(source, options, silent)[0]
-    return encode_explicit(source, options, silent)[0]
+    return pipeline.quantised(source, options).scene
 
 
 @contextmanager
@@ -148,7 +147,6 @@ def measure(scene: Scene, quality: float, effort: int = 2) -> dict[str, Any]:
         "neural_index_bytes": index_bytes(whole),
         "predictor_seconds": found[PREDICTED]["seconds"],
         "network_seconds": found[NEURAL]["seconds"],
-        "machine": machine(),
     }
 
 
@@ -172,8 +170,7 @@ def gain_table(results: dict[str, Any]) -> str:
                 f"{r['predictor_seconds'] + r['network_seconds']:.0f}",
             ]
         )
-    machines = sorted({r["machine"] for r in results.values()})
-    return table(head, rows) + f"\nTimes on {'; '.join(machines)}.\n"
+    return table(head, rows)
 
 
 def _change(now: int, before: int) -> str:
@@ -192,12 +189,11 @@ def main() -> None:
     for scene in [] if arguments.report else chosen(names):
         for quality in arguments.qualities:
             print(f"{scene.name}, quality {quality:g}", file=sys.stderr, flush=True)
-            results[f"{scene.name} q{quality:g}"] = measure(scene, quality, 1 if arguments.short else 2)
-            save_results(NAME, results, keep=not arguments.no_write)
-    if arguments.no_write:
-        print(gain_table(results))
-    else:
-        replace_section(NAME, gain_table(results))
+            name = f"{scene.name} q{quality:g}"
+            results[name] = measure(scene, quality, 1 if arguments.short else 2)
+            save_results(NAME, results, not arguments.no_write, [name])
+    show = print if arguments.no_write else partial(replace_section, NAME)
+    show(dated(gain_table(results), NAME, not arguments.no_write))
 
 
 if __name__ == "__main__":

@@ -24,14 +24,15 @@ from numpy.typing import NDArray
 from benchmarks.report import add_arguments
 from benchmarks.scenes import chosen
 from reference_encoder.decide.allocate import classify, entropy_bits
-from reference_encoder.decide.assemble import codebook_size
 from reference_encoder.latent.autoencoder import AutoencoderOptions, train
+from reference_encoder.latent.fit import codebook_size
 from reference_encoder.latent.learned import choose, stored, whiten
 from reference_encoder.latent.linear import Latent, linear_latent
-from reference_encoder.latent.rvq import RvqOptions, RvqResult, quantise
-from reference_encoder.measure.anchor_sensitivity import ABSENCE_FACTOR, measure_anchors
+from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, quantise
+from reference_encoder.measure.anchor_sensitivity import measure_anchors
 from reference_encoder.measure.attributes import from_scene
 from reference_encoder.measure.sensitivity import measure, survey_cameras
+from reference_encoder.tuning import SLOT_ABSENCE
 from scarfmt.blocks.codebooks import pack_codebooks
 from scarfmt.blocks.mlp import pack_networks
 from scarfmt.formats import anchor_npz, inria_ply
@@ -71,7 +72,7 @@ def anchor_problem(path: Path, cameras: Path, quality: float) -> Problem:
     views = [camera for camera in load_cameras(cameras) if camera.split != "test"][::4]
     seen = measure_anchors(model, views, 0, lambda _fraction: None)
     rate = 10 ** (-quality / 10) / (3.0 * len(model) * model.slots)
-    classes, _ = classify(seen.shape.sum(axis=1) * ABSENCE_FACTOR, rate, 60.0, 7)
+    classes, _ = classify(seen.shape.sum(axis=1) * SLOT_ABSENCE, rate, 60.0, 7)
     kept = np.flatnonzero(classes >= 0)
     return Problem(model.features[kept], seen.feature[kept], classes[kept], rate, seen.metric)
 
@@ -117,8 +118,8 @@ def linear_curves(problem: Problem, rvq: RvqOptions) -> tuple[float, Curves]:
     latent = linear_latent(problem.vectors, problem.weight, tolerance, problem.metric)
     assert latent is not None
     return float(latent.lost.sum()), [
-        curve(problem, latent, quantise(latent.values, latent.weight, problem.classes, options))
-        for options in (replace(rvq, rate=problem.rate * factor) for factor in RATE_FACTORS)
+        curve(problem, latent, quantise(Vectors(latent.values, latent.weight, problem.classes), options))
+        for options in (replace(rvq, lambda_=problem.rate * factor) for factor in RATE_FACTORS)
     ]
 
 
@@ -129,7 +130,7 @@ def learned_curves(problem: Problem, options: AutoencoderOptions) -> tuple[float
     latent, start = stored(trained, space, problem.weight, options)
     return float(latent.lost.sum()), [
         curve(problem, latent, choose(latent, start, space, problem.weight, problem.classes, rvq))
-        for rvq in (replace(options.rvq, rate=problem.rate * factor) for factor in RATE_FACTORS)
+        for rvq in (replace(options.rvq, lambda_=problem.rate * factor) for factor in RATE_FACTORS)
     ]
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.report import add_arguments, load_results, replace_section, save_results, table
+from benchmarks.report import add_arguments, dated, load_results, replace_section, save_results, table
 from benchmarks.scenes import SCENES, chosen
 from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.cli.scenes import load_subject
@@ -129,7 +129,7 @@ def main() -> None:
     add_arguments(parser)
     arguments = parser.parse_args()
     results = {} if arguments.no_write else load_results(NAME)
-    measured = set()
+    measured, names = set(), []
     for scene in chosen(arguments.scenes or (["plush-toys"] if arguments.short else None)):
         if scene.path in measured:
             continue
@@ -140,10 +140,11 @@ def main() -> None:
             if figures is None:
                 print(f"{scene.name}: outliers need over {MAX_LOCAL_BITS} bits at {core_bits}", file=sys.stderr)
             else:
-                results[f"{scene.name} {core_bits}"] = {"scene": scene.name, **figures}
-    save_results(NAME, results, keep=not arguments.no_write)
+                names.append(f"{scene.name} {core_bits}")
+                results[names[-1]] = {"scene": scene.name, **figures}
+    save_results(NAME, results, not arguments.no_write, names)
     show = print if arguments.no_write else partial(replace_section, NAME)
-    show(markdown(results))
+    show(dated(markdown(results), NAME, not arguments.no_write))
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from typing import Any
 from benchmarks import child
 from benchmarks.encoded import encoded, file_key, key_of, source_key
 from benchmarks.encoded import encoded_path as encoded_path
-from benchmarks.report import add_arguments, load_results, machine, replace_section, save_results, table
+from benchmarks.report import add_arguments, dated, load_results, replace_section, save_results, table
 from benchmarks.rivals import RIVALS, Rival
 from benchmarks.scenes import REPOSITORY, SCENES, Scene, chosen
 from scarfmt.cli.scenes import Subject, layer_table, load_subject
@@ -57,7 +57,6 @@ def measure(scene: Scene, quality: float, effort: int) -> dict[str, Any]:
         "decode_seconds": decoded["seconds"],
         "decode_peak_bytes": decoded["peak_bytes"],
         **distortion(scene, path),
-        "machine": machine(),
     }
 
 
@@ -240,8 +239,7 @@ def _costs(runs: list[dict[str, Any]]) -> str:
         for run in runs
     ]
     head = ["scene", "quality", "effort", "encode s", "peak MiB", "decode s", "peak MiB"]
-    machines = "; ".join(sorted({run["machine"] for run in runs}))
-    return f"{table(head, rows)}\nMeasured on {machines}."
+    return table(head, rows)
 
 
 def main() -> None:
@@ -260,13 +258,13 @@ def main() -> None:
         print(f"{scene.name}, quality {quality:g}, effort {effort}", file=sys.stderr)
         run = measure(scene, quality, effort)
         results[run_key(run)] = run
-        save_results(NAME, results, keep=not arguments.no_write)
+        save_results(NAME, results, not arguments.no_write, [run_key(run)])
     runs = list(results.values())
     if arguments.no_write:
-        print(tables(runs))
+        print(dated(tables(runs), NAME, keep=False))
     elif runs:
-        replace_section(NAME, tables(runs))
-        replace_section("results", summary(runs), README)
+        replace_section(NAME, dated(tables(runs), NAME))
+        replace_section("results", dated(summary(runs), NAME), README)
 
 
 if __name__ == "__main__":

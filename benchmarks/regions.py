@@ -21,7 +21,7 @@ from typing import Any
 from benchmarks import child
 from benchmarks.encoded import kept_path
 from benchmarks.plots import line, new_plot, save_plot
-from benchmarks.report import add_arguments, load_results, machine, replace_section, save_results, table
+from benchmarks.report import add_arguments, dated, load_results, replace_section, save_results, table
 from benchmarks.scaling import PAGE
 from benchmarks.scenes import Scene, chosen
 
@@ -92,7 +92,6 @@ def _of_file(
         "coded": coded,
         "most": most,
         "anchors": facts["anchors"],
-        "machine": machine(),
         **sizes,
         **times,
         "regions": found,
@@ -121,8 +120,7 @@ def markdown(results: dict[str, Any]) -> str:
             runs = sorted(found, key=lambda run: -int(run["most"]))
             if runs:
                 parts += [_title(runs[0]), _file_table(runs), _box_table(runs)]
-    machines = "; ".join(sorted({run["machine"] for run in results.values()}))
-    return "\n\n".join([*parts, f"Measured on {machines}."])
+    return "\n\n".join(parts)
 
 
 def _title(run: dict[str, Any]) -> str:
@@ -205,14 +203,14 @@ def main() -> None:
 
     def keep(name: str, run: dict[str, Any]) -> None:
         results[name] = run
-        save_results(NAME, results, write)
+        save_results(NAME, results, write, [name])
 
     if not arguments.report:
         for scene in chosen(arguments.scenes or (("plush-toys",) if arguments.short else SCENES)):
             measure(scene, arguments.short, keep)
     plot(results, write)
     show = partial(replace_section, NAME, page=PAGE) if write else print
-    show(markdown(results))
+    show(dated(markdown(results), NAME, write))
 
 
 if __name__ == "__main__":

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
-from collections.abc import Sequence
-from importlib.metadata import version
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.provenance import Document, figures, stamped, statement
 from benchmarks.scenes import REPOSITORY
 
 RESULTS = REPOSITORY / "benchmarks" / "results"
@@ -21,17 +19,41 @@ SCRATCH = REPOSITORY / "build" / "benchmarks"
 SHORT_RESULTS = REPOSITORY / "build" / "bench"
 
 
-def load_results(name: str) -> dict[str, Any]:
-    """Earlier results of benchmark `name`; scenes can be measured one at a time and are merged."""
-    path = RESULTS / f"{name}.json"
+_DEPTHS = {"time-error": 2, "ablation": 2}
+"""Benchmarks whose figures are measured one at a time within a section."""
+SKIPPED = 77
+"""Exit status of a benchmark that has nothing to measure on here; it prints why."""
+
+
+def load_document(name: str, keep: bool = True) -> Document:
+    """The file of results of benchmark `name`, provenance included; without `keep` that under build/bench/."""
+    path = (RESULTS if keep else SHORT_RESULTS) / f"{name}.json"
     return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
 
 
-def save_results(name: str, results: dict[str, Any], keep: bool = True) -> None:
-    """Keep the results of benchmark `name`; without `keep`, only under build/bench/, for a look at them."""
+def load_results(name: str) -> dict[str, Any]:
+    """Earlier results of benchmark `name`; scenes can be measured one at a time and are merged."""
+    return figures(load_document(name))
+
+
+def dated(text: str, name: str, keep: bool = True, section: str = "") -> str:
+    """Tables of benchmark `name`, and below them when, at which commit and on which machine they were measured."""
+    return f"{text.rstrip()}\n\n{statement(load_document(name, keep), section)}"
+
+
+def save_results(
+    name: str, results: dict[str, Any], keep: bool = True, measured: Collection[str] | None = None
+) -> None:
+    """Keep the results of benchmark `name` in their order, with the runs that measured them.
+
+    Args:
+        keep: among the results of the repository; else only under build/bench/, for a look at them.
+        measured: names this run has measured last, SECTION/NAME where there are sections; None for all.
+    """
     folder = RESULTS if keep else SHORT_RESULTS
     folder.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(results, indent=1, sort_keys=True, ensure_ascii=False)
+    document = stamped(results, load_document(name, keep), measured, _DEPTHS.get(name, 1))
+    text = json.dumps(document, indent=1, ensure_ascii=False)
     (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
 
@@ -41,16 +63,6 @@ def add_arguments(parser: argparse.ArgumentParser, scenes: bool = True) -> None:
     parser.add_argument("--no-write", action="store_true", help="print the tables; JSON goes to build/bench/ only")
     if scenes:
         parser.add_argument("--scenes", nargs="+", metavar="NAME", help="scenes to measure [default: all it is about]")
-
-
-def machine() -> str:
-    """What the times were measured on."""
-    model = platform.processor() or platform.machine()
-    if Path("/proc/cpuinfo").exists():
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        model = next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), model)
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "torch", "numba"))
-    return f"{os.cpu_count()} cores of {model}, Python {platform.python_version()}, {packages}"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:

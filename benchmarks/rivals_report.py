@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.report import replace_section, table
+from benchmarks.report import dated, replace_section, table
 from benchmarks.scenes import REPOSITORY
 
 NAME = "rivals"
@@ -31,8 +31,8 @@ Run = dict[str, Any]
 
 def write_page(runs: Sequence[Run]) -> None:
     """Put all tables into docs/rivals.md."""
-    replace_section("rivals-verdicts", verdicts(runs), PAGE)
-    replace_section("rivals-scenes", scenes(runs), PAGE)
+    for section, text in (("rivals-verdicts", verdicts(runs)), ("rivals-scenes", scenes(runs))):
+        replace_section(section, dated(text, NAME), PAGE)
 
 
 def tables(runs: Sequence[Run]) -> str:
@@ -122,8 +122,7 @@ def scenes(runs: Sequence[Run]) -> str:
             parts.append("Skipped: " + "; ".join(f"{skip['name']} ({skip['why']})" for skip in run["skipped"]) + ".")
         if run["sh_degree"] >= _SH_DEGREE and run.get("scar"):
             parts.append(f"![PSNR against bytes](images/{_image(run)})")
-    machines = "; ".join(sorted({run["machine"] for run in runs}))
-    return "\n\n".join([*parts, f"Measured on {machines}."])
+    return "\n\n".join(parts)
 
 
 def _facts(run: Run) -> str:

@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks import child
 from benchmarks.encoded import encoded, file_key, source_key
 from benchmarks.quality import distortion
-from benchmarks.report import add_arguments, load_results, machine, save_results
+from benchmarks.report import add_arguments, load_results, save_results
 from benchmarks.rivals_formats import FAMILIES, Format, formats, read
 from benchmarks.rivals_read import reading_cost
 from benchmarks.rivals_report import NAME, plots, tables, write_page
@@ -92,7 +92,6 @@ def measure(scene: Scene, plan: Plan) -> dict[str, Any]:
         "source_bytes": scene.path.stat().st_size,
         "rivals": rivals,
         "skipped": skipped,
-        "machine": machine(),
         **(_scar(scene, plan.effort) if SCAR in plan.families else {}),
     }
 
@@ -229,7 +228,7 @@ def main() -> None:
     for scene in () if arguments.report else chosen(names):
         found = measure(scene, plan)
         results[scene.name] = merged(results.get(scene.name, {}), found, arguments.formats)
-        save_results(NAME, results, keep)
+        save_results(NAME, results, keep, [scene.name])
     runs = [results[name] for name in SCENES if name in results]
     if keep:
         write_page(runs)

@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks import child
 from benchmarks.encoded import kept_path
 from benchmarks.plots import line, new_plot, save_plot
-from benchmarks.report import add_arguments, load_results, machine, replace_section, save_results, table
+from benchmarks.report import add_arguments, dated, load_results, replace_section, save_results, table
 from benchmarks.scenes import REPOSITORY, Scene, chosen
 
 NAME = "scaling"
@@ -82,7 +82,7 @@ def _finish(
     keep: Callable[[dict[str, Any]], None],
 ) -> None:
     decoded = {coded: _decoded(path, run["anchors"]) for coded, path in files.items()}
-    kept[f"{scene.name} {run['source_count']:09d}"] = {"scene": scene.name, "machine": machine(), **run, **decoded}
+    kept[f"{scene.name} {run['source_count']:09d}"] = {"scene": scene.name, **run, **decoded}
     keep(kept)
 
 
@@ -168,8 +168,7 @@ def markdown(results: dict[str, Any]) -> str:
         runs = sorted((run for run in results.values() if run["scene"] == name), key=lambda run: run["source_count"])
         parts += [f"**{name}**, quality {QUALITY:g}. Seconds are of the processor; MiB is the peak of the process."]
         parts += [_encode_table(runs), _decode_table(runs), _slope_table(runs)]
-    machines = "; ".join(sorted({run["machine"] for run in results.values()}))
-    return "\n\n".join([*parts, f"Measured on {machines}."])
+    return "\n\n".join(parts)
 
 
 def _encode_table(runs: Sequence[dict[str, Any]]) -> str:
@@ -237,7 +236,7 @@ def main() -> None:
         measure(SHORT if arguments.short else FULL, results, lambda kept: save_results(NAME, kept, write))
     plot(results, write)
     show = partial(replace_section, NAME, page=PAGE) if write else print
-    show(markdown(results))
+    show(dated(markdown(results), NAME, write))
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ def encode(job: Job) -> dict[str, Any]:
 
 def rewrite(job: Job) -> dict[str, Any]:
     """Write the scene of `file` to `out`: without networks if `static`, in `tile_anchors`, `copies` times."""
-    from reference_encoder.networks.smallest_file import within_limits
+    from reference_encoder.networks.file_costs import within_limits
     from scarfmt.coding.writer import write_scene
     from scarfmt.engines import best_engine
 

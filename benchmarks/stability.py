@@ -18,7 +18,7 @@ from typing import Any
 from benchmarks.encoded import encoded, encoded_path
 from benchmarks.entropy_edges import measure_edges
 from benchmarks.plots import line, new_plot, save_plot
-from benchmarks.report import add_arguments, machine, replace_section, save_results
+from benchmarks.report import add_arguments, dated, replace_section, save_results
 from benchmarks.scenes import REPOSITORY, chosen
 from benchmarks.stability_activated import activations, reference_error
 from benchmarks.stability_files import (
@@ -175,7 +175,6 @@ def measure(short: bool, scenes: Sequence[str] | None) -> Results:
         "exact": measure_values(400 if short else 10_000) + measure_edges(),
         "activated": measure_activated(short),
         "profiles": measure_profiles(short),
-        "machine": machine(),
     }
 
 
@@ -187,7 +186,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     keep = not (asked.short or asked.no_write)
     save_results(NAME, results, keep)
     plot(results["profiles"], keep)
-    text = markdown(results)
+    text = dated(markdown(results), NAME, keep)
     if keep:
         replace_section(NAME, text, PAGE)
     else:

@@ -30,7 +30,7 @@ def markdown(results: Mapping[str, Any]) -> str:
     parts += ["### Files, every way", _files(results["files"], results["real"])]
     parts += ["### Files, in other processes", _processes(results["processes"])]
     parts += ["### The encoder", _encoder(results["encoder"])]
-    return "\n\n".join([*(part.rstrip() for part in parts), f"Computed on {results['machine']}."])
+    return "\n\n".join(part.rstrip() for part in parts)
 
 
 def _operations(exact: Sequence[Mapping[str, Any]], activated: Sequence[Mapping[str, Any]]) -> str:

@@ -11,7 +11,7 @@ import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
-from conformance.decoders.python import integer_oracle as oracle
+from conformance.decoders.python.arithmetic import exp2w
 from reference_decoder.dequantise import latents, positions
 from scarfmt.container.directory import Tile
 from scarfmt.engines import absence, best_engine
@@ -265,7 +265,7 @@ def _literal_tables() -> list[Edge]:
         sigmoid = [int(mpmath.nint(4096 / (1 + mpmath.exp(-mpmath.mpf(u) / 32)))) for u in range(256)]
     differ = sum(a != b for a, b in zip([*TANH, *SIGMOID], [*tanh, *sigmoid], strict=True))
     found = exp2_table().tolist()
-    differ_exp = sum(oracle.exp2w(d) != weight for d, weight in enumerate(found))
+    differ_exp = sum(exp2w(d) != weight for d, weight in enumerate(found))
     apart = [abs(weight - 65536 * 2.0 ** (-d / 32)) for d, weight in enumerate(found)]
     worst = max(range(EXP2_LAST + 1), key=apart.__getitem__)
     return [

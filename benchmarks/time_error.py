@@ -21,7 +21,7 @@ from typing import Any
 from benchmarks import time_error_precision as precision
 from benchmarks import time_error_tables as tables
 from benchmarks.gain import NEURAL
-from benchmarks.report import add_arguments, load_results, machine, replace_section, save_results
+from benchmarks.report import add_arguments, dated, load_results, replace_section, save_results
 from benchmarks.scenes import REPOSITORY, Scene, chosen
 from benchmarks.time_error_decoding import measure_entropy, measure_ways
 from benchmarks.time_error_files import measure_efforts, measure_layers
@@ -114,16 +114,14 @@ SECTIONS = {
 
 
 def texts(results: dict[str, Any]) -> dict[str, str]:
-    """Markdown of every section with results, and of the machine."""
-    found = {name: SECTIONS[name].text(list(results[name].values())) for name in SECTIONS if results.get(name)}
-    machines = sorted(results.get("machines", {}).values())
-    return {**found, "machine": "Measured on " + "; ".join(dict.fromkeys(machines)) + "."} if machines else found
+    """Markdown of every section with results."""
+    return {name: SECTIONS[name].text(list(results[name].values())) for name in SECTIONS if results.get(name)}
 
 
 def write(results: dict[str, Any]) -> None:
     """Rewrite the page's tables and plots."""
     for name, text in texts(results).items():
-        replace_section(name, text, PAGE)
+        replace_section(name, dated(text, NAME, section=f"{name}/"), PAGE)
     draw(results, keep=True)
 
 
@@ -138,9 +136,9 @@ def main() -> None:
         section = SECTIONS[name]
         for scene in chosen(arguments.scenes or (SHORT_SCENES if arguments.short else section.scenes)):
             began = time.perf_counter()
-            results.setdefault(name, {}).update(section.measure(scene, arguments.short))
-            results.setdefault("machines", {})[name] = machine()
-            save_results(NAME, results, keep=not arguments.no_write)
+            found = section.measure(scene, arguments.short)
+            results.setdefault(name, {}).update(found)
+            save_results(NAME, results, not arguments.no_write, [f"{name}/{below}" for below in found])
             print(f"{time.perf_counter() - began:5.0f} s  {name}, {scene.name}", file=sys.stderr, flush=True)
     if arguments.no_write:
         print("\n\n".join(f"## {name}\n\n{text}" for name, text in texts(results).items()))

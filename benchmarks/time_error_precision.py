@@ -18,17 +18,20 @@ from unittest import mock
 import numpy as np
 
 from benchmarks import child
-from benchmarks.encoded import encoded, kept_path, note_path
+from benchmarks.child import note_path
+from benchmarks.encoded import encoded, kept_path
 from benchmarks.gain import hardly_trained, quantised
 from benchmarks.quality import distortion
 from benchmarks.scenes import Scene, chosen
 from reference_decoder.decode import decode
 from reference_encoder.decide import lattice
 from reference_encoder.encode import EncodeOptions, encode
+from reference_encoder.networks import candidates as neural
 from reference_encoder.networks import defaults
-from reference_encoder.networks import smallest_file as neural
-from reference_encoder.networks.model import NetworkShape
-from reference_encoder.networks.smallest_file import index_bytes, with_index_network
+from reference_encoder.networks.candidates import with_index_network
+from reference_encoder.networks.file_costs import index_bytes
+from reference_encoder.networks.shape import NetworkShape
+from reference_encoder.tuning import CELL_FACTOR
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import silent, write_scene
 from scarfmt.container.directory import local_bits
@@ -70,7 +73,7 @@ def network_bits(weight: int | None = None, activation: int | None = None) -> It
 @contextmanager
 def position_bits(more: int) -> Iterator[None]:
     """Inside, the encoder's lattices have `more` bits an axis than it would choose."""
-    with mock.patch.object(lattice, "_CELL_FACTOR", lattice._CELL_FACTOR * 2.0**-more):
+    with mock.patch.object(lattice, "CELL_FACTOR", CELL_FACTOR * 2.0**-more):
         yield
 
 

@@ -4,7 +4,9 @@
 and refusal id, the slowest and hungriest inputs, and findings: anything but a result or a ScarError, more than 5 s, or
 more than 512 MiB. The bytes of findings go to ``fuzz/findings/``. Input n of seed S is always the same file.
 
-``--bit-flips N`` flips single bits of sound files instead, each of which must be noticed.
+``--kind deep`` changes what sound files say and makes all checksums right, so that most inputs reach the decoder of
+symbols. ``--kind bit-flips`` flips single bits of sound files, each of which must be noticed. ``--compare`` decodes
+every input in NumPy alone, too, and another answer than the kernel's is a finding.
 """
 
 from __future__ import annotations
@@ -21,15 +23,16 @@ import traceback
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.sharedctypes import Synchronized
 from pathlib import Path
-from random import Random
 from types import FrameType
 from typing import Any
 
+from benchmarks.provenance import stamped
 from fuzz.corpus import Seed, corpus, digest
-from fuzz.target import decoded, truncated, validated
-from fuzz.testing.mutators import Mutant, mutate
+from fuzz.inputs import KINDS, Input
+from fuzz.target import decoded, decoded_by, truncated, validated
 
 SECONDS = 5.0
 """Per input and question."""
@@ -77,53 +80,6 @@ class Tally:
         self.findings += other.findings
 
 
-@dataclass(frozen=True)
-class Input:
-    """One damaged file and where it comes from."""
-
-    number: int
-    file: str
-    mutant: Mutant
-
-    @property
-    def name(self) -> str:
-        """Enough to make it again."""
-        return f"{self.number} {self.file} {'+'.join(self.mutant.operators)}{' sealed' if self.mutant.sealed else ''}"
-
-
-class Inputs:
-    """Input n of a campaign."""
-
-    def __init__(self, files: list[Seed], seed: int) -> None:
-        self._files = files
-        self._datas = [file.data for file in files]
-        self._seed = seed
-        # Reading takes longer the larger a file is: small ones are where most is learnt in a second.
-        self._weights = [1 / (500 + len(file.data)) for file in files]
-
-    def __call__(self, number: int) -> Input:
-        rng = Random(f"{self._seed}/{number}")
-        file = rng.choices(self._files, self._weights)[0]
-        return Input(number, file.name, mutate(file.data, rng.getrandbits(32), self._datas))
-
-
-class BitFlips(Inputs):
-    """Single bits of sound files flipped, or one byte more or less; input n of a campaign."""
-
-    def __call__(self, number: int) -> Input:
-        rng = Random(f"flip {self._seed}/{number}")
-        file = rng.choices(self._files, self._weights)[0]
-        out = bytearray(file.data)
-        how = rng.random()
-        if how < 0.01:
-            return Input(number, file.name, Mutant(file.data[: rng.randrange(len(out))], ("cut",), False))
-        if how < 0.02:
-            return Input(number, file.name, Mutant(file.data + rng.randbytes(rng.randint(1, 9)), ("extended",), False))
-        bit = rng.randrange(8 * len(out))
-        out[bit // 8] ^= 1 << bit % 8
-        return Input(number, file.name, Mutant(bytes(out), ("bit",), False))
-
-
 def _on_alarm(_signal: int, _frame: FrameType | None) -> None:
     raise Hang
 
@@ -138,16 +94,29 @@ def _forget_peak() -> None:
         stream.write("5")
 
 
+@dataclass(frozen=True)
+class Rules:
+    """What is a finding beside exceptions, time and memory.
+
+    Attributes:
+        must_refuse: that validate finds nothing in an input.
+        compare: that NumPy alone answers otherwise than the engine in use: other values, another refusal id.
+    """
+
+    must_refuse: bool = False
+    compare: bool = False
+
+
 class Runner:
     """Runs inputs one by one and keeps the score.
 
     Args:
         make: input n.
-        must_refuse: inputs that validate finds nothing in are findings.
+        rules: what else is a finding.
     """
 
-    def __init__(self, make: Callable[[int], Input], must_refuse: bool) -> None:
-        self._make, self._must_refuse = make, must_refuse
+    def __init__(self, make: Callable[[int], Input], rules: Rules) -> None:
+        self._make, self._rules = make, rules
         self._base = 0
 
     def run(self, numbers: Iterator[int], progress: Synchronized[int]) -> Tally:
@@ -172,6 +141,8 @@ class Runner:
         finding = self._ask("validate", validated, one, tally)
         if one.number % _TRUNCATE_EVERY == 0:
             self._ask("truncate", truncated, one, tally)
+        if self._rules.compare:
+            self._engines(one, tally)
         if refusal is not None and finding is not None:
             tally.refusals[refusal or "decoded"] += 1
             tally.invalid[finding or "valid"] += 1
@@ -183,17 +154,30 @@ class Runner:
                 self._found(one, tally, "memory", f"{peak >> 20} MiB")
             self._base = 0
 
+    def _engines(self, one: Input, tally: Tally) -> None:
+        """Both engines give the same arrays, or refuse with the same id."""
+        first, second = (
+            self._ask(f"{name} engine", partial(decoded_by, engine=name), one, tally, count=False)
+            for name in ("auto", "numpy")
+        )
+        if first is not None and second is not None:
+            tally.outcomes["engines compared"] += 1
+            if first != second:
+                self._found(one, tally, "engines differ", f"in use: {first or 'other values'}, NumPy: {second}")
+
     def _compare(self, one: Input, refusal: str, finding: str, tally: Tally) -> None:
         """What decoding refuses is not valid; the converse is false, by rules marked (V)."""
         if refusal and not finding:
             self._found(one, tally, "disagree", f"decode refuses {refusal}, validate finds nothing")
-        if self._must_refuse and not finding:
+        if self._rules.must_refuse and not finding:
             self._found(one, tally, "unnoticed", "valid")
-        elif self._must_refuse and not refusal:
+        elif self._rules.must_refuse and not refusal:
             # A decoder does not read blocks it has no need of (SPEC §5.6).
             tally.outcomes["noticed by validate alone"] += 1
 
-    def _ask(self, what: str, act: Callable[[bytes], str], one: Input, tally: Tally) -> str | None:
+    def _ask(
+        self, what: str, act: Callable[[bytes], str], one: Input, tally: Tally, count: bool = True
+    ) -> str | None:
         signal.setitimer(signal.ITIMER_REAL, SECONDS)
         start = time.perf_counter()
         answer: str | None = None
@@ -210,7 +194,7 @@ class Runner:
         if not tally.slowest or len(tally.slowest) < _KEPT or spent > tally.slowest[-1][0]:
             tally.slowest = sorted([*tally.slowest, (round(spent, 4), f"{what} {one.name}")], reverse=True)[:_KEPT]
         kind = "finding" if answer is None else "refused" if answer else "accepted"
-        tally.outcomes[f"{what} {kind}"] += 1
+        tally.outcomes[f"{what} {kind}"] += count
         return answer
 
     @staticmethod
@@ -234,14 +218,14 @@ def _limit_memory() -> None:
 
 def _work(
     make: Callable[[int], Input],
-    must_refuse: bool,
+    rules: Rules,
     batches: Any,
     results: Any,
     progress: Synchronized[int],
 ) -> None:
     signal.signal(signal.SIGALRM, _on_alarm)
     _limit_memory()
-    runner = Runner(make, must_refuse)
+    runner = Runner(make, rules)
     while (batch := batches.get()) is not None:
         results.put(runner.run(iter(range(*batch)), progress))
 
@@ -254,21 +238,21 @@ class Campaign:
         make: input n.
         count: inputs.
         jobs: worker processes.
-        must_refuse: an input that is valid is a finding.
+        rules: what else is a finding.
         until: when to give out no more work, by `time.monotonic`.
     """
 
     make: Callable[[int], Input]
     count: int
     jobs: int
-    must_refuse: bool
+    rules: Rules
     until: float
     tally: Tally = field(default_factory=Tally)
 
     def run(self) -> Tally:
         """The whole campaign."""
         context = multiprocessing.get_context("fork")
-        workers = [_Worker(context, self.make, self.must_refuse) for _ in range(self.jobs)]
+        workers = [_Worker(context, self.make, self.rules) for _ in range(self.jobs)]
         todo = iter(range(0, self.count, BATCH))
         for worker in workers:
             self._feed(worker, todo)
@@ -296,8 +280,8 @@ class Campaign:
 class _Worker:
     """A process that can die of its inputs; whichever it died of is a finding."""
 
-    def __init__(self, context: Any, make: Callable[[int], Input], must_refuse: bool) -> None:
-        self._context, self._make, self._must_refuse = context, make, must_refuse
+    def __init__(self, context: Any, make: Callable[[int], Input], rules: Rules) -> None:
+        self._context, self._make, self._rules = context, make, rules
         self.rest: tuple[int, int] | None = None
         self.busy = False
         self._start()
@@ -305,7 +289,7 @@ class _Worker:
     def _start(self) -> None:
         self._batches, self._results = self._context.SimpleQueue(), self._context.Queue()
         self._progress = self._context.Value("q", -1, lock=False)
-        arguments = (self._make, self._must_refuse, self._batches, self._results, self._progress)
+        arguments = (self._make, self._rules, self._batches, self._results, self._progress)
         self._process = self._context.Process(target=_work, args=arguments, daemon=True)
         self._process.start()
 
@@ -368,7 +352,8 @@ def summary(tally: Tally, seconds: float, arguments: argparse.Namespace, files: 
         "count": arguments.count,
         "seed": arguments.seed,
         "jobs": arguments.jobs,
-        "bit_flips": arguments.bit_flips,
+        "kind": arguments.kind,
+        "engines_compared": arguments.compare,
         "corpus": {"files": len(files), "sha256": digest(files)},
         "inputs": tally.inputs,
         "bytes": tally.bytes,
@@ -388,7 +373,8 @@ def main() -> int:
     """Command line; 1 if there are findings."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=20_000, help="inputs")
-    parser.add_argument("--bit-flips", type=int, default=0, help="flip so many single bits instead")
+    parser.add_argument("--kind", choices=KINDS, default="mutants", help="of damage")
+    parser.add_argument("--compare", action="store_true", help="every input with both engines")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--minutes", type=float, default=float("inf"), help="give out no more work after")
@@ -396,17 +382,17 @@ def main() -> int:
     parser.add_argument("--one", type=int, help="write input N to stdout instead")
     arguments = parser.parse_args()
     files = corpus()
-    if arguments.bit_flips:
-        arguments.count = arguments.bit_flips
+    if arguments.kind != "mutants":
         files = [file for file in files if not decoded(file.data)]
-    make = (BitFlips if arguments.bit_flips else Inputs)(files, arguments.seed)
+    make = KINDS[arguments.kind](files, arguments.seed)
     if arguments.one is not None:
         sys.stdout.buffer.write(make(arguments.one).mutant.data)
         return 0
     start = time.monotonic()
     until = start + 60 * arguments.minutes
-    tally = Campaign(make, arguments.count, arguments.jobs, bool(arguments.bit_flips), until).run()
-    result = json.dumps(summary(tally, time.monotonic() - start, arguments, files), indent=1)
+    rules = Rules(arguments.kind == "bit-flips", arguments.compare)
+    tally = Campaign(make, arguments.count, arguments.jobs, rules, until).run()
+    result = json.dumps(stamped(summary(tally, time.monotonic() - start, arguments, files)), indent=1)
     if arguments.out is not None:
         arguments.out.write_text(result + "\n")
     print(result)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import warnings
 
 import numpy as np
@@ -34,6 +35,18 @@ def decoded(data: bytes) -> str:
     except ScarError as error:
         return error.refusal
     return ""
+
+
+def decoded_by(data: bytes, engine: str) -> str:
+    """What one engine makes of all layers: the SHA-256 of all arrays, types and shapes included, or the refusal id."""
+    try:
+        arrays = decode(data, backend=engine).arrays()
+    except ScarError as error:
+        return error.refusal
+    total = hashlib.sha256()
+    for values in arrays:
+        total.update(f"{values.dtype.str} {values.shape}\0".encode() + values.tobytes())
+    return total.hexdigest()
 
 
 def validated(data: bytes) -> str:

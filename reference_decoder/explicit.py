@@ -17,14 +17,14 @@ from scarfmt.coding.checks_of_models import network_coefficients
 from scarfmt.coding.counters import Counters, Part
 from scarfmt.coding.reader import SceneModels
 from scarfmt.container.schema import Stream
-from scarfmt.scene.activation import opacity_logits, spherical_harmonics_from_colour
+from scarfmt.scene.activation import activated
 from scarfmt.scene.gaussians import F32, F64, GaussianScene
-from scarfmt.scene.rotation import quaternion_from
 
 Floats = NDArray[np.floating]
 I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
 
+_ACTIVATED = (Stream.ROTATION, Stream.OPACITY, Stream.COLOUR)
 CHUNK = 1 << 14
 """Rows at a time; the networks' hidden layers of so many rows fit in the caches."""
 
@@ -58,16 +58,11 @@ def gaussians(
     given = network_coefficients(sh_degree, models.model) if models.decoder else 0
     for first in range(0, count, CHUNK):
         rows = slice(first, first + CHUNK)
-        rotations[rows] = _rotations(values.get(Stream.ROTATION), rows, len(logits[rows]), dtype)
-        if Stream.OPACITY in values:
-            logits[rows] = opacity_logits(values[Stream.OPACITY][rows, 0])
-        if Stream.COLOUR in values:
-            sh[rows, 0] = spherical_harmonics_from_colour(values[Stream.COLOUR][rows].astype(dtype))
+        part = {stream: values[stream][rows] for stream in _ACTIVATED if stream in values}
+        rotations[rows], logits[rows], sh[rows, 0] = activated(part, len(logits[rows]), dtype)
         if given:
             rest = network_outputs(models, values.get(Stream.LATENT), indices, stages, rows, dtype, counters)
             sh[rows, sh.shape[1] - given :] = rest.reshape(-1, given, 3)
-    if Stream.OPACITY not in values:
-        logits[:] = opacity_logits(np.zeros(1))
     return GaussianScene(positions, values[Stream.SCALE].astype(dtype, copy=False), rotations, logits, sh)
 
 
@@ -89,9 +84,3 @@ def network_outputs(
     z = latents(models.codebooks, indices[rows], stages[rows], refined, models.decoder.inputs)
     with np.errstate(over="ignore", invalid="ignore"):  # weights may be any finite number: not a reason to warn
         return models.decoder.apply(z, dtype)
-
-
-def _rotations(values: F32 | None, rows: slice, count: int, dtype: type) -> Floats:
-    uvt: NDArray[Any] = np.zeros((count, 3), dtype) if values is None else values[rows].astype(dtype)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return quaternion_from(uvt[:, :2], uvt[:, 2])

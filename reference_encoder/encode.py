@@ -1,16 +1,12 @@
 """Encoding: from a scene to the bytes of a `.scar` file (encoder side; nothing here is normative).
 
-    sensitivity -> classes -> lattice -> RVQ -> layer table -> quantised integers -> networks -> writer
-
-Every choice is made by one currency: lambda, squared picture error per bit. `quality` sets it.
+:mod:`reference_encoder.pipeline` has the stages, one after another.
 """
 
 from __future__ import annotations
 
-from reference_encoder.anchor_profile import encode_anchors
-from reference_encoder.explicit_profile import encode_explicit
-from reference_encoder.networks.smallest_file import smallest_file
 from reference_encoder.options import EncodeOptions
+from reference_encoder.pipeline import encoded
 from scarfmt.coding.writer import Report, silent
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
@@ -19,7 +15,7 @@ __all__ = ["EncodeOptions", "encode"]
 
 
 def encode(scene: GaussianScene | AnchorModel, options: EncodeOptions | None = None, report: Report = silent) -> bytes:
-    """The bytes of a file for `scene`. The same scene and options give the same bytes.
+    """The bytes of a file for `scene`.
 
     Args:
         scene: without NaN or infinity (see `scarfmt.formats.clean`), at least one Gaussian or anchor.
@@ -27,14 +23,10 @@ def encode(scene: GaussianScene | AnchorModel, options: EncodeOptions | None = N
         report: told (stage, fraction done).
 
     Raises:
-        InvalidInput: ``input-empty``, ``input-options``.
+        InvalidInput: ``input-empty``, ``input-options``, ``input-anchors``, ``input-dependency``.
     """
     options = options or EncodeOptions()
     options.check()
     if len(scene) == 0:
         raise InvalidInput("input-empty", "the scene holds no Gaussian: there is nothing to encode")
-    if isinstance(scene, AnchorModel):
-        quantised, targets = encode_anchors(scene, options, report)
-    else:
-        quantised, targets = encode_explicit(scene, options, report)
-    return smallest_file(quantised, options, report, targets)
+    return encoded(scene, options, report)

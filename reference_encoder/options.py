@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from scarfmt.blocks.metadata import pack_metadata
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS
-from scarfmt.render.camera import Camera
+
+if TYPE_CHECKING:  # the command line needs the options before anything is drawn
+    from scarfmt.render.camera import Camera
 
 LATENTS = ("linear", "learned")
 ESTIMATORS = ("rotation", "straight-through")
@@ -58,6 +60,16 @@ class EncodeOptions:
     seed: int = 0
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
+    @property
+    def trains_networks(self) -> bool:
+        """Whether integer networks are trained, and kept where they make the file smaller."""
+        return EFFORTS[self.effort].networks and self.decode_budget != 0
+
+    @property
+    def needs_torch(self) -> bool:
+        """Whether torch has to be there, for an explicit scene; measuring an anchor model needs it always."""
+        return self.trains_networks or self.latent == "learned"
+
     def check(self) -> None:
         """Check ranges, and that a file can hold the metadata.
 
@@ -66,7 +78,7 @@ class EncodeOptions:
         """
         if not MIN_QUALITY <= self.quality <= MAX_QUALITY:
             raise InvalidInput("input-options", f"quality {self.quality} is not in 20..80", field="quality")
-        if self.effort not in (1, 2, 3):
+        if self.effort not in EFFORTS:
             raise InvalidInput("input-options", f"effort {self.effort} is not 1, 2 or 3", field="effort")
         if self.corrections is not None and not 0 <= self.corrections <= MAX_CORRECTIONS:
             message = f"{self.corrections} corrections: 0..{MAX_CORRECTIONS} are possible"
@@ -85,7 +97,36 @@ class EncodeOptions:
         pack_metadata(self.metadata)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
+class IndexTraining:
+    """What may be spent on training an index network.
+
+    Attributes:
+        rows: most rows in the training sample. Many rows seen twice beat few seen often: what codewords of their own
+            learn from a sample does not hold for the rest of the scene.
+        visits: rows seen in all epochs together.
+        most_epochs: of a small scene.
+    """
+
+    rows: int
+    visits: int
+    most_epochs: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictorTraining:
+    """What may be spent on training a predictor.
+
+    Attributes:
+        units: hidden units.
+        iterations: steps of the descent.
+    """
+
+    units: int
+    iterations: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class Effort:
     """What an effort level means.
 
@@ -96,7 +137,13 @@ class Effort:
         thorough_views: twice the survey views.
         judged_views: pictures a result is judged by.
         corrections: of lambda, by what these show.
+        corrects_large_scenes: also in scenes of more than `tuning.LARGE_SCENE` Gaussians.
         looks_at_layers: whether pictures decide what layers hold.
+        networks: whether predictors and an index network are trained, and kept where they make the file smaller.
+        attention: whether an index network with spatial-query attention is tried too.
+        rounds: of choosing codewords again at the index network's prices.
+        training: of the index network.
+        predictors: of each predictor.
     """
 
     sample: int
@@ -105,11 +152,60 @@ class Effort:
     thorough_views: bool
     judged_views: int
     corrections: int
+    corrects_large_scenes: bool
     looks_at_layers: bool
+    networks: bool
+    attention: bool
+    rounds: int
+    training: IndexTraining
+    predictors: PredictorTraining
 
 
 EFFORTS = {
-    1: Effort(32768, 5, 2, False, 4, 2, False),
-    2: Effort(65536, 7, 2, False, 6, 2, True),
-    3: Effort(262144, 12, 3, True, 12, 3, True),
+    1: Effort(
+        sample=32768,
+        epochs=5,
+        stages=2,
+        thorough_views=False,
+        judged_views=4,
+        corrections=2,
+        corrects_large_scenes=False,
+        looks_at_layers=False,
+        networks=False,
+        attention=False,
+        rounds=0,
+        training=IndexTraining(rows=200_000, visits=400_000, most_epochs=16),
+        predictors=PredictorTraining(units=4, iterations=400),
+    ),
+    2: Effort(
+        sample=65536,
+        epochs=7,
+        stages=2,
+        thorough_views=False,
+        judged_views=6,
+        corrections=2,
+        corrects_large_scenes=True,
+        looks_at_layers=True,
+        networks=True,
+        attention=False,
+        rounds=1,
+        training=IndexTraining(rows=500_000, visits=1_000_000, most_epochs=22),
+        predictors=PredictorTraining(units=8, iterations=800),
+    ),
+    3: Effort(
+        sample=262144,
+        epochs=12,
+        stages=3,
+        thorough_views=True,
+        judged_views=12,
+        corrections=3,
+        corrects_large_scenes=True,
+        looks_at_layers=True,
+        networks=True,
+        attention=True,
+        rounds=3,
+        training=IndexTraining(rows=4_000_000, visits=10_000_000, most_epochs=60),
+        predictors=PredictorTraining(units=16, iterations=2000),
+    ),
 }
+"""By level: docs/encoder-effort.md has them as a table."""

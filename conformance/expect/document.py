@@ -8,9 +8,9 @@ from typing import Any
 
 from conformance.cases import Case
 from conformance.decoders.python.answers import Answers
+from conformance.decoders.python.container import METADATA_KIND, blocks_of_kind, container_fields, profile_of
 from conformance.decoders.python.decoder import Decoder
 from conformance.expect.activated import Activated, activated
-from conformance.expect.container_fields import METADATA_KIND, blocks_of_kind, container_fields, profile_of
 from conformance.expect.expectations import Arrays, expected_layers, expected_metadata
 from conformance.expect.features import exercised, features_of
 from conformance.expect.stages import pinned, pinned_stages, traced_arrays

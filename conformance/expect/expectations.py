@@ -2,7 +2,7 @@
 
 Integers and models are the scene's own. Sums, positions, values and latents follow SPEC §9.1-9.2, one number at a time
 in Python floats, which are binary64; `numpy.float32` rounds to binary32. Features of hash grids are those of
-:mod:`conformance.decoders.python.neural`, of the bits the scene has.
+:mod:`conformance.decoders.python.hash_grid`, of the bits the scene has.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from conformance.decoders.python.neural import Grid, Level
+from conformance.decoders.python.hash_grid import Grid, Level
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from conformance.decoders.python.decoder import NAMES, Decoder
+from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import parse_tables
+from conformance.decoders.python.tile import NAMES
 
 _KNOWN_KINDS = (1, 2, 3, 4, 5, 6, 7, 8, 16, 64)
 _TABLES, _TILE, _METADATA, _NO_TILE = 2, 16, 64, 0xFFFFFFFF

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from conformance.expect.container_fields import (
+from conformance.decoders.python.container import (
     DIRECTORY_ENTRY,
     FILE_HEADER,
     HEADER_CHECKSUM,

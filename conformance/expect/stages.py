@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from conformance.decoders.python.decoder import NAMES, Trace
+from conformance.decoders.python.tile import NAMES, Trace
 from conformance.expect.expectations import Arrays
 
 EXACT = ("models", "context", "frequencies", "indices", "integers", "sums", "values")

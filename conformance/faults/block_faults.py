@@ -10,11 +10,11 @@ import numpy as np
 
 from conformance.faults.table_records import Record, Records, number, packed, unpacked, with_tables
 from conformance.files import blocks_of, changed, content_of, rebuilt, stored_frame, without
-from scarfmt.blocks.codebooks import pack_codebooks, unpack_codebooks
-from scarfmt.container.bytefields import signed_varint, unsigned_varint
+from conformance.writer.fields import rice, svarint, varint
+from conformance.writer.models import codebooks_block
+from scarfmt.blocks.codebooks import unpack_codebooks
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind, Stream
-from scarfmt.entropy.rice import pack_rice
 
 Fault = tuple[str, str, str, str, bytes]
 """(name, what is wrong, rule, refusal id, file)."""
@@ -49,14 +49,14 @@ def table_faults(static: bytes) -> Iterator[Fault]:
     top = (1 << 31) - 1
     yield "keys-equal", "two tables of one key", *_TABLE, records(lambda r: [r[0], *r])
     yield "keys-descend", "tables whose keys do not ascend", *_TABLE, records(lambda r: [r[1], r[0], *r[2:]])
-    yield "table-empty", "a table of no symbols", *_TABLE, _with_record(static, unsigned_varint(0) + signed_varint(0))
+    yield "table-empty", "a table of no symbols", *_TABLE, _with_record(static, varint(0) + svarint(0))
     yield ("alphabet-first-34-bits", "an alphabet from 2^32: a number of 34 bits", *_VARINT, last(1 << 32))
     yield "alphabet-first-low", "an alphabet from -2^31", *_TABLE, last(-top - 1)
     yield "alphabet-first-high", "an alphabet from 2^31", *_TABLE, last(top + 1)
     yield "alphabet-last-high", "an alphabet up to 2^31", *_TABLE, last(0, top + 1, weights=(1, 1))
     yield ("alphabet-wide-gap", "a gap of 2^32 - 1, to far above 2^31", *_TABLE, last(-top, 1 + top, weights=(1, 1)))
     def cut_after(record: Record) -> bytes:
-        return content(lambda c: unsigned_varint(c[0] + 1) + c[1:] + record.packed()[:-1])
+        return content(lambda c: varint(c[0] + 1) + c[1:] + record.packed()[:-1])
 
     yield ("alphabet-high-cut", "an alphabet that leaves 2^31 - 1, and then ends too early", *_TABLE,
            cut_after(Record(_UNUSED, (top, top + 1), (1, 1))))
@@ -65,9 +65,9 @@ def table_faults(static: bytes) -> Iterator[Fault]:
     yield "key-33-bits", "a key of 33 bits", *_VARINT, records(lambda r: [*r, Record(1 << 32, (0,), (1,))])
     yield "weight-25-bits", "a weight of 2^24", *_VARINT, last(0, weights=(1 << 24,))
     yield ("weight-two-bytes", "a weight of 1 in two bytes", *_VARINT,
-           content(lambda c: unsigned_varint(c[0] + 1) + c[1:] + Record(_UNUSED, (0,), (1,)).packed()[:-1] + b"\x81\0"))
+           content(lambda c: varint(c[0] + 1) + c[1:] + Record(_UNUSED, (0,), (1,)).packed()[:-1] + b"\x81\0"))
     yield "table-4097", "a table of 4097 symbols", *_LIMIT, last(*range(4097), weights=(1,) * 4097)
-    yield "tables-65537", "65537 tables", *_LIMIT, content(lambda c: unsigned_varint(65537) + c[1:])
+    yield "tables-65537", "65537 tables", *_LIMIT, content(lambda c: varint(65537) + c[1:])
     yield "tables-short", "tables that end early", *_SHORT, content(lambda c: c[:-1])
     yield "tables-long", "a byte after the last table", *_LONG, content(lambda c: c + b"\0")
 
@@ -77,7 +77,7 @@ def _with_record(data: bytes, body: bytes) -> bytes:
 
     def edit(content: bytes) -> bytes:
         records = unpacked(content)
-        return unsigned_varint(len(records) + 1) + packed(records)[1:] + unsigned_varint(_UNUSED) + body
+        return varint(len(records) + 1) + packed(records)[1:] + varint(_UNUSED) + body
 
     return changed(data, BlockKind.TABLES, 1, edit, 1)
 
@@ -90,16 +90,16 @@ def codebook_faults(static: bytes, refined: bytes) -> Iterator[Fault]:
     payload = next(b.payload for b in blocks_of(static) if b.kind == BlockKind.CODEBOOKS)
     words = unpack_codebooks(payload)[0]
     size, dimension = words.shape
-    columns = b"".join(pack_rice(column) for column in words.T)
+    columns = b"".join(rice(column.tolist()) for column in words.T)
 
     def block(head: tuple[int, ...], tail: bytes = columns, growth: int = 0) -> bytes:
-        return changed(static, BlockKind.CODEBOOKS, 1, lambda _: b"".join(map(unsigned_varint, head)) + tail, growth)
+        return changed(static, BlockKind.CODEBOOKS, 1, lambda _: b"".join(map(varint, head)) + tail, growth)
 
     yield "book-none", "a CODEBOOKS block without a book", *_BOOK, block((dimension, 0), b"", -1)
     yield "book-no-dimension", "a codebook of no dimensions", *_BOOK, block((0, 1, 0, size), b"")
     yield "book-no-codeword", "a codebook of no codewords", *_BOOK, block((dimension, 1, 0, 0), b"\0" * dimension)
     yield "book-two", "a codebook of the number 2", *_BOOK, block((dimension, 1, 2, size))
-    twice = columns + bytes([0]) + unsigned_varint(size) + columns
+    twice = columns + bytes([0]) + varint(size) + columns
     yield "books-equal", "codebook 0 twice", *_BOOK, block((dimension, 2, 0, size), twice, 1)
     yield "codeword-low", "a component of -65536", *_BOOK, _with_component(static, -65536)
     yield ("codeword-lowest", "a component of -2^31, whose magnitude 32 bits do not hold", *_BOOK,
@@ -115,28 +115,28 @@ def codebook_faults(static: bytes, refined: bytes) -> Iterator[Fault]:
 
 def _book_places(static: bytes, refined: bytes, words: np.ndarray) -> Iterator[Fault]:
     rule = "R-7.8-2"
-    one = pack_codebooks({1: words})
+    one = codebooks_block({1: words})
     yield ("book-other", "codebook 1 where codebook 0 is first needed", rule, "bad-codebook",
            changed(static, BlockKind.CODEBOOKS, 1, lambda _: one))
-    both = pack_codebooks({0: words, 1: words})
+    both = codebooks_block({0: words, 1: words})
     yield ("book-early", "codebook 1 beside codebook 0, but no layer needs it", rule, "bad-codebook",
            changed(static, BlockKind.CODEBOOKS, 1, lambda _: both, 1))
     yield ("book-late", "codebook 1 is first needed in layer 2, but absent", rule, "missing-block",
            without(refined, BlockKind.CODEBOOKS, 2))
-    narrow = pack_codebooks({0: words[:, :1]})
+    narrow = codebooks_block({0: words[:, :1]})
     yield ("book-narrow", "codewords of a dimension less than DECODER_MLP takes", "R-7.8-3", "bad-mlp",
            changed(static, BlockKind.CODEBOOKS, 1, lambda _: narrow))
     second = next(b.payload for b in blocks_of(refined) if (b.kind, b.layer) == (BlockKind.CODEBOOKS, 2))
     wide = {n: np.pad(book, ((0, 0), (0, 1))) for n, book in unpack_codebooks(second).items()}
     yield ("book-wide", "codebook 1 of a dimension more than codebook 0", "R-7.8-3", "bad-mlp",
-           changed(refined, BlockKind.CODEBOOKS, 2, lambda _: pack_codebooks(wide)))
+           changed(refined, BlockKind.CODEBOOKS, 2, lambda _: codebooks_block(wide)))
 
 
 def _with_component(data: bytes, value: int) -> bytes:
     def edit(payload: bytes) -> bytes:
         books = unpack_codebooks(payload)
         books[0][1, -1] = value
-        return pack_codebooks(books)
+        return codebooks_block(books)
 
     return changed(data, BlockKind.CODEBOOKS, 1, edit)
 
@@ -164,7 +164,7 @@ class RawLayer:
 
     def packed(self) -> bytes:
         """The bytes: as many weights, scales and biases as rows and columns make."""
-        head = unsigned_varint(self.rows) + unsigned_varint(self.columns) + bytes([self.width])
+        head = varint(self.rows) + varint(self.columns) + bytes([self.width])
         numbers = struct.pack("<f", self.scale) * self.rows + struct.pack("<f", self.bias) * self.rows
         return head + bytes([1] + [0] * (self.width - 1)) * (self.rows * self.columns) + numbers
 
@@ -173,8 +173,8 @@ RawNetwork = tuple[RawLayer, ...]
 
 
 def _raw(*networks: RawNetwork) -> bytes:
-    return unsigned_varint(len(networks)) + b"".join(
-        unsigned_varint(len(layers)) + b"".join(layer.packed() for layer in layers) for layers in networks
+    return varint(len(networks)) + b"".join(
+        varint(len(layers)) + b"".join(layer.packed() for layer in layers) for layers in networks
     )
 
 
@@ -206,10 +206,10 @@ def decoder_faults(static: bytes, coloured: bytes) -> Iterator[Fault]:
            decoder((RawLayer(9, 2),)))
     yield ("mlp-outputs-colour", "outputs for the coefficients of degree 0, which COLOUR gives", "R-7.9-3", "bad-mlp",
            changed(coloured, kind, 1, lambda _: _raw((RawLayer(27, 5),))))
-    yield "mlp-nine-networks", "nine networks", *_LIMIT, content(unsigned_varint(9), 8)
+    yield "mlp-nine-networks", "nine networks", *_LIMIT, content(varint(9), 8)
     yield "mlp-five-layers", "five layers", *_LIMIT, content(bytes([1, 5]))
-    yield "mlp-1025-rows", "1025 rows", *_LIMIT, content(bytes([1, 1]) + unsigned_varint(1025) + bytes([2, 1]))
-    yield "mlp-1025-columns", "1025 columns", *_LIMIT, content(bytes([1, 1, 12]) + unsigned_varint(1025) + b"\1")
+    yield "mlp-1025-rows", "1025 rows", *_LIMIT, content(bytes([1, 1]) + varint(1025) + bytes([2, 1]))
+    yield "mlp-1025-columns", "1025 columns", *_LIMIT, content(bytes([1, 1, 12]) + varint(1025) + b"\1")
     yield "mlp-short", "a network that ends early", *_SHORT, _cut(static, kind, 1)
     yield "mlp-long", "a byte after the network", *_LONG, _longer(static, kind, 1)
     yield "mlp-content", "a frame that states 16 MiB and a byte", *_CONTENT_LIMIT, _stated(static, kind, _MLP_BYTES + 1)

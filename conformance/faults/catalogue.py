@@ -19,7 +19,9 @@ from conformance.files import (
     tile_parts,
     without,
 )
-from scarfmt.blocks.codebooks import MAX_VALUE, pack_codebooks, unpack_codebooks
+from conformance.writer.models import codebooks_block
+from conformance.writer.tile import tile_block
+from scarfmt.blocks.codebooks import MAX_VALUE, unpack_codebooks
 from scarfmt.container.file import Block, Container
 from scarfmt.container.schema import (
     DIRECTORY_ENTRY,
@@ -31,7 +33,6 @@ from scarfmt.container.schema import (
     Stream,
 )
 from scarfmt.container.source import BytesSource
-from scarfmt.container.substreams import pack_substreams
 
 Fault = tuple[str, str, str, str, bytes]
 
@@ -126,7 +127,7 @@ def _wrong_crc(payload: bytes) -> bytes:
 
 
 def _with_masks(payload: bytes) -> bytes:
-    return pack_substreams({**tile_parts(payload), Stream.MASKS: bytes([1, 0, 0, 0])})
+    return tile_block({**tile_parts(payload), Stream.MASKS: bytes([1, 0, 0, 0])})
 
 
 def _raw_tables(base: bytes, change: Callable[[bytes], bytes]) -> bytes:
@@ -157,7 +158,7 @@ def _model_faults(base: bytes, anchors: bytes, small: bytes) -> Iterator[Fault]:
     books = unpack_codebooks(next(b.payload for b in blocks_of(base) if b.kind == BlockKind.CODEBOOKS))
     books[0][0, 0] = MAX_VALUE + 1
     yield ("codeword-large", "a component of 65536", "R-7.8-1", "bad-codebook",
-           changed(base, BlockKind.CODEBOOKS, 1, lambda _: pack_codebooks(books)))
+           changed(base, BlockKind.CODEBOOKS, 1, lambda _: codebooks_block(books)))
     yield ("weight-zero", "a weight of 0", "R-8.3-1", "bad-table",
            changed(small, BlockKind.TABLES, 1, lambda content: content[:-1] + b"\0"))
 
@@ -179,13 +180,13 @@ def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:
 
 def _one_word_more(payload: bytes) -> bytes:
     parts = tile_parts(payload)
-    return pack_substreams({**parts, Stream.SCALE: bytes([1, 0, 0, 0]) + parts[Stream.SCALE]})
+    return tile_block({**parts, Stream.SCALE: bytes([1, 0, 0, 0]) + parts[Stream.SCALE]})
 
 
 def _zero_word(payload: bytes) -> bytes:
     parts = tile_parts(payload)
-    return pack_substreams({**parts, Stream.SCALE: parts[Stream.SCALE] + bytes(4)})
+    return tile_block({**parts, Stream.SCALE: parts[Stream.SCALE] + bytes(4)})
 
 
 def _small_book(data: bytes) -> bytes:
-    return changed(data, BlockKind.CODEBOOKS, 1, lambda payload: pack_codebooks({0: unpack_codebooks(payload)[0][:2]}))
+    return changed(data, BlockKind.CODEBOOKS, 1, lambda payload: codebooks_block({0: unpack_codebooks(payload)[0][:2]}))

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from conformance.files import changed
-from scarfmt.blocks.layer import pack_layer
+from conformance.writer.models import layer_block
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
@@ -60,7 +60,7 @@ def _row_of(model: SceneModel, channels: tuple[Channel, ...], layer: int) -> Lay
 def _with_row(data: bytes, model: SceneModel, layer: int, row: LayerRow) -> bytes:
     opening = (model.channels, model.context) if layer == 1 else None
     growth = row.class_count - model.layers[layer - 1].class_count
-    return changed(data, BlockKind.LAYER, layer, lambda _: pack_layer(row, opening), growth)
+    return changed(data, BlockKind.LAYER, layer, lambda _: layer_block(row, opening), growth)
 
 
 def _of(channel: Channel, components: int) -> Channel:
@@ -183,7 +183,7 @@ def _mode_faults(explicit: File) -> Iterator[Fault]:
 def _number_faults(static: File) -> Iterator[Fault]:
     data, scene = static
     channel = scene.model.channels[0]
-    block = pack_layer(scene.model.layers[0], (scene.model.channels, scene.model.context))
+    block = layer_block(scene.model.layers[0], (scene.model.channels, scene.model.context))
     # entropy mode, channel count, then stream, components, step (8), by_class, source channel, component, shift, low.
     stream, components, by_class, low = 2, 3, 12, 16
     assert block[stream] == channel.stream

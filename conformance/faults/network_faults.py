@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from conformance.files import blocks_of, changed, rebuilt
-from scarfmt.blocks.index_network import pack_network, unpack_network
-from scarfmt.blocks.predictors import pack_predictors, unpack_predictors
-from scarfmt.container.bytefields import ByteReader, unsigned_varint
+from conformance.writer.fields import rice, shifted, varint
+from conformance.writer.networks import network_block, predictors_block
+from scarfmt.blocks.index_network import unpack_network
+from scarfmt.blocks.predictors import unpack_predictors
+from scarfmt.container.bytefields import ByteReader
 from scarfmt.container.schema import BlockKind, Stream
-from scarfmt.entropy.rice import pack_rice, pack_shifted
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.network import GruLayer, Head, IndexNetwork
 from scarfmt.neural.predictors import Predictor
@@ -36,7 +37,7 @@ def network_of(data: bytes) -> IndexNetwork:
 
 
 def _with_network(data: bytes, network: IndexNetwork) -> bytes:
-    return changed(data, _NETWORK, 1, lambda _: pack_network(network))
+    return changed(data, _NETWORK, 1, lambda _: network_block(network))
 
 
 def network_faults(deep: bytes, flat: bytes, equal: bytes, predictors: bytes) -> Iterator[Fault]:
@@ -98,16 +99,16 @@ def _without_recurrence(flat: bytes) -> bytes:
     columns = (inputs.classes, inputs.attributes, inputs.depths, inputs.latents, inputs.grid)
     widths = (dims, first.outputs, second.outputs, network.mixer.outputs, 0, 0, len(heads))
     parts = [bytes([network.activation_bits, inputs.own, inputs.latent_shift, network.codeword_shift])]
-    parts += [unsigned_varint(n) for n in (*columns, *widths)]
+    parts += [varint(n) for n in (*columns, *widths)]
     parts += [_packed(layer) for layer in (first, second, network.mixer)]
     for head in heads:
-        parts += [unsigned_varint(len(head.biases)), b"\0", _packed(head.projections[0])]
-        parts += [bytes([head.shift, 0]), pack_shifted(head.cluster_biases), pack_shifted(head.biases)]
+        parts += [varint(len(head.biases)), b"\0", _packed(head.projections[0])]
+        parts += [bytes([head.shift, 0]), shifted(head.cluster_biases.tolist()), shifted(head.biases.tolist())]
     return changed(flat, _NETWORK, 1, lambda _: b"".join(parts))
 
 
 def _packed(layer: Linear) -> bytes:
-    return bytes([layer.shift]) + pack_rice(layer.weights.ravel()) + pack_shifted(layer.biases)
+    return bytes([layer.shift]) + rice(layer.weights.ravel().tolist()) + shifted(layer.biases.tolist())
 
 
 def _shift_faults(deep: bytes, flat: bytes) -> Iterator[Fault]:
@@ -178,7 +179,7 @@ def _wide_faults(deep: bytes, predictors: bytes) -> Iterator[Fault]:
         weights: Any = first.output.weights.astype(np.int64)
         weights[1, -1] = -(1 << 31)
         output = Linear(weights, first.output.biases, first.output.shift)
-        return pack_predictors((replace(first, output=output), *others))
+        return predictors_block((replace(first, output=output), *others))
 
     yield ("predictor-weight-lowest", "a weight of -2^31", "R-10.3-2", "bad-predictor",
            changed(predictors, _PREDICTORS, 1, edit))
@@ -253,11 +254,11 @@ def _limit_faults(flat: bytes) -> Iterator[Fault]:
                changed(flat, _NETWORK, 1, partial(_with_count, place=place, value=limit + 1)))
     yield "network-long", "a byte after the last head", *_LONG, changed(flat, _NETWORK, 1, lambda p: p + b"\0")
     network = network_of(flat)
-    before = pack_network(network)[: -_head_bytes(network)]
+    before = network_block(network)[: -_head_bytes(network)]
     for name, what, new in (
-        ("head-4097", "a head for 4097 codewords", unsigned_varint(4097)),
-        ("clusters-257", "257 clusters", unsigned_varint(12) + unsigned_varint(257)),
-        ("cluster-4097", "a cluster of 4097 codewords", bytes([12, 1]) + unsigned_varint(4097)),
+        ("head-4097", "a head for 4097 codewords", varint(4097)),
+        ("clusters-257", "257 clusters", varint(12) + varint(257)),
+        ("cluster-4097", "a cluster of 4097 codewords", bytes([12, 1]) + varint(4097)),
     ):
         yield name, what, *_LIMIT, changed(flat, _NETWORK, 1, _always(before + new))
 
@@ -271,13 +272,13 @@ def _with_count(payload: bytes, place: int, value: int) -> bytes:
     reader = ByteReader(payload[4:], "network")
     counts = [reader.unsigned(63) for _ in range(12)]
     counts[place] = value
-    return payload[:4] + b"".join(map(unsigned_varint, counts)) + reader.rest(len(payload))
+    return payload[:4] + b"".join(map(varint, counts)) + reader.rest(len(payload))
 
 
 def _head_bytes(network: IndexNetwork) -> int:
     """How many bytes the last head takes."""
     shorter = replace(network, heads=network.heads[:1])
-    return len(pack_network(network)) - len(pack_network(shorter))
+    return len(network_block(network)) - len(network_block(shorter))
 
 
 # ---------------------------------------------------------------------------------------------- HASH_GRID
@@ -357,12 +358,12 @@ def _with_numbers(payload: bytes, change: Numbers, rest: Callable[[bytes], bytes
     numbers = [reader.unsigned(63) for _ in range(5)]
     numbers += [reader.unsigned(63) for _ in range(4 * numbers[4])]
     change(numbers)
-    return b"".join(map(unsigned_varint, numbers)) + rest(reader.rest(len(payload)))
+    return b"".join(map(varint, numbers)) + rest(reader.rest(len(payload)))
 
 
 def _no_level(small: bytes, growth: int) -> bytes:
     box = _numbers(small)[:4]
-    return changed(small, _GRID, 1, lambda _: b"".join(map(unsigned_varint, (*box, 0))), growth)
+    return changed(small, _GRID, 1, lambda _: b"".join(map(varint, (*box, 0))), growth)
 
 
 def _large_tables(numbers: list[int]) -> None:
@@ -397,7 +398,7 @@ def predictor_faults(base: bytes, edge: bytes, alone: bytes) -> Iterator[Fault]:
     def edited(change: Callable[[tuple[Predictor, ...]], tuple[Predictor, ...]], data: bytes = base) -> bytes:
         before = unpack_predictors(next(block.payload for block in blocks_of(data) if block.kind == _PREDICTORS))
         after = change(before)
-        return changed(data, _PREDICTORS, 1, lambda _: pack_predictors(after), len(after) - len(before))
+        return changed(data, _PREDICTORS, 1, lambda _: predictors_block(after), len(after) - len(before))
 
     yield "predictor-indices", "a predictor of INDICES", *head, byte(1, int(Stream.INDICES))
     yield "predictor-classes", "columns of sixteen classes", *head, byte(6, 16)
@@ -415,7 +416,7 @@ def predictor_faults(base: bytes, edge: bytes, alone: bytes) -> Iterator[Fault]:
     yield ("predictor-wide", "an input more than there is to see", *fit,
            edited(lambda ps: (_wider(ps[0]), *ps[1:])))
     yield ("predictors-1025", "1025 predictors", *_LIMIT,
-           changed(base, _PREDICTORS, 1, lambda p: unsigned_varint(1025) + p[1:]))
+           changed(base, _PREDICTORS, 1, lambda p: varint(1025) + p[1:]))
     yield "predictors-short", "a predictor that ends early", *_SHORT, changed(base, _PREDICTORS, 1, lambda p: p[:-1])
     yield ("predictors-long", "a byte after the last predictor", *_LONG,
            changed(base, _PREDICTORS, 1, lambda p: p + b"\0"))

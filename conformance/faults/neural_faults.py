@@ -10,11 +10,12 @@ import numpy as np
 
 from conformance.cases import Case, refused
 from conformance.files import blocks_of, changed, rebuilt, tile_parts, without
-from scarfmt.blocks.index_network import pack_network, unpack_network
-from scarfmt.blocks.predictors import pack_predictors, unpack_predictors
-from scarfmt.container.bytefields import unsigned_varint
+from conformance.writer.fields import varint
+from conformance.writer.networks import network_block, predictors_block
+from conformance.writer.tile import tile_block
+from scarfmt.blocks.index_network import unpack_network
+from scarfmt.blocks.predictors import unpack_predictors
 from scarfmt.container.schema import BlockKind, Stream
-from scarfmt.container.substreams import pack_substreams
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
@@ -86,7 +87,7 @@ def _copied(data: bytes, kind: BlockKind) -> bytes:
 
 def _word_before_indices(payload: bytes) -> bytes:
     parts = tile_parts(payload)
-    return pack_substreams({**parts, Stream.INDICES: bytes([1, 0, 0, 0]) + parts[Stream.INDICES]})
+    return tile_block({**parts, Stream.INDICES: bytes([1, 0, 0, 0]) + parts[Stream.INDICES]})
 
 
 def _header_faults(deep: bytes) -> Iterator[Fault]:
@@ -102,7 +103,7 @@ def _header_faults(deep: bytes) -> Iterator[Fault]:
 
     yield "network-flag", "a flag that is not assigned", "R-10.5-1", "bad-network", network(lambda c: _put(c, 1, 7))
     yield ("network-wide-inputs", "more than 512 input columns", "R-10.5-1", "bad-network",
-           network(lambda c: c.__setitem__(slice(8, 9), unsigned_varint(500))))
+           network(lambda c: c.__setitem__(slice(8, 9), varint(500))))
     yield ("network-13-bits", "13 activation bits", "R-10.5-2", "bad-network", network(lambda c: _put(c, 0, 13)))
     yield ("network-codeword-shift", "a shift of 25", "R-10.5-2", "bad-network", network(lambda c: _put(c, 3, 25)))
     yield ("network-cut", "the network ends early", "R-5.7-2", "payload-short", network(lambda c: c.pop()))
@@ -152,7 +153,7 @@ def _network_of(data: bytes, layer: int) -> IndexNetwork:
 
 
 def _with_network(data: bytes, network: IndexNetwork) -> bytes:
-    return changed(data, BlockKind.ENTROPY_NETWORK, 1, lambda _: pack_network(network))
+    return changed(data, BlockKind.ENTROPY_NETWORK, 1, lambda _: network_block(network))
 
 
 def _bound_faults(edge: bytes, equal: bytes) -> Iterator[Fault]:
@@ -197,7 +198,7 @@ def _one_more(biases: Any, at: int) -> Any:
 
 def _predictor_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
     def edited(change: Callable[[tuple[Predictor, ...]], tuple[Predictor, ...]], data: bytes = base) -> bytes:
-        return changed(data, BlockKind.PREDICTORS, 1, lambda p: pack_predictors(change(unpack_predictors(p))))
+        return changed(data, BlockKind.PREDICTORS, 1, lambda p: predictors_block(change(unpack_predictors(p))))
 
     def first(**fields: Any) -> Callable[[tuple[Predictor, ...]], tuple[Predictor, ...]]:
         return lambda predictors: (replace(predictors[0], **fields), *predictors[1:])

@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 
 from conformance.cases import Case, refused
 from conformance.files import blocks_of, changed
-from scarfmt.blocks.codebooks import pack_codebooks, unpack_codebooks
+from conformance.writer.fields import rice, shifted
+from conformance.writer.models import codebooks_block
+from scarfmt.blocks.codebooks import unpack_codebooks
 from scarfmt.blocks.index_network import unpack_network
 from scarfmt.container.schema import BlockKind
-from scarfmt.entropy.rice import MAX_PARAMETER, MAX_QUOTIENT, pack_rice, pack_shifted
+from scarfmt.entropy.rice import MAX_PARAMETER, MAX_QUOTIENT
 
 I64 = NDArray[np.int64]
 Fault = tuple[str, str, str, str, bytes]
@@ -39,9 +41,9 @@ def _codebook_faults(data: bytes) -> Iterator[Fault]:
     payload = next(b.payload for b in blocks_of(data) if (b.kind, b.layer) == (BlockKind.CODEBOOKS, 1))
     books = unpack_codebooks(payload)
     words = books[max(books)][:, -1]
-    start = len(payload) - len(pack_rice(words))
-    assert payload == pack_codebooks(books)
-    assert payload[start:] == pack_rice(words)
+    start = len(payload) - len(rice(words.tolist()))
+    assert payload == codebooks_block(books)
+    assert payload[start:] == rice(words.tolist())
 
     def ending(column: bytes) -> bytes:
         """The file whose last dimension of the last codebook is these bytes."""
@@ -87,7 +89,7 @@ def _bytes(bits: str, last: int) -> bytes:
 def _shift_faults(equal: bytes) -> Iterator[Fault]:
     payload = next(block.payload for block in blocks_of(equal) if block.kind == BlockKind.ENTROPY_NETWORK)
     biases: I64 = unpack_network(payload).heads[-1].biases
-    tail = pack_shifted(biases)
+    tail = shifted(biases.tolist())
     assert payload.endswith(tail)
     assert not biases.any()
 
@@ -96,4 +98,4 @@ def _shift_faults(equal: bytes) -> Iterator[Fault]:
 
     yield ("shift-32", "zeros shifted by 32", *_SHIFT_RULE, ending(bytes([MAX_PARAMETER + 1]) + tail[1:]))
     yield ("shift-wide", "1 shifted by 31", *_SHIFT_RULE,
-           ending(bytes([MAX_PARAMETER]) + pack_rice(np.ones(len(biases), np.int64))))
+           ending(bytes([MAX_PARAMETER]) + rice(np.ones(len(biases), np.int64).tolist())))

@@ -14,11 +14,12 @@ from conformance.faults.table_records import Record, Records, number, rans_words
 from conformance.files import blocks_of, rebuilt, tile_parts, vector_file
 from conformance.scenes.made import PLAIN, Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
+from conformance.writer.container import write_container
+from conformance.writer.tile import tile_block
 from scarfmt.coding.writer import QuantisedScene
-from scarfmt.container.file import Block, Container, Tile, write_container
+from scarfmt.container.file import Block, Container, Tile
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.source import BytesSource
-from scarfmt.container.substreams import pack_substreams
 from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.scene.model import Channel, DecodedContext, LayerRow
 
@@ -74,7 +75,7 @@ def _with_part(data: bytes, layer: int, stream: Stream, change: Callable[[bytes]
     parts = tile_parts(blocks[row].payload)
     parts[stream] = change(parts.get(stream, b""))
     sizes = {int(kind): len(part) for kind, part in parts.items()}
-    blocks[row] = replace(blocks[row], payload=pack_substreams(parts), stream_bytes=sizes)
+    blocks[row] = replace(blocks[row], payload=tile_block(parts), stream_bytes=sizes)
     return rebuilt(data, blocks)
 
 
@@ -155,7 +156,7 @@ def _second_block(constant: bytes, parts: dict[Stream, bytes], new: int) -> byte
     container = Container.open(BytesSource(constant), limits=FORMAT_LIMITS)
     (first, _), _ = ((layer.anchor_count, layer.gaussian_count) for layer in container.header.layers)
     sizes = {int(stream): len(part) for stream, part in parts.items()}
-    block = Block(BlockKind.TILE, 2, pack_substreams(parts), tile=0, count=new, stream_bytes=sizes)
+    block = Block(BlockKind.TILE, 2, tile_block(parts), tile=0, count=new, stream_bytes=sizes)
     counts = [(first, first), (first + new, first + new)]
     return write_container(container.header.fields, container.tiles, [*blocks_of(constant), block], counts)
 

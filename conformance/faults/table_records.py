@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from conformance.files import changed
-from scarfmt.container.bytefields import ByteReader, signed_varint, unsigned_varint
+from conformance.writer.fields import svarint, varint
+from scarfmt.container.bytefields import ByteReader
 from scarfmt.container.schema import BlockKind
 
 TOTAL_LOG2 = 24
@@ -44,8 +45,8 @@ class Record:
     def packed(self) -> bytes:
         """The bytes of the record."""
         gaps = [after - before - 1 for before, after in zip(self.values, self.values[1:], strict=False)]
-        numbers = b"".join(map(unsigned_varint, (*gaps, *self.weights)))
-        return unsigned_varint(self.key) + unsigned_varint(len(self.values)) + signed_varint(self.values[0]) + numbers
+        numbers = b"".join(map(varint, (*gaps, *self.weights)))
+        return varint(self.key) + varint(len(self.values)) + svarint(self.values[0]) + numbers
 
 
 Records = list[Record]
@@ -72,7 +73,7 @@ def unpacked(content: bytes) -> Records:
 
 def packed(records: Sequence[Record]) -> bytes:
     """The content of a TABLES block of these records, in this order."""
-    return unsigned_varint(len(records)) + b"".join(record.packed() for record in records)
+    return varint(len(records)) + b"".join(record.packed() for record in records)
 
 
 def with_tables(data: bytes, layer: int, change: Callable[[Records], Records]) -> bytes:

@@ -24,7 +24,7 @@ from scarfmt_conformance.process import Limits
 from scarfmt_conformance.runner import FAILED, PASSED, Options, Result, run
 from scarfmt_conformance.session import Session
 
-from benchmarks.report import load_results, machine, replace_section, save_results, table
+from benchmarks.report import dated, load_results, replace_section, save_results, table
 from conformance.portability.machines import MACHINES, REPOSITORY, SUITE, System, Unavailable, make_system
 
 FOLDER = REPOSITORY / "build" / "portability"
@@ -119,7 +119,7 @@ def page_section(results: dict[str, Any]) -> str:
         )
         for _, way in sorted(results["ways"].items())
     ]
-    note = f"Debian {results['debian']} under {results['emulator']}, on {results['machine']}."
+    note = f"Debian {results['debian']} under {results['emulator']}."
     return f"{table(head, rows, 4)}\n{note}"
 
 
@@ -131,9 +131,6 @@ def _recorded(ways: dict[str, dict[str, Any]], commit: str) -> dict[str, Any]:
         "ways": {**load_results(NAME).get("ways", {}), **found},
         "debian": SUITE,
         "emulator": _line(MACHINES[0].qemu[0], "--version"),
-        "commit": commit,
-        "date": date,
-        "machine": machine(),
     }
 
 
@@ -172,4 +169,4 @@ def main(arguments: list[str]) -> int:
 def _keep(results: dict[str, Any], write: bool) -> None:
     save_results(NAME, results, keep=write)
     if write:
-        replace_section(NAME, page_section(results), PAGE)
+        replace_section(NAME, dated(page_section(results), NAME), PAGE)

@@ -1,6 +1,6 @@
 """The worked index network of SPEC.md, appendix C: every number from the inputs of an anchor to its frequencies.
 
-The network is made here and evaluated by :mod:`conformance.decoders.python.neural`, which is written from the text.
+The network is made here, and evaluated by the second decoder (decoders/python/index_network.py), written from the text.
 """
 
 from __future__ import annotations
@@ -11,22 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from conformance.decoders.python.neural import (
-    Coder,
+from conformance.decoders.python.arithmetic import (
     Linear,
     Matrix,
-    Network,
     Vector,
     clamp,
     dot,
     exp2w,
-    frequencies,
-    parse_network,
     product,
     round_shift,
     sigmoid12,
 )
-from scarfmt.blocks.index_network import pack_network
+from conformance.decoders.python.index_network import Coder, Network, frequencies, parse_network
+from conformance.writer.networks import network_block
 from scarfmt.neural import arithmetic, network
 from scarfmt.scene.codebooks import Codebooks
 
@@ -92,7 +89,7 @@ def worked_network() -> network.IndexNetwork:
 
 def plain_network() -> Network:
     """The same, by way of its block."""
-    return parse_network(pack_network(worked_network()))
+    return parse_network(network_block(worked_network()))
 
 
 def _shown(value: Any) -> str:

@@ -42,7 +42,10 @@ class RiceStyle:
     zero_shift: int = 0
 
 
-def rice(values: Sequence[int], style: RiceStyle) -> bytes:
+PLAIN = RiceStyle()
+
+
+def rice(values: Sequence[int], style: RiceStyle = PLAIN) -> bytes:
     """Signed integers whose folded values are below 2^32, with one parameter."""
     folded = [_folded(value) for value in values]
     k = _parameter(folded, style.raised)
@@ -66,7 +69,7 @@ def _packed(bits: str) -> bytes:
     return int(bits.ljust(8 * size, "0") or "0", 2).to_bytes(size, "big")
 
 
-def shifted(numbers: Sequence[int], style: RiceStyle) -> bytes:
+def shifted(numbers: Sequence[int], style: RiceStyle = PLAIN) -> bytes:
     """Signed integers that may share zero bits at their end."""
     joined = 0
     for number in numbers:

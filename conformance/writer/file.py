@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from conformance.decoders.python.neural import parse_grid, parse_network, parse_predictors
+from conformance.decoders.python.hash_grid import parse_grid
+from conformance.decoders.python.index_network import parse_network
+from conformance.decoders.python.predictors import parse_predictors
 from conformance.writer.container import write_container
 from conformance.writer.entropy import Table, Tables, table_records
 from conformance.writer.models import codebooks_block, layer_block, networks_content
@@ -74,7 +76,8 @@ def _tile_blocks(tiles: list[TileLayer], tables: Tables, layer: int, options: Wr
 def _model_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> Iterator[Block]:
     """The blocks of no tile but TABLES, in the order of their kinds."""
     row = scene.model.layers[layer - 1]
-    yield Block(BlockKind.LAYER, layer, layer_block(scene.model, layer), count=len(row.stages))
+    opening = (scene.model.channels, scene.model.context) if layer == 1 else None
+    yield Block(BlockKind.LAYER, layer, layer_block(row, opening), count=len(row.stages))
     books = _books(scene, layer)
     if books:
         yield Block(BlockKind.CODEBOOKS, layer, codebooks_block(books, options.rice), count=len(books))

@@ -9,23 +9,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from conformance.writer.fields import RiceStyle, rice, svarint, varint
+from conformance.writer.fields import PLAIN, RiceStyle, rice, svarint, varint
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
-from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
+from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow
 
 Ints = NDArray[np.integer[Any]]
 
 
-def layer_block(model: SceneModel, layer: int) -> bytes:
-    """The LAYER block of a layer (1-based)."""
-    row = model.layers[layer - 1]
-    opening = _opening(model) if layer == 1 else b""
-    return bytes([row.neural]) + opening + _classes(row)
+Opening = tuple[Sequence[Channel], DecodedContext]
+"""What the LAYER block of layer 1 says once: the channels, and how decoded values are summed up."""
 
 
-def _opening(model: SceneModel) -> bytes:
-    targets = model.context.occupancies
-    parts = [varint(len(model.channels)), *map(_channel, model.channels), bytes([model.context.passes_log2])]
+def layer_block(row: LayerRow, opening: Opening | None) -> bytes:
+    """The LAYER block of a row of the layer table; `opening` in layer 1 alone."""
+    return bytes([row.neural]) + (_opening(*opening) if opening else b"") + _classes(row)
+
+
+def _opening(channels: Sequence[Channel], context: DecodedContext) -> bytes:
+    targets = context.occupancies
+    parts = [varint(len(channels)), *map(_channel, channels), bytes([context.passes_log2])]
     return b"".join([*parts, varint(len(targets)), *map(varint, targets)])
 
 
@@ -44,7 +46,7 @@ def _classes(row: LayerRow) -> bytes:
     return varint(len(row.stages)) + b"".join(states)
 
 
-def codebooks_block(books: Mapping[int, Ints], style: RiceStyle) -> bytes:
+def codebooks_block(books: Mapping[int, Ints], style: RiceStyle = PLAIN) -> bytes:
     """A CODEBOOKS block of (size, d) codewords by number of the book."""
     dimension = max(book.shape[1] for book in books.values())
     out = [varint(dimension), varint(len(books))]

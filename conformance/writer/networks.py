@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conformance.writer.entropy import cumulative, rans
-from conformance.writer.fields import RiceStyle, rice, shifted, varint
+from conformance.writer.fields import PLAIN, RiceStyle, rice, shifted, varint
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork
@@ -22,7 +22,9 @@ CLASS_COLUMNS = 15
 OWN, ATTENTION = 1, 2
 
 
-def predictors_block(predictors: Sequence[Predictor], class_columns: int, style: RiceStyle) -> bytes:
+def predictors_block(
+    predictors: Sequence[Predictor], class_columns: int = 0, style: RiceStyle = PLAIN
+) -> bytes:
     """A PREDICTORS block; each stores the class columns up to the last with a weight, `class_columns` at least."""
     records = (_predictor(predictor, class_columns, style) for predictor in predictors)
     return varint(len(predictors)) + b"".join(records)
@@ -45,7 +47,7 @@ def _predictor_layer(layer: Linear, classes: int, style: RiceStyle) -> bytes:
     return bytes([layer.shift]) + rice(stored, style) + shifted(layer.biases.tolist(), style)
 
 
-def network_block(network: IndexNetwork, style: RiceStyle) -> bytes:
+def network_block(network: IndexNetwork, style: RiceStyle = PLAIN) -> bytes:
     """An ENTROPY_NETWORK block."""
     out = [_network_head(network), *(_linear(layer, style) for layer in network.embed)]
     out += [_recurrent(layer, style) for layer in network.gru]

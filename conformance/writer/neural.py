@@ -1,6 +1,6 @@
 """Symbols that the neural entropy model codes: steps with predictors, and indices in entropy mode 1 (SPEC §10).
 
-The networks are those of the blocks written, evaluated by :mod:`conformance.decoders.python.neural`, which was written
+The networks are those of the blocks written, evaluated by the second decoder, which was written
 from SPEC.md, too; the order of symbols is written here once more, from the side that knows them.
 """
 
@@ -10,23 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from conformance.decoders.python.arithmetic import Matrix, Vector, clamp, round_shift
+from conformance.decoders.python.context import Cells, Context, fine
 from conformance.decoders.python.fields import key
-from conformance.decoders.python.neural import (
-    ATTRIBUTES,
-    Cells,
-    Coder,
-    Context,
-    Grid,
-    Matrix,
-    Network,
-    Predictor,
-    StepInputs,
-    Vector,
-    clamp,
-    fine,
-    frequencies,
-    round_shift,
-)
+from conformance.decoders.python.hash_grid import Grid
+from conformance.decoders.python.index_network import Coder, Network, frequencies
+from conformance.decoders.python.predictors import ATTRIBUTES, Predictor, StepInputs
 from conformance.writer.anchors import Anchors
 from conformance.writer.contexts import step_symbols, table_contexts
 from conformance.writer.substream import Substream

@@ -27,7 +27,7 @@ class TileLayer:
     streams: dict[int, Substream] = field(default_factory=dict)
 
 
-def tile_block(streams: Mapping[int, bytes]) -> bytes:
+def tile_block(streams: Mapping[int, bytes] | Mapping[Stream, bytes]) -> bytes:
     """A TILE block; a sub-stream of no bytes gets no record."""
     present = {kind: data for kind, data in sorted(streams.items()) if data}
     records = [struct.pack("<BII", kind, len(data), zlib.crc32(data)) for kind, data in present.items()]

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from reference_encoder.tuning import FINEST_STEP, IMPORTANCE_RATIO, PLANNED_ANCHORS, STAGGER, TABLE_ENTRY_BITS
 from scarfmt.codecs.channels import coarsen
 from scarfmt.container.schema import Stream
 from scarfmt.scene.model import MAX_CLASSES, MAX_STEPS
@@ -23,13 +24,6 @@ I64 = NDArray[np.int64]
 PositionBits = Callable[[float], F64]
 
 _LOGARITHMS = (Stream.SCALE, Stream.OPACITY)
-_FINEST = 9
-"""Ternary steps looked at beyond which nothing ever paid (3^8 = 6561 cells across the first one)."""
-TABLE_ENTRY_BITS = 8.0
-_SAMPLE = 12_000
-_STAGGER = 3.0**0.5
-_IMPORTANCE_RATIO = 9.0
-"""Squared-error ratio between neighbouring classes: one ternary step."""
 
 
 @dataclass(frozen=True)
@@ -49,22 +43,22 @@ class ChannelPlan:
     error: F64
 
 
-def classify(importance: F64, rate: float, bits: float, limit: int) -> tuple[I64, int]:
+def classify(importance: F64, lambda_: float, bits: float, limit: int) -> tuple[I64, int]:
     """Class 0.. of each anchor, most important first, and how many there are; -1 for anchors not worth sending.
 
     Args:
         importance: (N,) squared picture error of leaving the anchor out.
-        rate: lambda of the last layer.
+        lambda_: of the last layer, squared picture error per bit.
         bits: what the cheapest anchor costs.
         limit: most classes.
     """
-    worth = importance > rate * bits
+    worth = importance > lambda_ * bits
     if not worth.any():
         worth = importance >= importance.max()
     floor = float(importance[worth].min())
     rank = np.zeros(len(importance))
     positive = importance > 0
-    rank[positive] = np.log(importance[positive] / max(floor, 1e-300)) / np.log(_IMPORTANCE_RATIO)
+    rank[positive] = np.log(importance[positive] / max(floor, 1e-300)) / np.log(IMPORTANCE_RATIO)
     count = int(min(limit, MAX_CLASSES, np.floor(rank[worth].max()) + 1)) if floor > 0 else 1
     classes = count - 1 - np.minimum(np.floor(rank), count - 1).astype(np.int64)
     # Empty classes would waste rows of the layer table.
@@ -94,11 +88,11 @@ def entropy_bits(symbols: I64, contexts: I64, scale: float = 1.0) -> float:
 
 
 def aligned_steps(
-    caps: tuple[float, ...], sensitivity: F64, classes: I64, count: int, rate: float
+    caps: tuple[float, ...], sensitivity: F64, classes: I64, count: int, lambda_: float
 ) -> tuple[float, ...]:
-    """First-cell widths, near `caps`, whose ternary refinements hit the step that pays at `rate`.
+    """First-cell widths, near `caps`, whose ternary refinements hit the step that pays at `lambda_`.
 
-    At high rate the best step of a value of sensitivity S is sqrt(6 * rate / (ln 2 * S)). Classes lie one
+    At high rate the best step of a value of sensitivity S is sqrt(6 * lambda_ / (ln 2 * S)). Classes lie one
     ternary step apart, so one phase serves them all; a wrong phase costs up to 1.6 times the error or
     0.7 bits a value.
 
@@ -114,7 +108,7 @@ def aligned_steps(
         if not useful.any():
             steps.append(cap)
             continue
-        best = np.log(np.sqrt(6 * rate / np.log(2) / mean[useful])) / np.log(3)
+        best = np.log(np.sqrt(6 * lambda_ / np.log(2) / mean[useful])) / np.log(3)
         turn = np.average(np.exp(2j * np.pi * best), weights=sizes[useful])
         phase = float(np.angle(turn)) / (2 * np.pi)
         whole = np.round(np.log(cap) / np.log(3) - phase)
@@ -125,7 +119,7 @@ def aligned_steps(
 def plan_channel(
     stream: Stream, values: F64, step: tuple[float, ...], sensitivity: F64, classes: I64, count: int
 ) -> ChannelPlan:
-    """Cost tables of a channel for every class and every number of steps up to `_FINEST`.
+    """Cost tables of a channel for every class and every number of steps up to `FINEST_STEP`.
 
     Large classes are judged by a sample.
 
@@ -133,20 +127,20 @@ def plan_channel(
         values: (N, components) in units of the attribute.
         sensitivity: (N, components) or (N, 1) squared picture error per squared unit.
     """
-    bits, error = np.zeros((count, _FINEST + 1)), np.zeros((count, _FINEST + 1))
-    for kind in range(count):
-        here = np.flatnonzero(classes == kind)
-        sampled = here[:: max(1, len(here) // _SAMPLE)]
+    bits, error = np.zeros((count, FINEST_STEP + 1)), np.zeros((count, FINEST_STEP + 1))
+    for klass in range(count):
+        here = np.flatnonzero(classes == klass)
+        sampled = here[:: max(1, len(here) // PLANNED_ANCHORS)]
         scale = len(here) / max(len(sampled), 1)
         part, weight = values[sampled], sensitivity[sampled]
-        error[kind, 0] = scale * float((weight * part**2).sum())
-        finest = np.rint(part / (np.array(step) / 3.0 ** (_FINEST - 1))).astype(np.int64)
+        error[klass, 0] = scale * float((weight * part**2).sum())
+        finest = np.rint(part / (np.array(step) / 3.0 ** (FINEST_STEP - 1))).astype(np.int64)
         previous = None
-        for steps in range(1, _FINEST + 1):
-            now = coarsen(finest, _FINEST - steps)
+        for steps in range(1, FINEST_STEP + 1):
+            now = coarsen(finest, FINEST_STEP - steps)
             left = part - now * (np.array(step) / 3.0 ** (steps - 1))
-            error[kind, steps] = scale * float((weight * _felt(stream, left) ** 2).sum())
-            bits[kind, steps] = bits[kind, steps - 1] + _step_bits(now, previous, scale)
+            error[klass, steps] = scale * float((weight * _felt(stream, left) ** 2).sum())
+            bits[klass, steps] = bits[klass, steps - 1] + _step_bits(now, previous, scale)
             previous = now
     return ChannelPlan(stream, step, bits, error)
 
@@ -175,14 +169,14 @@ def _step_bits(now: I64, previous: I64 | None, scale: float) -> float:
     return total
 
 
-def hull_choice(bits: F64, error: F64, rate: float) -> int:
-    """Index on the lower convex hull of (bits, error) that is best at `rate`; grows as the rate falls."""
+def hull_choice(bits: F64, error: F64, lambda_: float) -> int:
+    """Index on the lower convex hull of (bits, error) that is best at `lambda_`; grows as the lambda_ falls."""
     best = 0
     index = 0
     while index < len(bits) - 1:
         slopes = (error[index] - error[index + 1 :]) / np.maximum(bits[index + 1 :] - bits[index], 1e-9)
         steepest = int(np.argmax(slopes))
-        if slopes[steepest] <= rate:
+        if slopes[steepest] <= lambda_:
             break
         index += 1 + steepest
         best = index
@@ -204,27 +198,27 @@ class LatentChain:
 
 
 def increment(
-    plans: Sequence[ChannelPlan], latent: LatentChain, kind: int, rate: float, last: float
+    plans: Sequence[ChannelPlan], latent: LatentChain, klass: int, lambda_: float, last: float
 ) -> tuple[tuple[int, ...], float, float]:
-    """(stages, steps per plan, latent steps), error left and bits of one class at `rate`.
+    """(stages, steps per plan, latent steps), error left and bits of one class at `lambda_`.
 
     Aligned steps would all refine at the same lambda, one layer gaining everything and the next nothing. So
     in layers before the last, every other channel of every other class goes half a step early or late.
     """
 
     def staggered(number: int) -> float:
-        return max(rate * (_STAGGER if (kind + number) % 2 else 1 / _STAGGER), last)
+        return max(lambda_ * (STAGGER if (klass + number) % 2 else 1 / STAGGER), last)
 
-    picks = [_pick(plan, kind, staggered(number)) for number, plan in enumerate(plans)]
-    link = hull_choice(latent.bits[kind], latent.error[kind], staggered(len(plans)))
-    error = latent.error[kind, link] + sum(plan.error[kind, n] for plan, n in zip(plans, picks, strict=True))
-    bits = latent.bits[kind, link] + sum(plan.bits[kind, n] for plan, n in zip(plans, picks, strict=True))
+    picks = [_pick(plan, klass, staggered(number)) for number, plan in enumerate(plans)]
+    link = hull_choice(latent.bits[klass], latent.error[klass], staggered(len(plans)))
+    error = latent.error[klass, link] + sum(plan.error[klass, n] for plan, n in zip(plans, picks, strict=True))
+    bits = latent.bits[klass, link] + sum(plan.bits[klass, n] for plan, n in zip(plans, picks, strict=True))
     entry = (min(link, latent.stages), *picks, max(link - latent.stages, 0))
     return entry, float(error), float(bits)
 
 
-def _pick(plan: ChannelPlan, kind: int, rate: float) -> int:
-    best = hull_choice(plan.bits[kind], plan.error[kind], rate)
+def _pick(plan: ChannelPlan, klass: int, lambda_: float) -> int:
+    best = hull_choice(plan.bits[klass], plan.error[klass], lambda_)
     # Far from the truth the model of errors is too kind: an anchor that shows has at least a coarse shape,
     # opacity and colour.
     return min(max(best, 0 if plan.stream == Stream.POSITION_RESIDUAL else 1), MAX_STEPS)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from reference_encoder.decide.allocate import TABLE_ENTRY_BITS
+from reference_encoder.tuning import CONTEXT_ANCHORS, TABLE_ENTRY_BITS
 from scarfmt.codecs.channels import contexts
 from scarfmt.container.schema import Stream
 from scarfmt.scene.model import ContextRule
@@ -20,7 +20,6 @@ from scarfmt.scene.model import ContextRule
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-_SAMPLE = 200_000
 _MOST_BINS = 1 << 20
 """Histograms with more possible entries are made by sorting."""
 
@@ -33,19 +32,19 @@ def choose_rules(streams: Sequence[Stream], firsts: Sequence[I64], classes: I64)
         firsts: (N, components) first-step values of each.
         classes: (N,) class numbers.
     """
-    stride = max(1, len(classes) // _SAMPLE)
-    kinds = classes[::stride]
-    scale = len(classes) / max(len(kinds), 1)
-    nothing = np.zeros(len(kinds), np.int64)
+    stride = max(1, len(classes) // CONTEXT_ANCHORS)
+    sampled = classes[::stride]
+    scale = len(classes) / max(len(sampled), 1)
+    nothing = np.zeros(len(sampled), np.int64)
     sources: list[_Source] = []
     out = []
     for channel, first in enumerate(firsts):
         rules = []
         for component, column in enumerate(first[::stride].T):
             values = np.unique(column, return_inverse=True)[1]
-            candidates = list(_rules(_Source(ContextRule(), nothing), values, kinds, scale))
+            candidates = list(_rules(_Source(ContextRule(), nothing), values, sampled, scale))
             if streams[channel] != Stream.POSITION_RESIDUAL:
-                candidates += [pair for source in sources for pair in _rules(source, values, kinds, scale)]
+                candidates += [pair for source in sources for pair in _rules(source, values, sampled, scale)]
                 sources.append(_Source.of(channel, component, column))
             rules.append(min(candidates, key=lambda pair: pair[0])[1])
         out.append(tuple(rules))

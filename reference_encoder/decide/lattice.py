@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from reference_encoder.tuning import CELL_FACTOR, CELL_PERCENTILE, LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
 from scarfmt.container.file import Tile
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH
 from scarfmt.scene.model import Lattice
@@ -20,16 +21,6 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 U64 = NDArray[np.uint64]
 
-TILE_ANCHORS, LARGE_SCENE_TILE_ANCHORS = 32768, 16384
-"""Most anchors of a tile unless asked otherwise; the second in scenes of more than `LARGE_SCENE` anchors.
-
-Only there a region is a small part of a file: docs/decisions/0015-tile-size.md.
-"""
-LARGE_SCENE = 1 << 18
-# A leaf cell this many times the step that pays for the 70th percentile of a tile's anchors; those who
-# need more get it from the position residual.
-_CELL_FACTOR = 1.5
-_CELL_PERCENTILE = 70
 # Never finer than this fraction of the magnitude of the coordinates: binary64 has no more to give.
 _RELATIVE_FLOOR = 2.0**-44
 
@@ -109,7 +100,7 @@ def split(path: U64, bits: int, most: int) -> tuple[I64, U64, I64]:
 def _local_bits(depth: I64, tile: I64, wanted: F64, side: float, reach: float) -> I64:
     order = np.argsort(tile, kind="stable")
     groups = np.split(wanted[order], np.cumsum(np.bincount(tile))[:-1])
-    cell = _CELL_FACTOR * np.array([np.percentile(group, _CELL_PERCENTILE) for group in groups])
+    cell = CELL_FACTOR * np.array([np.percentile(group, CELL_PERCENTILE) for group in groups])
     cell = np.maximum(cell, max(reach * _RELATIVE_FLOOR, 1e-300))
     bits = np.ceil(np.log2(np.maximum(side / 2.0**depth / cell, 1.0))).astype(np.int64)
     return np.minimum(bits, np.minimum(MAX_LOCAL_BITS, MAX_LATTICE_BITS - depth))

@@ -15,6 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.decide.allocate import ChannelPlan, LatentChain, PositionBits, increment
+from reference_encoder.tuning import (
+    BELOW_DB,
+    DB_A_LAMBDA,
+    LAMBDAS,
+    LARGEST_LAMBDA_RATIO,
+    LARGEST_SHARE,
+    LOOKS,
+    PARTS,
+    PICTURE_DB,
+    WORTH_DB,
+)
 
 F64 = NDArray[np.float64]
 Entry = tuple[int, ...]
@@ -22,31 +33,18 @@ Entry = tuple[int, ...]
 Look = Callable[[Sequence[Entry], float], float]
 """From what each class of a layer receives, and the part of the last of them that is there, to the PSNR in dB."""
 
-PICTURE_DB = 25.4
-"""A first picture: one recognises everything, and nobody takes it for the last."""
-_WORTH_DB = 0.5
-"""A layer in between that gains less is left out."""
-_BELOW_DB = 8.0
-"""At least so much worse than the last layer."""
-LARGEST_SHARE = 0.4
-"""Of the bits: a first layer with more is no preview."""
-_LARGEST_RATIO, _RATES = 1e7, 80
-_LOOKS, _DB_A_RATE = 3, 0.3
-"""To find how coarse a layer may be: how often to look, and about what the next lambda costs."""
-_PARTS = (0.75, 0.5, 0.25)
-
 
 @dataclass(frozen=True)
 class LayerChoice:
     """What a layer shows.
 
     Attributes:
-        rate: lambda.
+        lambda_: squared picture error per bit.
         shown: classes, the most important first.
         part: of the last of them, the most important anchors; 1 for all.
     """
 
-    rate: float
+    lambda_: float
     shown: int
     part: float = 1.0
 
@@ -81,44 +79,44 @@ class LayerCosts:
     @property
     def least(self) -> LayerChoice:
         """The cheapest layer there is."""
-        return LayerChoice(float(self.rates[-1]), 1)
+        return LayerChoice(float(self.lambdas[-1]), 1)
 
     @property
-    def rates(self) -> F64:
+    def lambdas(self) -> F64:
         """Lambdas to choose from, rising from that of the last layer."""
-        return np.asarray(self.last * np.geomspace(1, _LARGEST_RATIO, _RATES))
+        return np.asarray(self.last * np.geomspace(1, LARGEST_LAMBDA_RATIO, LAMBDAS))
 
     def entries(self, choice: LayerChoice) -> list[Entry]:
         """What each class receives."""
-        return [self._increment(kind, choice.rate)[0] for kind in range(choice.shown)]
+        return [self._increment(klass, choice.lambda_)[0] for klass in range(choice.shown)]
 
     def bits(self, choice: LayerChoice) -> float:
         """Bits up to a layer."""
-        fixed = self.position_bits(choice.rate)
-        each = [self._increment(kind, choice.rate)[2] + fixed[kind] for kind in range(choice.shown)]
+        fixed = self.position_bits(choice.lambda_)
+        each = [self._increment(klass, choice.lambda_)[2] + fixed[klass] for klass in range(choice.shown)]
         return float(self.model_bits + sum(each[:-1]) + choice.part * each[-1])
 
     def error(self, choice: LayerChoice) -> float:
         """Predicted squared picture error of a layer of whole classes."""
-        shown = sum(self._increment(kind, choice.rate)[1] for kind in range(choice.shown))
+        shown = sum(self._increment(klass, choice.lambda_)[1] for klass in range(choice.shown))
         return float(self.lost + shown + self.absence[choice.shown :].sum())
 
-    def pays(self, kind: int, rate: float) -> bool:
-        """Whether a class is predicted to be worth its bits at `rate`."""
-        _, error, bits = self._increment(kind, rate)
-        return error + rate * (bits + float(self.position_bits(rate)[kind])) < float(self.absence[kind])
+    def pays(self, klass: int, lambda_: float) -> bool:
+        """Whether a class is predicted to be worth its bits at `lambda_`."""
+        _, error, bits = self._increment(klass, lambda_)
+        return error + lambda_ * (bits + float(self.position_bits(lambda_)[klass])) < float(self.absence[klass])
 
     def affordable(self, shown: int, bits: float, part: float = 1.0) -> LayerChoice | None:
         """The layer of so many classes with the smallest lambda that takes at most `bits`; None if there is none."""
-        choices = (LayerChoice(float(rate), shown, part) for rate in self.rates)
+        choices = (LayerChoice(float(lambda_), shown, part) for lambda_ in self.lambdas)
         return next((choice for choice in choices if self.bits(choice) <= bits), None)
 
     def coarser(self, choice: LayerChoice) -> list[LayerChoice]:
         """The layer with larger lambdas, rising."""
-        return [replace(choice, rate=float(rate)) for rate in self.rates if rate > choice.rate]
+        return [replace(choice, lambda_=float(lambda_)) for lambda_ in self.lambdas if lambda_ > choice.lambda_]
 
-    def _increment(self, kind: int, rate: float) -> tuple[Entry, float, float]:
-        return increment(self.plans, self.latent, kind, rate, self.last)
+    def _increment(self, klass: int, lambda_: float) -> tuple[Entry, float, float]:
+        return increment(self.plans, self.latent, klass, lambda_, self.last)
 
 
 def predicted(costs: LayerCosts, share: float, layers: int) -> list[LayerChoice]:
@@ -132,9 +130,9 @@ def predicted(costs: LayerCosts, share: float, layers: int) -> list[LayerChoice]
     budget = share * costs.bits(costs.final)
     affordable = (costs.affordable(shown, budget) for shown in range(1, costs.final.shown + 1))
     choices = [min((choice for choice in affordable if choice), key=costs.error, default=costs.least)]
-    for rate in reversed(costs.rates[costs.rates < choices[0].rate]):
-        paying = [kind + 1 for kind in range(costs.final.shown) if costs.pays(kind, float(rate))]
-        choices.append(LayerChoice(float(rate), max([choices[-1].shown, *paying])))
+    for lambda_ in reversed(costs.lambdas[costs.lambdas < choices[0].lambda_]):
+        paying = [klass + 1 for klass in range(costs.final.shown) if costs.pays(klass, float(lambda_))]
+        choices.append(LayerChoice(float(lambda_), max([choices[-1].shown, *paying])))
     choices.append(costs.final)
     bits = np.array([costs.bits(choice) for choice in choices])
     between = _budgets(bits[0], bits[-1], layers)[1:-1]
@@ -153,7 +151,7 @@ def first_picture(costs: LayerCosts, look: Look, quality: float, share: float) -
         quality: of the last layer, dB: the first stays well below.
         share: of the bits.
     """
-    wanted, total = min(PICTURE_DB, quality - _BELOW_DB), costs.bits(costs.final)
+    wanted, total = min(PICTURE_DB, quality - BELOW_DB), costs.bits(costs.final)
     found: LayerChoice | None = None
     for shown in range(1, costs.final.shown + 1):
         better = _smaller(costs, look, shown, 1.0, wanted, costs.bits(found) if found else LARGEST_SHARE * total)
@@ -162,7 +160,7 @@ def first_picture(costs: LayerCosts, look: Look, quality: float, share: float) -
         found = better or found
     if found is None:
         return _best(costs, look, share * total)
-    for part in _PARTS:
+    for part in PARTS:
         better = _smaller(costs, look, found.shown, part, wanted, costs.bits(found))
         if better is None:
             break
@@ -178,8 +176,8 @@ def _smaller(costs: LayerCosts, look: Look, shown: int, part: float, wanted: flo
     reached = look(costs.entries(choice), part)
     if reached < wanted:
         return None
-    coarser, stride = costs.coarser(choice), int((reached - wanted) / _DB_A_RATE)
-    for _ in range(_LOOKS):
+    coarser, stride = costs.coarser(choice), int((reached - wanted) / DB_A_LAMBDA)
+    for _ in range(LOOKS):
         stride = min(stride, len(coarser))
         if stride < 1:
             break
@@ -187,7 +185,7 @@ def _smaller(costs: LayerCosts, look: Look, shown: int, part: float, wanted: flo
         if found < wanted:
             coarser, stride = coarser[: stride - 1], stride // 2
         else:
-            choice, coarser, stride = coarser[stride - 1], coarser[stride:], int((found - wanted) / _DB_A_RATE)
+            choice, coarser, stride = coarser[stride - 1], coarser[stride:], int((found - wanted) / DB_A_LAMBDA)
     return choice
 
 
@@ -204,7 +202,7 @@ def best_looking(costs: LayerCosts, look: Look, first: LayerChoice, layers: int)
     for budget in _budgets(costs.bits(first), costs.bits(costs.final), layers)[1:-1]:
         rated = list(_rated(costs, look, choices[-1], budget))
         rating, choice = max(rated, key=lambda pair: pair[0], default=(reached, first))
-        if rating >= reached + _WORTH_DB:
+        if rating >= reached + WORTH_DB:
             choices.append(choice)
             reached = rating
     return [*choices, costs.final]
@@ -215,7 +213,7 @@ def _rated(costs: LayerCosts, look: Look, before: LayerChoice, budget: float) ->
     best = float("-inf")
     for shown in range(before.shown, costs.final.shown + 1):
         choice = costs.affordable(shown, budget)
-        if choice is None or choice.rate > before.rate:
+        if choice is None or choice.lambda_ > before.lambda_:
             return
         rating = look(costs.entries(choice), 1.0)
         yield rating, choice

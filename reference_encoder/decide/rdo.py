@@ -7,14 +7,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from reference_encoder.tuning import ROUNDING_ROUNDS
+
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-_ROUNDS = 2
 
-
-def choose_values(scaled: F64, weight: F64, classes: I64, rate: float) -> I64:
-    """(N, components) integers near `scaled` that minimise weight * error^2 + rate * bits.
+def choose_values(scaled: F64, weight: F64, classes: I64, lambda_: float) -> I64:
+    """(N, components) integers near `scaled` that minimise weight * error^2 + lambda_ * bits.
 
     Candidates are the two nearest integers; bits are those of the value's own histogram in its class,
     re-estimated as choices settle.
@@ -23,7 +23,7 @@ def choose_values(scaled: F64, weight: F64, classes: I64, rate: float) -> I64:
         scaled: (N, components) values in units of their quantiser step.
         weight: (N, components) squared picture error per squared step.
         classes: (N,) class numbers.
-        rate: lambda.
+        lambda_: squared picture error per bit.
     """
     order = np.argsort(classes, kind="stable")
     edges = np.cumsum([0, *np.bincount(classes)])
@@ -32,13 +32,13 @@ def choose_values(scaled: F64, weight: F64, classes: I64, rate: float) -> I64:
     chosen = np.empty(values.shape, np.int64)
     for first, last in pairwise(edges):
         for column, x, heavy in zip(chosen, values, weights, strict=True):
-            column[first:last] = _choose_column(x[first:last], heavy[first:last], rate)
+            column[first:last] = _choose_column(x[first:last], heavy[first:last], lambda_)
     out = np.empty(scaled.shape, np.int64)
     out[order] = chosen.T
     return out
 
 
-def _choose_column(x: F64, weight: F64, rate: float) -> I64:
+def _choose_column(x: F64, weight: F64, lambda_: float) -> I64:
     """One component of one class."""
     nearest = np.rint(x).astype(np.int64)
     if not len(x):
@@ -48,10 +48,10 @@ def _choose_column(x: F64, weight: F64, rate: float) -> I64:
     if int(max(nearest.max(), other.max())) - low > 1 << 16:
         return nearest
     chosen = nearest
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDING_ROUNDS):
         counts = np.bincount(chosen - low, minlength=int(max(nearest.max(), other.max())) - low + 1)
         bits = np.log2((len(x) + 1) / (counts + 0.25))
-        here = weight * (x - nearest) ** 2 + rate * bits[nearest - low]
-        there = weight * (x - other) ** 2 + rate * bits[other - low]
+        here = weight * (x - nearest) ** 2 + lambda_ * bits[nearest - low]
+        there = weight * (x - other) ** 2 + lambda_ * bits[other - low]
         chosen = np.where(there < here, other, nearest)
     return chosen

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.decide.rdo import choose_values
+from scarfmt.codecs.channels import cell_widths
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Stream
@@ -31,16 +32,16 @@ class Targets:
     Attributes:
         latents: (N, d) float32 in units of the codeword lattice.
         weight: (N,) float32 squared picture error per squared lattice unit.
-        rate: lambda of the last layer.
+        lambda_: of the last layer, squared picture error per bit.
     """
 
     latents: F32
     weight: F32
-    rate: float
+    lambda_: float
 
     def take(self, part: slice) -> Targets:
         """Those of some anchors."""
-        return Targets(self.latents[part], self.weight[part], self.rate)
+        return Targets(self.latents[part], self.weight[part], self.lambda_)
 
     def error(self, scene: QuantisedScene) -> float:
         """Squared picture error of the latents that the last layer of `scene` gives."""
@@ -53,7 +54,7 @@ class Targets:
 
     def cost(self, scene: QuantisedScene, size: int) -> float:
         """J = D + lambda * bits of a file of `size` bytes, but for errors that do not depend on the latents."""
-        return self.error(scene) + self.rate * 8 * size
+        return self.error(scene) + self.lambda_ * 8 * size
 
     def left(self, scene: QuantisedScene) -> F64:
         """(N, d) what the codewords of the last layer leave to the LATENT channel."""
@@ -73,7 +74,7 @@ class Targets:
         there = np.flatnonzero(unit[:, 0] > 0)
         values = np.zeros(unit.shape, np.int64)
         weight = self.weight[there, None].astype(np.float64) * unit[there] ** 2
-        values[there] = choose_values(self.left(scene)[there] / unit[there], weight, classes[there], self.rate)
+        values[there] = choose_values(self.left(scene)[there] / unit[there], weight, classes[there], self.lambda_)
         edges = np.cumsum([len(content) for content in scene.contents])[:-1]
         parts = np.split(values.astype(np.int32), edges)
         contents = (_with_values(scene.model, *pair, index) for pair in zip(scene.contents, parts, strict=True))
@@ -90,9 +91,7 @@ def latent_units(model: SceneModel, classes: I64) -> F64 | None:
     index = model.channel_index(Stream.LATENT)
     if index is None:
         return None
-    steps = model.steps(len(model.layers), index, classes)[:, None]
-    unit = np.array(model.channels[index].first_width) / 3.0 ** np.maximum(steps - 1, 0)
-    return np.asarray(np.where(steps > 0, unit, 0.0), np.float64)
+    return cell_widths(model.channels[index].first_width, model.steps(len(model.layers), index, classes))
 
 
 def refinement_bits(scene: QuantisedScene) -> float:
@@ -102,8 +101,8 @@ def refinement_bits(scene: QuantisedScene) -> float:
         return 0.0
     values = np.concatenate([content.values[index] for content in scene.contents])
     bits = 0.0
-    for kind in np.unique(classes):
-        for column in values[classes == kind].T:
+    for klass in np.unique(classes):
+        for column in values[classes == klass].T:
             counts = np.unique(column, return_counts=True)[1]
             bits += float((counts * np.log2(len(column) / counts)).sum())
     return bits

@@ -18,19 +18,20 @@ from numpy.typing import NDArray
 from torch import nn
 
 from reference_encoder.latent.gradient import ESTIMATORS
-from reference_encoder.latent.rvq import RvqOptions, assign
+from reference_encoder.latent.rvq import RvqOptions, nearest
+from reference_encoder.tuning import (
+    HARD_SHARE,
+    INJECT_SHARE,
+    KMEANS_ROUNDS,
+    KMEANS_VECTORS_PER_CODE,
+    LEARNED_DECAY,
+    LEARNED_STALE_SHARE,
+)
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 Layers = list[tuple[F64, F64]]
 
-# Shares of the steps after which soft injection starts, and quantisation is hard (paper: 10k and 30k of 40k).
-_INJECT, _HARD = 0.25, 0.5
-_DECAY = 0.99
-# A code with less than this share of the mean use is stale and restarts at a vector of the batch.
-_STALE_SHARE = 0.1
-_KMEANS_ROUNDS = 8
-_KMEANS_VECTORS_PER_CODE = 16
 _CHUNK = 65536
 
 
@@ -94,7 +95,7 @@ class VectorCodebook:
     def from_kmeans(cls, x: torch.Tensor, codewords: int, generator: torch.Generator) -> VectorCodebook:
         """A codebook at the k-means centres of (n, d) `x`."""
         book = cls(x[torch.randint(len(x), (codewords,), generator=generator)], generator)
-        for _ in range(_KMEANS_ROUNDS):
+        for _ in range(KMEANS_ROUNDS):
             book.learn(x, book.nearest(x), decay=0.0)
         book.mass = torch.ones(codewords)
         book._total = book.words.clone()
@@ -102,10 +103,9 @@ class VectorCodebook:
 
     def nearest(self, x: torch.Tensor) -> torch.Tensor:
         """(n,) nearest codewords of (n, d) `x`."""
-        nothing = torch.zeros(0)
-        return assign(x, nothing, nothing, self.words, nothing, 0.0)
+        return torch.from_numpy(nearest(x.detach().numpy(), self.words.numpy()))
 
-    def learn(self, x: torch.Tensor, codes: torch.Tensor, decay: float = _DECAY) -> None:
+    def learn(self, x: torch.Tensor, codes: torch.Tensor, decay: float = LEARNED_DECAY) -> None:
         """Move towards the (n, d) vectors `x` that chose `codes`, and revive stale codes."""
         # In units of the mean use, whatever the batch size.
         gain = (1 - decay) * len(self.words) / len(x)
@@ -115,11 +115,11 @@ class VectorCodebook:
         self._total = decay * self._total + gain * sums
         served = self.mass > 0
         self.words = torch.where(served[:, None], self._total / self.mass.clamp_min(1e-30)[:, None], self.words)
-        stale = torch.nonzero(self.mass < _STALE_SHARE).squeeze(1)
+        stale = torch.nonzero(self.mass < LEARNED_STALE_SHARE).squeeze(1)
         if len(stale):
             self.words[stale] = x[torch.randint(len(x), (len(stale),), generator=self._generator)]
-            self.mass[stale] = _STALE_SHARE
-            self._total[stale] = self.words[stale] * _STALE_SHARE
+            self.mass[stale] = LEARNED_STALE_SHARE
+            self._total[stale] = self.words[stale] * LEARNED_STALE_SHARE
 
     def with_zero(self) -> F32:
         """(n + 1, d) codewords after a zero vector, which costs few bits where little is visible."""
@@ -214,9 +214,9 @@ def train(
     books: list[VectorCodebook] = []
     for step in range(options.steps):
         done = step / options.steps
-        if done >= _INJECT and not books:
+        if done >= INJECT_SHARE and not books:
             books = _fresh_books(projector, x, sampler, options.rvq, generator)
-        share = min(max((done - _INJECT) / (_HARD - _INJECT), 0.0), 1.0)
+        share = min(max((done - INJECT_SHARE) / (HARD_SHARE - INJECT_SHARE), 0.0), 1.0)
         loss = _step_loss(x[sampler.draw(options.batch)], projector, decoder, books, share, options, generator)
         optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
@@ -231,7 +231,7 @@ def train(
 def _fresh_books(
     projector: nn.Module, x: torch.Tensor, sampler: Sampler, options: RvqOptions, generator: torch.Generator
 ) -> list[VectorCodebook]:
-    pool = min(options.codewords * _KMEANS_VECTORS_PER_CODE, len(x))
+    pool = min(options.codewords * KMEANS_VECTORS_PER_CODE, len(x))
     return _start_books(_in_chunks(projector, x[sampler.draw(pool)]), options, generator)
 
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from reference_encoder.latent.autoencoder import Autoencoder, AutoencoderOptions, Layers, Sampler, train
 from reference_encoder.latent.linear import Latent, metric_roots
-from reference_encoder.latent.rvq import RvqOptions, RvqResult, quantise
+from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, quantise
+from reference_encoder.tuning import CODEWORD_RANGE, DAMPING, FINEST_UNIT, LEAST_GAIN, METRIC_VECTORS, SEARCH_ROUNDS
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 
 F32 = NDArray[np.float32]
@@ -25,14 +26,6 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
 _CHUNK = 8192
-_CODEWORD_RANGE = 120.0
-_METRIC_SAMPLE = 8192
-_SEARCH_ROUNDS = 4
-# Directions the decoder hardly reacts to hold nothing.
-_LEAST_GAIN = 1e-9
-_DAMPING = 1e-6
-# Finer lattices than this share of the vectors' own size only store noise.
-_FINEST_UNIT = 1e-5
 
 
 @dataclass(frozen=True)
@@ -60,7 +53,7 @@ def whiten(vectors: F32, weight: F64, metric: F64 | None) -> Whitened:
     root, inverse = (np.eye(width), np.eye(width)) if metric is None else metric_roots(metric)
     x = (vectors - centre) @ root
     energy = float(weight @ (x * x).sum(axis=1)) / max(float(weight.sum()), 1e-300) / width
-    scale = max(float(np.sqrt(energy)), float(np.abs(centre @ root).max()) * _FINEST_UNIT, 1e-12)
+    scale = max(float(np.sqrt(energy)), float(np.abs(centre @ root).max()) * FINEST_UNIT, 1e-12)
     return Whitened((x / scale).astype(np.float32), centre, root, inverse, scale)
 
 
@@ -101,10 +94,10 @@ def stored(
 ) -> tuple[Latent, tuple[F32, F32]]:
     """The decoder as stored, its best latents, and the trained codewords in units of the codeword lattice."""
     generator = torch.Generator().manual_seed(options.rvq.seed)
-    values = best_latents(trained.decoder, space.x, trained.encoded, _SEARCH_ROUNDS)
+    values = best_latents(trained.decoder, space.x, trained.encoded, SEARCH_ROUNDS)
     basis = _principal(trained.decoder, values, weight, generator)
     values = basis.latents(values)
-    unit = max(float(np.percentile(np.abs(values), 99.9)) / _CODEWORD_RANGE, _FINEST_UNIT)
+    unit = max(float(np.percentile(np.abs(values), 99.9)) / CODEWORD_RANGE, FINEST_UNIT)
     decoder = _stored(basis.decoder(trained.decoder), unit, space, options.decoder_bits)
     values = best_latents(_whitened_layers(decoder, space), space.x, (values / unit).astype(np.float32), 1)
     heavy = (weight * (unit * space.scale) ** 2).astype(np.float32)
@@ -123,7 +116,7 @@ def choose(
     report: Callable[[float], None] = lambda _fraction: None,
 ) -> RvqResult:
     """Integer codewords and entropy-constrained choices; distortion as `learned_latent` says."""
-    chosen = quantise(latent.values, latent.weight, classes, options, report, start)
+    chosen = quantise(Vectors(latent.values, latent.weight, classes), options, report, start)
     return replace(chosen, distortion=_distortion(chosen, latent, space, weight))
 
 
@@ -148,11 +141,11 @@ class _Basis:
 
 def _principal(layers: Layers, z: F32, weight: F64, generator: torch.Generator) -> _Basis:
     """The decoder's mean metric made the identity, and its axes sorted by energy: trailing ones have short ranges."""
-    drawn = Sampler(weight, generator).draw(_METRIC_SAMPLE)
+    drawn = Sampler(weight, generator).draw(METRIC_VECTORS)
     slopes = _slopes(_tensors(layers), torch.from_numpy(z)[drawn])[1].double()
     metric = torch.einsum("nij,nik->jk", slopes, slopes).numpy() / len(drawn)
     gains, axes = np.linalg.eigh(metric)
-    kept = gains > max(float(gains.max()), 1e-300) * _LEAST_GAIN
+    kept = gains > max(float(gains.max()), 1e-300) * LEAST_GAIN
     gains, axes = np.sqrt(gains[kept]), axes[:, kept]
     centre = (weight @ z.astype(np.float64)) / weight.sum() if weight.sum() > 0 else z.mean(axis=0, dtype=np.float64)
     spread = (z - centre) @ (axes * gains)
@@ -214,7 +207,7 @@ def _gauss_newton(layers: list[tuple[torch.Tensor, torch.Tensor]], x: torch.Tens
     y, slopes = _slopes(layers, z)
     slopes, left = slopes.double(), (x - y).double()
     normal = slopes.transpose(1, 2) @ slopes
-    damping = _DAMPING * normal.diagonal(dim1=1, dim2=2).mean(1).clamp_min(1e-30)
+    damping = DAMPING * normal.diagonal(dim1=1, dim2=2).mean(1).clamp_min(1e-30)
     normal = normal + damping[:, None, None] * torch.eye(z.shape[1], dtype=torch.float64)
     step = torch.linalg.solve(normal, (slopes.transpose(1, 2) @ left[:, :, None]).squeeze(2))
     moved = (z.double() + step).float()

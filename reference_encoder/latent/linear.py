@@ -11,14 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from reference_encoder.tuning import CODEWORD_RANGE, DECODER_BITS, MAX_DIMENSIONS
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
-
-MAX_DIMENSIONS = 48
-_CODEWORD_RANGE = 120.0
-_DECODER_BITS = 12
 
 
 @dataclass(frozen=True)
@@ -62,8 +59,8 @@ def linear_latent(vectors: F32, weight: F64, tolerance: float, metric: F64 | Non
     basis = basis[:, :keep] * np.sign(basis[np.abs(basis).argmax(axis=0), np.arange(basis.shape[1])])[:keep]
     z = x @ basis
     # The lattice is fine against what the most visible anchors can tell, coarse enough for short codewords.
-    unit = max(float(np.percentile(np.abs(z), 99.9)) / _CODEWORD_RANGE, 1e-12)
-    decoder = QuantisedMlp((Linear.quantised(inverse @ basis * unit, centre, bits=_DECODER_BITS),))
+    unit = max(float(np.percentile(np.abs(z), 99.9)) / CODEWORD_RANGE, 1e-12)
+    decoder = QuantisedMlp((Linear.quantised(inverse @ basis * unit, centre, bits=DECODER_BITS),))
     lost = weight * np.maximum((x * x).sum(1) - (z * z).sum(1), 0.0)
     return Latent((z / unit).astype(np.float32), (weight * unit * unit).astype(np.float32), decoder, lost)
 

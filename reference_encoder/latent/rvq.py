@@ -14,22 +14,22 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import torch
+from numba import get_num_threads
 from numpy.typing import NDArray
 
+from reference_encoder.draws import Draws
 from reference_encoder.jit import compiled
 from reference_encoder.loops import add_products, first_of_least
+from reference_encoder.sums import added_rows, row_sums, squared_lengths
+from reference_encoder.tuning import RVQ_DECAY, RVQ_PRIOR_USES, RVQ_STALE_USES
 
 F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
 
 _CHUNK = 8192
 """Vectors that a thread takes at a time."""
-_DECAY = 0.8
-# A code whose moving count falls below this is stale and restarts at a badly served vector.
-_STALE = 1.0
-# A code that nobody uses is not free: this many virtual uses keep its price finite.
-_PRIOR = 0.02
 # A dimension of a codebook spans at most 16 bits (SPEC §7.8).
 _FARTHEST = 32767
 
@@ -41,7 +41,7 @@ class RvqOptions:
     Attributes:
         codewords: size of each codebook, a power of two up to 4096.
         stages: M, 0..8.
-        rate: lambda, in weighted squared error per bit.
+        lambda_: weighted squared error per bit.
         sample: vectors used for training.
         epochs: passes over the sample.
         seed: of everything random.
@@ -49,7 +49,7 @@ class RvqOptions:
 
     codewords: int
     stages: int
-    rate: float
+    lambda_: float
     sample: int = 65536
     epochs: int = 6
     seed: int = 0
@@ -68,49 +68,83 @@ class RvqResult:
 
     coarse: I64
     residual: I64
-    indices: NDArray[np.int16]
-    distortion: NDArray[np.float64]
+    indices: I16
+    distortion: F64
     bits: F32
 
 
-class _Coster:
+class _Prices:
     """Bits of each code in each class, from soft counts."""
 
     def __init__(self, codewords: int, classes: int) -> None:
-        self.bits = torch.full((classes, codewords), float(np.log2(max(codewords, 2))))
+        self.bits = np.full((classes, codewords), np.log2(max(codewords, 2)), np.float32)
 
-    def update(self, codes: torch.Tensor, classes: torch.Tensor) -> None:
+    def update(self, codes: I64, classes: I64) -> None:
         count, size = self.bits.shape
-        flat = torch.bincount(classes * size + codes, minlength=count * size).reshape(count, size).float()
-        pooled = flat.sum(0, keepdim=True)
+        flat = np.bincount(classes * size + codes, minlength=count * size).reshape(count, size).astype(np.float32)
+        pooled = flat.sum(axis=0, keepdims=True)
         # Each class leans on the pooled distribution until it has symbols of its own.
-        mixed = flat + 4 * (pooled + _PRIOR) / (pooled.sum() + _PRIOR * size) + 1e-3
-        self.bits = -torch.log2(mixed / mixed.sum(1, keepdim=True))
+        mixed = flat + 4 * (pooled + RVQ_PRIOR_USES) / (pooled.sum() + RVQ_PRIOR_USES * size) + np.float32(1e-3)
+        # By way of binary64: logarithms of binary32 differ from library to library.
+        self.bits = (-np.log2((mixed / row_sums(mixed)[:, None]).astype(np.float64))).astype(np.float32)
 
 
-def assign(
-    x: torch.Tensor, weight: torch.Tensor, classes: torch.Tensor, book: torch.Tensor, bits: torch.Tensor, rate: float
-) -> torch.Tensor:
-    """(n,) codes minimising weight * |x - e|^2 + rate * bits, with (classes, codes) `bits`; at rate 0 the nearest."""
-    half, words = ((book * book).sum(1) / 2).numpy(), np.ascontiguousarray(-book.numpy().T)
-    vectors, out = np.ascontiguousarray(x.detach().numpy()), np.empty(len(x), np.int64)
-    # Twice the weight, because distances are halved; without a price all vectors count alike.
-    heavy, kinds, prices = (2 * weight).numpy(), classes.numpy(), (bits * rate).numpy()
-    if rate == 0:
-        heavy, kinds, prices = np.ones(len(x), np.float32), np.zeros(len(x), np.int64), np.zeros((1, len(half)))
-    prices = prices.astype(np.float32)
+@dataclass(frozen=True)
+class Vectors:
+    """Vectors to quantise.
+
+    Attributes:
+        x: (n, d) float32.
+        weight: (n,) float32 importance of a squared unit of error.
+        classes: (n,) int64; the price of a code depends on it.
+    """
+
+    x: F32
+    weight: F32
+    classes: I64
+
+    def take(self, chosen: I64) -> Vectors:
+        """Those numbered `chosen`."""
+        return Vectors(self.x[chosen], self.weight[chosen], self.classes[chosen])
+
+    def less(self, codewords: F32) -> Vectors:
+        """What (n, d) `codewords` leave of them."""
+        return Vectors(self.x - codewords, self.weight, self.classes)
+
+    @property
+    def energy(self) -> F32:
+        """(n,) float32 weight * |x|^2."""
+        return self.weight * squared_lengths(self.x)
+
+
+def nearest(x: F32, book: F32) -> I64:
+    """(n,) codes of the codewords of (k, d) `book` nearest to (n, d) `x`."""
+    alike = Vectors(x, np.full(len(x), 0.5, np.float32), np.zeros(len(x), np.int64))
+    return _assigned(alike, book, np.zeros((1, len(book)), np.float32))
+
+
+def assign(vectors: Vectors, book: F32, bits: F32, lambda_: float) -> I64:
+    """(n,) codes of (k, d) `book` minimising weight * |x - e|^2 + lambda * bits, with (classes, k) `bits`."""
+    return _assigned(vectors, book, bits * np.float32(lambda_)) if lambda_ else nearest(vectors.x, book)
+
+
+def _assigned(vectors: Vectors, book: F32, prices: F32) -> I64:
+    half, words = np.asarray(squared_lengths(book) / 2, np.float32), np.ascontiguousarray(-book.T)
+    x, out = np.ascontiguousarray(vectors.x), np.empty(len(vectors.x), np.int64)
+    # Twice the weight, because distances are halved.
+    heavy, classes = 2 * vectors.weight, vectors.classes
 
     def fill(first: int) -> None:
         part = slice(first, first + _CHUNK)
-        _nearest(vectors[part], heavy[part], kinds[part], words, half, prices, out[part])
+        _fill_nearest(x[part], heavy[part], classes[part], words, half, prices, out[part])
 
-    with ThreadPoolExecutor(torch.get_num_threads()) as pool:
+    with ThreadPoolExecutor(get_num_threads()) as pool:
         list(pool.map(fill, range(0, len(x), _CHUNK)))
-    return torch.from_numpy(out)
+    return out
 
 
 @compiled
-def _nearest(x: F32, weight: F32, classes: I64, words: F32, half: F32, prices: F32, out: I64) -> None:
+def _fill_nearest(x: F32, weight: F32, classes: I64, words: F32, half: F32, prices: F32, out: I64) -> None:
     """Fill `out` (n,) with codes of least weight * (half + x @ words) + price, words (d, k) and prices (classes, k)."""
     scores = np.empty(len(half), np.float32)
     for row in range(len(x)):
@@ -122,135 +156,109 @@ def _nearest(x: F32, weight: F32, classes: I64, words: F32, half: F32, prices: F
         out[row] = first_of_least(scores)
 
 
-def _train(
-    x: torch.Tensor,
-    weight: torch.Tensor,
-    classes: torch.Tensor,
-    options: RvqOptions,
-    generator: torch.Generator,
-    start: torch.Tensor | None,
-) -> tuple[torch.Tensor, _Coster]:
-    """A codebook (n, d) for the vectors `x`: k-means start, then EMA batches with stale-code replacement."""
+def _train(vectors: Vectors, options: RvqOptions, draws: Draws, start: F32 | None) -> tuple[F32, _Prices]:
+    """A codebook (n, d) for `vectors`: k-means start, then EMA batches with stale-code replacement."""
     if start is None:
-        importance = (weight * (x * x).sum(1)).sqrt() + 1e-20
-        start = x[torch.multinomial(importance, min(options.codewords, len(x)), generator=generator)]
-    book = start.clone()
+        importance = np.sqrt(vectors.energy) + np.float32(1e-20)
+        start = vectors.x[draws.weighted(importance, min(options.codewords, len(importance)))]
+    book = start.copy()
     book[0] = 0
-    coster = _Coster(len(book), int(classes.max()) + 1)
-    mass = torch.zeros(len(book))
-    total = torch.zeros_like(book)
+    prices = _Prices(len(book), int(vectors.classes.max()) + 1)
+    mass, total = np.zeros((len(book), 1), np.float32), np.zeros_like(book)
+    weight = vectors.weight[:, None]
     for epoch in range(options.epochs):
-        codes = assign(x, weight, classes, book, coster.bits, options.rate if epoch else 0.0)
-        uses = torch.bincount(codes, minlength=len(book)).float()
-        keep = _DECAY if epoch > 1 else 0.0
-        mass = keep * mass + torch.zeros(len(book)).index_add_(0, codes, weight)
-        total = keep * total + torch.zeros_like(book).index_add_(0, codes, x * weight[:, None])
-        served = mass > 0
-        book = torch.where(served[:, None], total / mass.clamp_min(1e-30)[:, None], book)
-        coster.update(codes, classes)
-        stale = (uses < _STALE) & (torch.arange(len(book)) > 0)
-        if epoch < options.epochs - 2 and bool(stale.any()):
-            error = weight * ((x - book[codes]) ** 2).sum(1)
-            worst = torch.topk(error, int(stale.sum())).indices
-            book[stale], mass[stale] = x[worst], 0.0
-            coster.bits[:, stale] = coster.bits.median()
+        codes = assign(vectors, book, prices.bits, options.lambda_ if epoch else 0.0)
+        keep = np.float32(RVQ_DECAY if epoch > 1 else 0.0)
+        mass = keep * mass + added_rows(codes, weight, len(book))
+        total = keep * total + added_rows(codes, vectors.x * weight, len(book))
+        book = np.where(mass > 0, total / np.maximum(mass, np.float32(1e-30)), book)
+        prices.update(codes, vectors.classes)
+        stale = np.bincount(codes, minlength=len(book)) < RVQ_STALE_USES
+        stale[0] = False
+        if epoch < options.epochs - 2 and stale.any():
+            book[stale], mass[stale] = vectors.x[_worst_served(vectors, book[codes], int(stale.sum()))], 0.0
+            prices.bits[:, stale] = _lower_median(prices.bits)
         book[0] = 0
-    return book, coster
+    return book, prices
 
 
-def _sample(count: int, options: RvqOptions, generator: torch.Generator) -> torch.Tensor:
-    if count <= options.sample:
-        return torch.arange(count)
-    return torch.randperm(count, generator=generator)[: options.sample]
+def _lower_median(values: F32) -> np.float32:
+    return np.float32(np.sort(values, axis=None)[(values.size - 1) // 2])
+
+
+def _worst_served(vectors: Vectors, words: F32, count: int) -> I64:
+    """The `count` vectors with the largest weighted errors under (n, d) `words`, the worst first."""
+    return np.argsort(-vectors.less(words).energy, kind="stable")[:count]
 
 
 def quantise(
-    latents: F32,
-    weight: F32,
-    classes: I64,
+    vectors: Vectors,
     options: RvqOptions,
     report: Callable[[float], None] = lambda _fraction: None,
     start: tuple[F32, F32] | None = None,
 ) -> RvqResult:
-    """Codebooks and indices for (N, d) `latents`, in units of the codeword lattice.
+    """Codebooks and indices for `vectors`, in units of the codeword lattice: codewords are integers.
 
     Args:
-        latents: (N, d) float32; codewords are rounded to integers.
-        weight: (N,) float32 importance of a squared unit of error.
-        classes: (N,) class of each anchor; the price of a code depends on it.
         report: told the fraction done.
         start: (n, d) coarse and residual codewords to start from, row 0 of each becomes the zero
             vector; without it, a k-means start. With no epochs they are used as they are.
     """
-    generator = torch.Generator().manual_seed(options.seed)
-    residual, w, kinds = torch.from_numpy(latents).clone(), torch.from_numpy(weight), torch.from_numpy(classes)
-    chosen = _sample(len(residual), options, generator)
-    books: list[torch.Tensor] = []
-    codes: list[torch.Tensor] = []
-    distortion = [(w * (residual * residual).sum(1)).double()]
-    bits: list[torch.Tensor] = []
+    draws, left = Draws(options.seed), vectors
+    chosen = _sample(len(vectors.x), options, draws)
+    books, codes, bits = [], [], []
+    distortion = [vectors.energy.astype(np.float64)]
     for stage in range(options.stages):
+        sample = left.take(chosen)
         if stage < 2:
             copies = 2 if stage == 1 and options.stages > 2 else 1
-            pool, heavy, kind = _pooled(residual[chosen], w[chosen], kinds[chosen], copies)
-            first = None if start is None else torch.from_numpy(start[stage])
-            book, coster = _train(pool, heavy, kind, options, generator, first)
-            book = torch.round(book).clamp_(-_FARTHEST, _FARTHEST)
+            book, prices = _train(_pooled(sample, copies), options, draws, None if start is None else start[stage])
+            book = np.clip(np.round(book), -_FARTHEST, _FARTHEST)
             books.append(book)
-        coster = _settled(residual[chosen], w[chosen], kinds[chosen], book, coster, options)
-        code = assign(residual, w, kinds, book, coster.bits, options.rate)
-        residual = residual - book[code]
+        _settle(prices, sample, book, options.lambda_)
+        code = assign(left, book, prices.bits, options.lambda_)
+        left = left.less(book[code])
         codes.append(code)
-        bits.append(coster.bits[kinds, code])
-        distortion.append((w * (residual * residual).sum(1)).double())
+        bits.append(prices.bits[vectors.classes, code])
+        distortion.append(left.energy.astype(np.float64))
         report((stage + 1) / options.stages)
-    return _result(books, codes, distortion, bits, latents.shape)
+    coarse, residual, indices = _ranked(books, codes, vectors.x.shape)
+    none = np.zeros((0, len(vectors.x)), np.float32)
+    return RvqResult(coarse, residual, indices, np.stack(distortion), np.stack(bits) if bits else none)
 
 
-def _settled(
-    x: torch.Tensor, w: torch.Tensor, kinds: torch.Tensor, book: torch.Tensor, coster: _Coster, options: RvqOptions
-) -> _Coster:
-    """Code prices that agree with the choices they cause (two rounds on the sample)."""
+def _sample(count: int, options: RvqOptions, draws: Draws) -> I64:
+    return np.arange(count) if count <= options.sample else draws.permutation(count)[: options.sample]
+
+
+def _settle(prices: _Prices, sample: Vectors, book: F32, lambda_: float) -> None:
+    """Make code prices agree with the choices they cause (two rounds on the sample)."""
     for _ in range(2):
-        coster.update(assign(x, w, kinds, book, coster.bits, options.rate), kinds)
-    return coster
+        prices.update(assign(sample, book, prices.bits, lambda_), sample.classes)
 
 
-def _pooled(
-    residual: torch.Tensor, w: torch.Tensor, kinds: torch.Tensor, copies: int
-) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+def _pooled(sample: Vectors, copies: int) -> Vectors:
     """What the shared residual codebook must serve: stage-2 residuals and, roughly, those of later stages.
 
     Later residuals look like earlier ones, only shorter; halved copies stand for them.
     """
-    return torch.cat([residual / 2**k for k in range(copies)]), w.repeat(copies), kinds.repeat(copies)
+    x = np.concatenate([sample.x / np.float32(2**k) for k in range(copies)])
+    return Vectors(x, np.tile(sample.weight, copies), np.tile(sample.classes, copies))
 
 
-def _result(
-    books: list[torch.Tensor],
-    codes: list[torch.Tensor],
-    distortion: list[torch.Tensor],
-    bits: list[torch.Tensor],
-    shape: tuple[int, ...],
-) -> RvqResult:
-    """Drop codewords nobody uses and number the rest by falling use."""
+def _ranked(books: list[F32], codes: list[I64], shape: tuple[int, ...]) -> tuple[I64, I64, I16]:
+    """Both books without the codewords nobody uses, the rest numbered by falling use; and (N, M) indices."""
     kept: list[I64] = []
     indices = np.zeros((shape[0], len(codes)), np.int16)
     for number, book in enumerate(books):
         stages = range(1) if number == 0 else range(1, len(codes))
-        used = torch.stack([torch.bincount(codes[s], minlength=len(book)) for s in stages]).sum(0).numpy()
+        used = sum((np.bincount(codes[s], minlength=len(book)) for s in stages), np.zeros(len(book), np.int64))
         order = np.argsort(-used, kind="stable")[: max(int((used > 0).sum()), 1)]
         rank = np.zeros(len(book), np.int16)
         rank[order] = np.arange(len(order), dtype=np.int16)
         for stage in stages:
-            indices[:, stage] = rank[codes[stage].numpy()]
-        kept.append(book.numpy()[order].astype(np.int64))
+            indices[:, stage] = rank[codes[stage]]
+        kept.append(book[order].astype(np.int64))
     empty = np.zeros((0, shape[1]), np.int64)
     coarse, residual = [*kept, empty, empty][:2]
-    return RvqResult(
-        coarse,
-        residual,
-        indices,
-        np.stack([d.numpy() for d in distortion]),
-        np.stack([b.numpy() for b in bits]) if bits else np.zeros((0, shape[0]), np.float32),
-    )
+    return coarse, residual, indices

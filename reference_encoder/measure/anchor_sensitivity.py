@@ -14,17 +14,12 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from reference_encoder.tuning import ASPECT_CAP, BLUR_PX2, METRIC_ANCHORS
 from scarfmt.render.camera import Camera
 from scarfmt.render.rasterise import contributions
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 F64 = NDArray[np.float64]
-
-_METRIC_ANCHORS = 1500
-_ASPECT_CAP = 9.0
-_BLUR_PX2 = 0.4
-ABSENCE_FACTOR = 8.0
-"""Leaving a slot out is worse than the sum of single errors says: neighbours left out err together."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +37,10 @@ class AnchorSensitivity:
     colour: F64
     inverse_variance: F64
     metric: F64
+
+    def take(self, index: NDArray[np.integer]) -> AnchorSensitivity:
+        """The anchors at `index`, in that order."""
+        return AnchorSensitivity(self.shape[index], self.colour[index], self.inverse_variance[index], self.metric)
 
     @property
     def feature(self) -> F64:
@@ -111,7 +110,7 @@ def measure_anchors(
         colour[anchor, slot] += seen.weight_sq / samples
         distance = np.linalg.norm(scene.positions - camera.centre, axis=1)
         middle = np.exp(2 * np.sort(scene.log_scales, axis=1)[:, 1])
-        inverse[anchor, slot] += 1 / (middle + _BLUR_PX2 * (distance / camera.fx) ** 2)
+        inverse[anchor, slot] += 1 / (middle + BLUR_PX2 * (distance / camera.fx) ** 2)
         hits[anchor, slot] += 1
         report((number + 1) / len(cameras))
     metric = _feature_metric(model, networks, cameras, shape, colour, seed)
@@ -131,7 +130,7 @@ def _feature_metric(
     if not weight.any():
         return np.eye(model.features.shape[1])
     draw = np.random.default_rng(seed)
-    chosen = draw.choice(len(model), size=min(_METRIC_ANCHORS, len(model)), p=weight / weight.sum())
+    chosen = draw.choice(len(model), size=min(METRIC_ANCHORS, len(model)), p=weight / weight.sum())
     eyes = np.stack([cameras[i].centre for i in draw.integers(0, len(cameras), len(chosen))])
     offset = torch.from_numpy((model.anchors[chosen] - eyes).astype(np.float32))
     width, slots = networks["opacity"][0].shape[1], model.slots
@@ -148,7 +147,7 @@ def _feature_metric(
     per_output = np.concatenate(
         [
             np.repeat(shape[chosen][:, :, None], 4, axis=2),
-            np.repeat(shape[chosen][:, :, None] * _ASPECT_CAP / 4, 4, axis=2),
+            np.repeat(shape[chosen][:, :, None] * ASPECT_CAP / 4, 4, axis=2),
             np.repeat(colour[chosen][:, :, None], 3, axis=2),
         ],
         axis=2,

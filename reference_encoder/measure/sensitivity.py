@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from reference_encoder.measure.attributes import Attributes
 from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.tuning import ASPECT_CAP, BLUR_PX2, GAUSSIAN_ABSENCE, OPACITY_SHARE, SCALE_SHARE, SURVEY_VIEWS
 from scarfmt.container.schema import Stream
 from scarfmt.render.camera import Camera, orbit_cameras
 from scarfmt.render.rasterise import contributions
@@ -24,19 +25,6 @@ from scarfmt.scene.gaussians import GaussianScene
 F64 = NDArray[np.float64]
 
 SH_C0 = 0.28209479177387814
-# The rasteriser's 0.3 px dilation and the pixel itself blur every splat: below this variance, in pixels^2,
-# an axis hardly shows its own length.
-_BLUR_PX2 = 0.4
-# Measured share of each sorted axis in the picture error of a log-scale error (docs/decisions/0003).
-_SCALE_SHARE = np.array([1.0, 0.8, 0.25])
-# A needle seen from its side reacts to rotation like the square of its aspect ratio, but only up to about
-# a radian; beyond this cap the linear model overestimates.
-_ROTATION_CAP = 9.0
-_OPACITY_SHARE = 1.1
-# Cameras looked from, of those given; twice as many at the highest effort.
-_MOST_VIEWS = 24
-# Leaving a Gaussian out is worse than the sum of single errors says: neighbours left out err together.
-ABSENCE_FACTOR = 5.6
 
 
 @dataclass(frozen=True)
@@ -65,7 +53,7 @@ def survey(scene: GaussianScene, options: EncodeOptions) -> list[Camera]:
     if options.cameras is None:
         return survey_cameras(scene, options.frame, thorough)
     cameras = [camera for camera in options.cameras if camera.split != "test"] or list(options.cameras)
-    most = _MOST_VIEWS * (2 if thorough else 1)
+    most = SURVEY_VIEWS * (2 if thorough else 1)
     return cameras[:: max(1, -(-len(cameras) // most))]
 
 
@@ -107,18 +95,18 @@ def measure(scene: GaussianScene, attributes: Attributes, cameras: Sequence[Came
 
     def aspect(a: int, b: int) -> F64:
         ratio = (blurred[:, a] - blurred[:, b]) ** 2 / (blurred[:, a] * blurred[:, b])
-        return np.minimum(ratio, _ROTATION_CAP)
+        return np.minimum(ratio, ASPECT_CAP)
 
     swing, twist = shape * aspect(0, 2), shape * aspect(0, 1)
     channels = {
         Stream.POSITION_RESIDUAL: np.repeat((shape / blurred[:, 1])[:, None], 3, axis=1),
-        Stream.SCALE: shape[:, None] * visible * _SCALE_SHARE,
+        Stream.SCALE: shape[:, None] * visible * SCALE_SHARE,
         Stream.ROTATION: np.stack([swing, swing, twist], axis=1),
-        Stream.OPACITY: (shape * _OPACITY_SHARE)[:, None],
+        Stream.OPACITY: (shape * OPACITY_SHARE)[:, None],
         # dc = (Y - G + O, Y + G, Y - G - O): squared column norms 3, 3, 2.
         Stream.COLOUR: colour[:, None] * np.array([3.0, 3.0, 2.0]),
     }
-    return Sensitivity(channels, colour, shape * ABSENCE_FACTOR)
+    return Sensitivity(channels, colour, shape * GAUSSIAN_ABSENCE)
 
 
 def _blur_variance(scene: GaussianScene, cameras: Sequence[Camera]) -> F64:
@@ -126,4 +114,4 @@ def _blur_variance(scene: GaussianScene, cameras: Sequence[Camera]) -> F64:
     total = np.zeros(len(scene))
     for camera in cameras:
         total += np.log(np.maximum(np.linalg.norm(scene.positions - camera.centre, axis=1), 1e-12) / camera.fx)
-    return np.asarray(_BLUR_PX2 * np.exp(2 * total / max(len(cameras), 1)))
+    return np.asarray(BLUR_PX2 * np.exp(2 * total / max(len(cameras), 1)))

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from reference_encoder.tuning import FEWEST_CLUSTERED
 from scarfmt.scene.codebooks import Codebooks
 
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
-
-FEWEST_CODEWORDS = 48
-"""Smaller books are coded flat: a second symbol costs more time than it saves."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,7 @@ def cluster(words: I64, uses: I64) -> Clusters:
         words: (n, d) codewords.
         uses: (n,) how often each is used; within a cluster the most used come first.
     """
-    if len(words) < FEWEST_CODEWORDS:
+    if len(words) < FEWEST_CLUSTERED:
         return Clusters(np.arange(len(words)), ())
     zero = np.flatnonzero(~words.any(axis=1))[:1]
     rest = np.setdiff1d(np.arange(len(words)), zero)

@@ -203,8 +203,8 @@ def index_inputs(
     before, after = model.stages(layer - 1, classes), model.stages(layer, classes)
     attributes = attribute_values(model, layer, content, order)
     own = np.minimum(np.maximum(attributes[wanted] >> ATTRIBUTE_SHIFT, -_WIDEST), _WIDEST)
-    kinds = np.arange(model.layers[-1].class_count)
-    parts = [(classes[wanted, None] == kinds) * CLASS_VALUE]
+    every = np.arange(model.layers[-1].class_count)
+    parts = [(classes[wanted, None] == every) * CLASS_VALUE]
     if options.own:
         parts.append(own)
     if options.occupancies:

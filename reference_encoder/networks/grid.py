@@ -16,6 +16,13 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
+from reference_encoder.tuning import (
+    ANCHORS_PER_CELL,
+    AXIS_RESOLUTIONS,
+    GRID_FEATURES,
+    GRID_INNER_SHARE,
+    WAVE_RESOLUTIONS,
+)
 from scarfmt.errors import InvalidInput
 from scarfmt.neural.grid import (
     FEATURE_MAX,
@@ -32,15 +39,8 @@ I64 = NDArray[np.int64]
 # Small enough that a few steps can turn any bit.
 _START = 0.1
 _FRACTION_BITS = 8
-# The box holds this share of the anchors along each axis: a few far away must not take its resolution.
-_INNER_SHARE = 0.98
 KINDS = ("none", "axes", "3d", "hybrid")
-_AXIS_RESOLUTIONS = (16, 64, 8, 32)
-_WAVE_RESOLUTIONS = (4, 8, 16, 32, 64)
-_FEATURES = 4
 _LARGEST_TABLE_LOG2 = 18
-# Finest 3D cells hold about this many anchors: with fewer, a cell's bits cost more than they save.
-_ANCHORS_PER_CELL = 128
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def fit_box(positions: NDArray[np.integer[Any]]) -> tuple[GridBox, tuple[float, 
     Returns:
         The box, with these anchors in its middle, and the share of each of its sides that they span, at most 1.
     """
-    tail = (1 - _INNER_SHARE) / 2
+    tail = (1 - GRID_INNER_SHARE) / 2
     ends = np.quantile(positions.astype(np.float64), [tail, 1 - tail], axis=0)
     low, high = np.floor(ends[0]).astype(np.int64), np.ceil(ends[1]).astype(np.int64)
     span = high - low + 1
@@ -165,8 +165,8 @@ def default_levels(anchor_count: int, extent: tuple[float, float, float], kind: 
     """
     if kind not in KINDS:
         raise InvalidInput("input-options", f"{kind!r} is not one of {', '.join(KINDS)}", field="grid")
-    axes = [_level(plane, resolution, resolution + 1) for resolution in _AXIS_RESOLUTIONS for plane in (4, 5, 6)]
-    cells = max(anchor_count // _ANCHORS_PER_CELL, 1)
+    axes = [_level(plane, resolution, resolution + 1) for resolution in AXIS_RESOLUTIONS for plane in (4, 5, 6)]
+    cells = max(anchor_count // ANCHORS_PER_CELL, 1)
     area = 2 * (extent[0] * extent[1] + extent[0] * extent[2] + extent[1] * extent[2])
     # Anchors lie on surfaces: about as many cells hold some as the faces of the box have.
     finest = min(max(round(math.sqrt(cells / area)), 2), MAX_RESOLUTION // 2)
@@ -178,10 +178,10 @@ def default_levels(anchor_count: int, extent: tuple[float, float, float], kind: 
 def _level(plane: int, resolution: int, vertices: int) -> GridLevel:
     """A level whose table has room for about so many vertices."""
     table_log2 = min(max(vertices.bit_length(), 1), _LARGEST_TABLE_LOG2)
-    return GridLevel(plane, resolution, table_log2, _FEATURES)
+    return GridLevel(plane, resolution, table_log2, GRID_FEATURES)
 
 
-def wave_grid(box: GridBox, resolutions: tuple[int, ...] = _WAVE_RESOLUTIONS) -> HashGrid:
+def wave_grid(box: GridBox, resolutions: tuple[int, ...] = WAVE_RESOLUTIONS) -> HashGrid:
     """A grid that needs no learning: two waves a quarter period apart along each axis, at each resolution.
 
     They tell the network where in the box an anchor is, at as many scales; a period is four cells.

@@ -7,7 +7,7 @@ and a bias a codeword. Two-level: first the cluster, by its centroid, then the c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import numpy as np
 import torch
@@ -16,18 +16,15 @@ from torch import nn
 
 from reference_encoder.networks.integers import UNIT, exact_bits, round_shift, rounded
 from reference_encoder.networks.layers import Dense, Scale
+from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.networks.softmax import range_bits
-
-if TYPE_CHECKING:
-    from reference_encoder.networks.model import NetworkShape
+from reference_encoder.tuning import LOGIT_REACH_BITS
 
 I64 = NDArray[np.int64]
 F64 = NDArray[np.float64]
 
 BIAS_STEP = 8
 """Biases of logits are whole quarters of a bit."""
-_REACH = 3.0
-"""Bits by which an output vector of one unit moves the logit of a typical codeword."""
 _NEVER = -1e6
 
 
@@ -43,7 +40,7 @@ class _Level(nn.Module):
         self.top = shape.top
         self.project = Dense(value, dims, value.unit, shape, generator, start=0.3)
         length = max(float(np.sqrt((vectors.astype(np.float64) ** 2).sum(axis=1).mean())), 1.0)
-        self.shift = int(np.clip(round(float(np.log2(length * value.unit / (UNIT * _REACH)))), 0, 20))
+        self.shift = int(np.clip(round(float(np.log2(length * value.unit / (UNIT * LOGIT_REACH_BITS)))), 0, 20))
         self.register_buffer("vectors", torch.from_numpy(vectors.astype(np.float32)))
         self.scale = 2.0**-self.shift / UNIT
         self.register_buffer("scaled", (self.vectors.T * self.scale).contiguous())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,24 +12,12 @@ from numpy.typing import NDArray
 from torch import nn
 
 from reference_encoder.networks.integers import rounded, settled
+from reference_encoder.networks.shape import NetworkShape
 
 F64 = NDArray[np.float64]
 
 _BOUND = 1 << 24
 MAX_SHIFT = 24
-
-
-class Precision(Protocol):
-    """What a layer needs to know of the network's shape."""
-
-    @property
-    def weight_bits(self) -> int: ...
-    @property
-    def weight_limit(self) -> int: ...
-    @property
-    def top(self) -> int: ...
-    @property
-    def activation_bits(self) -> int: ...
 
 
 def whole(values: F64) -> F64:
@@ -60,7 +48,7 @@ class Scale:
         return cls(np.maximum(words.std(axis=0), 2.0), np.zeros(words.shape[1]))
 
     @classmethod
-    def hidden(cls, shape: Precision, width: int) -> Scale:
+    def hidden(cls, shape: NetworkShape, width: int) -> Scale:
         """Hidden values, that reach from -4 to 4."""
         return cls(np.full(width, (shape.top + 1) / 4), np.zeros(width))
 
@@ -86,7 +74,7 @@ class Dense(nn.Module):
         scale: Scale,
         rows: int,
         unit: float,
-        shape: Precision,
+        shape: NetworkShape,
         generator: torch.Generator,
         *,
         bias: bool = True,

@@ -29,6 +29,8 @@ from reference_encoder.networks.integers import (
     tanh12,
 )
 from reference_encoder.networks.layers import Dense, Scale, geometric_bits, whole
+from reference_encoder.networks.shape import NetworkShape
+from reference_encoder.tuning import BIAS_BITS
 from scarfmt.scene.codebooks import Codebooks
 
 I64 = NDArray[np.int64]
@@ -38,43 +40,6 @@ _GRU_BOUND = 1 << 23
 _GRID_SPREAD = 64.0
 # A column that is nearly constant must not get weights that are huge.
 _LEAST_SPREAD = 6.0
-BIAS_BITS = 10.0
-"""What a bias is taken to cost in the file."""
-
-
-@dataclass(frozen=True)
-class NetworkShape:
-    """What the network looks like.
-
-    Attributes:
-        hidden: H, width of embedding, GRU state and attention.
-        middle: width between the two layers of the embedding.
-        mixer: Y, width before the heads.
-        codeword_dims: R, latent dimensions of a codeword that the network sees.
-        gru_layers: G.
-        attention: whether states are weighed by the embedding; else the last one is taken.
-        activation_bits: 8..12.
-        weight_bits: about how many bits a weight takes: fixes the step of weights.
-        weight_limit: largest magnitude of a weight.
-        magnitude: whether a codeword's length is seen beside its dimensions: what tells the many that stand for
-            "next to nothing" from the rest, which no product with the codeword itself can.
-    """
-
-    hidden: int = 16
-    middle: int = 16
-    mixer: int = 16
-    codeword_dims: int = 12
-    gru_layers: int = 1
-    attention: bool = False
-    activation_bits: int = 9
-    weight_bits: int = 6
-    weight_limit: int = 127
-    magnitude: bool = True
-
-    @property
-    def top(self) -> int:
-        """Largest magnitude of an activation."""
-        return (1 << (self.activation_bits - 1)) - 1
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,17 @@ import numpy as np
 from numba import get_num_threads
 from numpy.typing import NDArray
 
-from reference_encoder.networks.predictor_net import TOP_WEIGHTS, Effort, candidates, float_contexts, quantised, train
+from reference_encoder.networks.predictor_net import candidates, float_contexts, quantised, train
+from reference_encoder.options import EFFORTS, PredictorTraining
+from reference_encoder.tuning import (
+    PREDICTOR_ANCHORS,
+    PREDICTOR_ENTRY_BITS,
+    PREDICTOR_LEAST_SYMBOLS,
+    PREDICTOR_SAMPLE,
+    PREDICTOR_TABLE_BITS,
+    RUN_BITS,
+    TOP_WEIGHTS,
+)
 from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.coding.tile import NeuralModels, TileContent, put_layer
 from scarfmt.container.directory import TileFrame
@@ -38,16 +48,6 @@ I64 = NDArray[np.int64]
 Key = tuple[int, int, int]
 """(stream, component, step)."""
 
-EFFORTS = {1: Effort(4, 400), 2: Effort(8, 800), 3: Effort(16, 2000)}
-_SAMPLE = 40_000
-_ANCHORS = 160_000
-"""Anchors of the tiles looked at."""
-_LEAST_SYMBOLS = 4000
-"""Fewer symbols never pay for a network."""
-_TABLE_BITS, _ENTRY_BITS = 24.0, 6.0
-"""What a table costs after zstd, as measured."""
-_RUN_BITS = 0.1
-"""What a run of symbols in one context is worth: it costs a decoder about 4 microseconds."""
 _ESTIMATE = 0.5 / np.log(2)
 """Bits by which the entropy of a histogram falls short of the truth, per free entry (Miller and Madow)."""
 
@@ -142,7 +142,7 @@ def choose_predictors(
 
     def best(number: int) -> Predictor | None:
         key, sample = taken[number]
-        return _best(key, sample, static[key], EFFORTS[effort], seed + number)
+        return _best(key, sample, static[key], EFFORTS[effort].predictors, seed + number)
 
     # Each is trained by itself, so threads change nothing.
     with ThreadPoolExecutor(get_num_threads()) as pool:
@@ -156,10 +156,10 @@ def choose_predictors(
     return chosen
 
 
-def _best(key: Key, sample: Sample, static: float, effort: Effort, seed: int) -> Predictor | None:
+def _best(key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int) -> Predictor | None:
     """The predictor of one step of one component, None if none pays."""
     ternary, stream = key[2] > 1, Stream(key[0])
-    net = train(sample.inputs, sample.symbols, ternary, sample.total, effort, seed)
+    net = train(sample.inputs, sample.symbols, ternary, sample.total, training, seed)
     outputs = net.outputs(sample.inputs.astype(np.float64))
 
     def cost(buckets: tuple[int, int]) -> float:
@@ -199,7 +199,7 @@ def expected_bits(contexts: I64, sample: Sample) -> float:
     # Groups whose symbols are few do not meet every context.
     met = 1 - np.power(1 - shares[:, None], sample.groups)
     runs = float(met.sum()) * sample.total / float(sample.groups.sum())
-    return coded_bits(list(counts), sample.total) + _RUN_BITS * runs
+    return coded_bits(list(counts), sample.total) + RUN_BITS * runs
 
 
 def coded_bits(histograms: Sequence[I64], total: int) -> float:
@@ -210,7 +210,7 @@ def coded_bits(histograms: Sequence[I64], total: int) -> float:
         used = histogram[histogram > 0].astype(np.float64)
         if len(used):
             bits += float((used * np.log2(used.sum() / used)).sum()) + _ESTIMATE * (len(used) - 1)
-            tables += _TABLE_BITS + _ENTRY_BITS * len(used)
+            tables += PREDICTOR_TABLE_BITS + PREDICTOR_ENTRY_BITS * len(used)
             count += int(used.sum())
     return bits / max(count, 1) * total + tables
 
@@ -224,10 +224,10 @@ def samples(
 ) -> dict[Key, Sample]:
     """A sample of the symbols of every step of every component that has enough of them."""
     here, random = _totals(model, contents), np.random.default_rng(seed)
-    enough = {key for key, total in whole.items() if total >= _LEAST_SYMBOLS and here[key]}
+    enough = {key for key, total in whole.items() if total >= PREDICTOR_LEAST_SYMBOLS and here[key]}
     # All are recorded, so that all are coded in passes.
     recorders = {
-        key: Recorder(min(1.0, _SAMPLE / max(total, 1)) if key in enough else 0.0, random)
+        key: Recorder(min(1.0, PREDICTOR_SAMPLE / max(total, 1)) if key in enough else 0.0, random)
         for key, total in sorted(here.items())
     }
     _run(model, frames, contents, _Tap(recorders), NeuralModels(cast(Predictors, recorders)))
@@ -282,7 +282,7 @@ def _some_tiles(
     """Tiles drawn at random until they have enough anchors."""
     order = np.random.default_rng(seed).permutation(len(contents))
     before = np.cumsum([0, *(len(contents[tile]) for tile in order)])[:-1]
-    kept = sorted(int(tile) for tile in order[before < _ANCHORS])
+    kept = sorted(int(tile) for tile in order[before < PREDICTOR_ANCHORS])
     return [frames[tile] for tile in kept], [contents[tile] for tile in kept]
 
 

@@ -12,19 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.jit import compiled, reduced
+from reference_encoder.tuning import LAST_SLOWER, MOMENTA, PREDICTOR_BATCH, PREDICTOR_LEARNING_RATE, RISE_SHARE, SLOWEST
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 
-_BATCH = 1024
-_RATE = 0.03
-_RISE = 0.15
-"""Share of the iterations in which the rate rises."""
-_SLOWEST, _LAST = 25.0, 1e4
-"""The rate starts at a 25th of its highest value and ends at a ten-thousandth of that."""
-_MOMENTA = (0.95, 0.85)
-"""While the rate is low, and where it is highest."""
 _SECOND_DECAY = 0.98
 _LEAST_MASS = 1e-6
 _CHUNK = 256
@@ -61,23 +54,23 @@ def descend(
     wide[:width, :units], wide[width, :units] = start.first, start.bias
     wide[:width, units:], wide[width, units:] = start.direct, start.offset
     second = np.ascontiguousarray(start.second, np.float32)
-    epochs = -(-iterations * _BATCH // len(inputs))
-    order = np.concatenate([random.permutation(len(inputs)) for _ in range(epochs)])
+    epochs = -(-iterations * PREDICTOR_BATCH // len(inputs))
+    order = np.concatenate([random.permutation(len(inputs)) for _ in range(epochs)])[: iterations * PREDICTOR_BATCH]
     rates, momenta = one_cycle(iterations)
-    _descend(wide, second, inputs, targets, ternary, penalty, order, rates, momenta)
+    _descend(wide, second, inputs, targets, ternary, penalty, order.reshape(iterations, -1), rates, momenta)
     return Parameters(wide[:width, :units], wide[width, :units], wide[:width, units:], second, wide[width, units:])
 
 
 def one_cycle(iterations: int) -> tuple[F64, F64]:
     """(iterations,) rates and momenta: up along a cosine, then down to almost nothing."""
-    peak = _RISE * iterations - 1
+    peak = RISE_SHARE * iterations - 1
     at = np.arange(iterations)
     rising = np.clip(at / max(peak, 1e-9), 0, 1)
     falling = np.clip((at - peak) / max(iterations - 1 - peak, 1e-9), 0, 1)
     up, down = (1 - np.cos(np.pi * rising)) / 2, (1 - np.cos(np.pi * falling)) / 2
-    lowest = _RATE / _SLOWEST
-    rates = np.where(at < peak, lowest + (_RATE - lowest) * up, _RATE + (lowest / _LAST - _RATE) * down)
-    low, high = _MOMENTA
+    highest, lowest = PREDICTOR_LEARNING_RATE, PREDICTOR_LEARNING_RATE / SLOWEST
+    rates = np.where(at < peak, lowest + (highest - lowest) * up, highest + (lowest / LAST_SLOWER - highest) * down)
+    low, high = MOMENTA
     momenta = np.where(at < peak, low + (high - low) * up, high + (low - high) * down)
     return rates, momenta
 
@@ -179,28 +172,28 @@ def _descend(
 
     Args:
         wide: (inputs + 1, units + 2), biases last.
-        order: rows of all batches, one after another.
+        order: (iterations, batch) rows of each batch; a batch is whole chunks.
     """
-    rows, columns = wide.shape
+    (rows, columns), batch = wide.shape, order.shape[1]
     x, goal = np.ones((rows, _CHUNK), np.float32), np.empty(_CHUNK, np.float32)
     sums, slopes = np.empty((columns, _CHUNK), np.float32), np.empty((columns, _CHUNK), np.float32)
     by_wide, by_second = np.empty_like(wide), np.empty_like(second)
     moments = np.zeros((2, wide.size)), np.zeros((2, second.size))
     for at in range(len(rates)):
         by_wide[:], by_second[:] = 0, 0
-        for first in range(at * _BATCH, (at + 1) * _BATCH, _CHUNK):
+        for first in range(0, batch, _CHUNK):
             for k in range(_CHUNK):
-                goal[k] = targets[order[first + k]]
+                goal[k] = targets[order[at, first + k]]
                 for row in range(rows - 1):
-                    x[row, k] = inputs[order[first + k], row]
+                    x[row, k] = inputs[order[at, first + k], row]
             _forward(wide, second, x, goal, ternary, sums, slopes)
             _backward(x, sums, slopes, by_wide, by_second)
         for row in range(rows):
             for column in range(columns):
                 cost = penalty * np.sign(wide[row, column]) if row < rows - 1 else 0.0
-                by_wide[row, column] = by_wide[row, column] / _BATCH + cost
+                by_wide[row, column] = by_wide[row, column] / batch + cost
         for unit in range(len(second)):
             for output in range(2):
-                by_second[unit, output] = by_second[unit, output] / _BATCH + penalty * np.sign(second[unit, output])
+                by_second[unit, output] = by_second[unit, output] / batch + penalty * np.sign(second[unit, output])
         _adam(wide.ravel(), by_wide.ravel(), moments[0][0], moments[0][1], rates[at], momenta[at], at)
         _adam(second.ravel(), by_second.ravel(), moments[1][0], moments[1][1], rates[at], momenta[at], at)

@@ -14,6 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.networks.predictor_descent import Parameters, descend
+from reference_encoder.options import PredictorTraining
+from reference_encoder.tuning import (
+    BUCKET_PERCENTS,
+    LEAST_DEVIATION,
+    LEAST_RANGE,
+    NEGLIGIBLE_WEIGHT,
+    WEIGHT_PENALTY_BITS,
+)
 from scarfmt.container.schema import Stream
 from scarfmt.neural.arithmetic import MAX_SHIFT, Linear
 from scarfmt.neural.predictors import AMAX, Predictor
@@ -22,25 +30,6 @@ F64 = NDArray[np.float64]
 F32 = NDArray[np.float32]
 I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
-
-_LEAST_DEVIATION = 4.0
-"""Inputs that hardly vary are not blown up: their weights would not fit in 8 bits beside the others."""
-_PENALTY, _NEGLIGIBLE = 24.0, 0.03
-"""Weights are driven to 0 as far as the bytes of one are worth more than what it saves over all symbols."""
-TOP_WEIGHTS = (127, 63, 31)
-"""Largest magnitudes worth trying: fewer values take fewer bytes."""
-_LEAST_RANGE = 1e-3
-"""An output that hardly varies says nothing: its buckets would only ask for large weights."""
-_RANGES = (1.0, 2.0)
-"""Percentiles of either output beyond which the first and last bucket reach on."""
-
-
-@dataclass(frozen=True)
-class Effort:
-    """How hard to train: hidden units, and iterations."""
-
-    units: int
-    iterations: int
 
 
 @dataclass(frozen=True)
@@ -67,17 +56,19 @@ class FloatNet:
         return np.asarray(x @ self.direct.T + self.hidden(x) @ self.second.T + self.offsets)
 
 
-def train(x: I16, symbols: I64, ternary: bool, total: int, effort: Effort, seed: int) -> FloatNet:
+def train(x: I16, symbols: I64, ternary: bool, total: int, training: PredictorTraining, seed: int) -> FloatNet:
     """A sparse network that tells the law of (n,) `symbols` from (n, inputs) `x`. Deterministic.
 
     Args:
         total: symbols that it will serve.
     """
-    centre, spread = x.mean(axis=0), np.maximum(x.std(axis=0), _LEAST_DEVIATION)
+    centre, spread = x.mean(axis=0), np.maximum(x.std(axis=0), LEAST_DEVIATION)
     inputs, targets = ((x - centre) / spread).astype(np.float32), symbols.astype(np.float32)
-    start = _start(x.shape[1], effort.units, None if ternary else targets, np.random.default_rng(seed))
-    found = descend(start, inputs, targets, ternary, _PENALTY / total, effort.iterations, seed)
-    first, direct, second = (np.where(np.abs(w) < _NEGLIGIBLE, 0, w) for w in (found.first, found.direct, found.second))
+    start = _start(x.shape[1], training.units, None if ternary else targets, np.random.default_rng(seed))
+    found = descend(start, inputs, targets, ternary, WEIGHT_PENALTY_BITS / total, training.iterations, seed)
+    first, direct, second = (
+        np.where(np.abs(w) < NEGLIGIBLE_WEIGHT, 0, w) for w in (found.first, found.direct, found.second)
+    )
     first, direct, second = (w.astype(np.float64) for w in (first, direct, second))
     shift = -centre / spread
     bias, offset = found.bias.astype(np.float64) + shift @ first, found.offset.astype(np.float64) + shift @ direct
@@ -106,10 +97,10 @@ def _without_dead_units(net: FloatNet) -> FloatNet:
 def cuts(outputs: F64, buckets: tuple[int, int]) -> tuple[F64, F64]:
     """Slope and intercept, (2,) each, so that floor(slope * output + intercept) is the bucket."""
     slopes, intercepts = np.zeros(2), np.zeros(2)
-    for row, (count, percent) in enumerate(zip(buckets, _RANGES, strict=True)):
+    for row, (count, percent) in enumerate(zip(buckets, BUCKET_PERCENTS, strict=True)):
         if count > 1:
             low, high = np.percentile(outputs[:, row], [percent, 100 - percent])
-            slopes[row] = count / max(high - low, _LEAST_RANGE)
+            slopes[row] = count / max(high - low, LEAST_RANGE)
             intercepts[row] = -low * slopes[row]
     return slopes, intercepts
 

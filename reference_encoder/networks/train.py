@@ -16,18 +16,14 @@ from numpy.typing import NDArray
 
 from reference_encoder.networks.dataset import IndexRows
 from reference_encoder.networks.grid import BinaryGrid, Lookup
-from reference_encoder.networks.model import Batch, IndexModel, InputStatistics, NetworkShape
+from reference_encoder.networks.model import Batch, IndexModel, InputStatistics
+from reference_encoder.networks.shape import NetworkShape
+from reference_encoder.tuning import MEASURED_ROWS, SETTLED_EPOCHS, STEEPEST
 from scarfmt.scene.codebooks import Codebooks
 
 I64 = NDArray[np.int64]
 
 _CHUNK = 4096
-_MEASURED = 16384
-"""Rows on which progress is measured."""
-_WINDOW = 3
-"""Epochs compared with as many before to see whether training still pays."""
-_STEEPEST = 2.0
-"""Longest gradient of a step."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +33,7 @@ class TrainOptions:
     Attributes:
         epochs: passes over the rows.
         batch: rows a step.
-        rate: highest learning rate, of Adam with a one-cycle schedule.
+        learning_rate: highest, of Adam with a one-cycle schedule.
         weight_rate: weight of the network's own bits; 1 is what they cost a scene as large as the sample, which
             keeps a network from learning a small sample by heart.
         quantised: train the integers; off: the float model, to compare.
@@ -47,7 +43,7 @@ class TrainOptions:
 
     epochs: int = 12
     batch: int = 1024
-    rate: float = 0.02
+    learning_rate: float = 0.02
     weight_rate: float = 1.0
     quantised: bool = True
     patience: float = 24.0
@@ -197,7 +193,7 @@ def _trained(
     examples, draw = Examples(rows, grid, lookup), np.random.default_rng(options.seed)
     steps = max(1, round(len(rows) / options.batch))
     # Fused: the network is small, and a call for every parameter and operation would take as long as its gradients.
-    optimiser = torch.optim.Adam(_groups(model, grid, options.rate), fused=True)
+    optimiser = torch.optim.Adam(_groups(model, grid, options.learning_rate), fused=True)
     schedule = _schedule(optimiser, steps * options.epochs)
     history: list[float] = []
     for epoch in range(options.epochs):
@@ -207,7 +203,7 @@ def _trained(
             loss = loss + options.weight_rate / examples.sent * _network_bits(model, grid)
             optimiser.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(model.parameters(), _STEEPEST)
+            torch.nn.utils.clip_grad_norm_(model.parameters(), STEEPEST)
             optimiser.step()
             schedule.step()
             report((epoch + (number + 1) / steps) / options.epochs)
@@ -222,12 +218,12 @@ def _network_bits(model: IndexModel, grid: BinaryGrid | None) -> torch.Tensor:
     return model.weight_bits() if grid is None else model.weight_bits() + grid.coded_bits()
 
 
-def _groups(model: IndexModel, grid: BinaryGrid | None, rate: float) -> list[dict[str, object]]:
+def _groups(model: IndexModel, grid: BinaryGrid | None, learning_rate: float) -> list[dict[str, object]]:
     """Parameter groups: biases of logits are in bits and need longer steps."""
     betas = [p for name, p in model.named_parameters() if name.endswith("beta")]
     rest = [p for name, p in model.named_parameters() if not name.endswith("beta") and p.requires_grad]
     rest += [] if grid is None else list(grid.parameters())
-    return [{"params": rest, "lr": rate}, {"params": betas, "lr": 2 * rate}]
+    return [{"params": rest, "lr": learning_rate}, {"params": betas, "lr": 2 * learning_rate}]
 
 
 def _schedule(optimiser: torch.optim.Optimizer, steps: int) -> torch.optim.lr_scheduler.LRScheduler:
@@ -246,14 +242,14 @@ def _estimate(model: IndexModel, examples: Examples, exact: bool) -> tuple[float
     """Bits of the whole scene's indices, measured on some rows, and of the network with its grid."""
     with torch.no_grad():
         network = float(_network_bits(model, examples.grid))
-    return float(measure(model, examples, exact, most=_MEASURED).sum()) * examples.scale, network
+    return float(measure(model, examples, exact, most=MEASURED_ROWS).sum()) * examples.scale, network
 
 
 def _settled(history: list[float], options: TrainOptions, epoch: int) -> bool:
     """Whether the epochs left are not worth their time; asked in the last quarter only: short steps save most."""
     left = options.epochs - 1 - epoch
-    if epoch < max(2 * _WINDOW, options.epochs * 3 // 4) or not left:
+    if epoch < max(2 * SETTLED_EPOCHS, options.epochs * 3 // 4) or not left:
         return False
     # Single epochs are uneven, so the best of some are compared.
-    gain = min(history[-2 * _WINDOW : -_WINDOW]) - min(history[-_WINDOW:])
-    return gain / _WINDOW * left < 8 * options.patience
+    gain = min(history[-2 * SETTLED_EPOCHS : -SETTLED_EPOCHS]) - min(history[-SETTLED_EPOCHS:])
+    return gain / SETTLED_EPOCHS * left < 8 * options.patience

@@ -32,7 +32,7 @@ class Request:
     photos: str | None
 
 
-@click.command(short_help="Tell PSNR and SSIM between two scenes.")
+@click.command(short_help="Report PSNR and SSIM between two scenes.")
 @click.argument("a")
 @click.argument("b")
 @view_options
@@ -55,7 +55,7 @@ def compare(
     as_json: bool,
     **views: Any,
 ) -> None:
-    """Draw the scenes A and B from the same cameras and tell PSNR (dB) and SSIM of B against A.
+    """Draw the scenes A and B from the same cameras and report PSNR (dB) and SSIM of B against A.
 
     A and B are any scene files: .scar (path or URL), PLY, SPZ, SOG, .splat or anchor models.
 

@@ -77,7 +77,7 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--attributes", metavar="NAME,...", callback=parse_attributes, help=ATTRIBUTES_HELP)
 @click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians, for .ply; loses quality.")
 @click.option("--cameras", type=click.Path(exists=True, dir_okay=False), help="JSON list of cameras to --bake for.")
-@click.option("--allow-truncated", is_flag=True, help="Take the whole layers of a file cut short.")
+@click.option("--allow-truncated", is_flag=True, help="Decode the complete layers of a truncated file.")
 @click.option("--threads", type=click.IntRange(1, 256), default=1, show_default=True, help="Tiles decoded at once.")
 @click.option(
     "--backend",
@@ -86,8 +86,8 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
     show_default=True,
     help="The engine that computes; the result is the same.",
 )
-@click.option("--stats", is_flag=True, help="Tell what was read and computed, and the time, on stderr.")
-@click.option("--json", "as_json", is_flag=True, help="Print what --stats tells as a JSON object on stdout.")
+@click.option("--stats", is_flag=True, help="Report what was read and computed, and the time, on stderr.")
+@click.option("--json", "as_json", is_flag=True, help="Print the report of --stats as a JSON object on stdout.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @timeout_option
@@ -105,7 +105,8 @@ def decode(
     """Decode INPUT (a path, a URL or -) into OUTPUT, a .ply or .npz file, or - for a PLY on stdout.
 
     A .ply holds Gaussians as INRIA's trainer writes them. An .npz holds the arrays of the scene; of an anchor model,
-    an anchor model that 'encode' and 'compare' read. Of a URL only the bytes needed are transferred.
+    an anchor model that 'encode' and 'compare' read. Of a URL the first 64 KiB are transferred, and what is needed
+    beyond.
 
     \b
     Examples:

@@ -46,49 +46,55 @@ def _refuse_constant(name: str) -> Any:
 @click.command(short_help="Compress a scene into a .scar file.")
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
-@click.option("--quality", type=click.FloatRange(20, 80), help="About the PSNR of the last layer, dB [default: 45].")
-@click.option("--effort", type=click.IntRange(1, 3), help="1 is fast and trains no networks, 3 is slow [default: 2].")
+@click.option(
+    "--quality",
+    type=click.FloatRange(20, 80),
+    help="Target PSNR of the complete file against the input, in dB, seen from where --cameras or --frame say. With"
+    " --cameras, other views of the same capture can have some dB less [default: 45].",
+)
+@click.option("--effort", type=click.IntRange(1, 3), help="1: fast, without networks; 3: slow [default: 2].")
 @click.option(
     "--corrections",
     type=click.IntRange(0, 10),
     metavar="N",
-    help="How often at most the result is drawn and quantised again to meet --quality; 0: as predicted, some dB off"
-    " [default: as many as --effort].",
+    help="Maximum number of passes used to meet --quality. Each renders the result, measures its PSNR and quantises"
+    " again. 0: no check; the result can miss by several dB [default: set by --effort].",
 )
 @click.option(
     "--layers",
     type=click.IntRange(1, 16),
-    help="Most layers to make [default: 5].",
+    help="Maximum number of layers [default: 5].",
 )
 @click.option("--cameras", type=click.Path(exists=True, dir_okay=False), help="JSON list of the capture's cameras.")
 @click.option("--frame", help=FRAME_HELP + " [default: -y]")
 @click.option("--sh-degree", type=click.IntRange(0, 3), help="Drop spherical harmonics above this degree.")
 @click.option("--drop-invalid", is_flag=True, help="Leave out Gaussians with NaN or infinite values.")
-@click.option("--format", "format_id", type=click.Choice(FORMAT_IDS), help="Format of INPUT [default: as it looks].")
+@click.option("--format", "format_id", type=click.Choice(FORMAT_IDS), help="Input format [default: from content].")
 @click.option(
     "--latent",
     type=click.Choice(["linear", "learned"]),
-    help="learned: the paper's RVQ-VAE; 7-10 times slower [default: linear].",
+    help="Basis of the latents: linear (Karhunen-Loève), or learned (an autoencoder with residual vector quantisation,"
+    " trained by squared error after the scene is finished, unlike the paper's; slower) [default: linear].",
 )
 @click.option(
     "--estimator",
     type=click.Choice(["rotation", "straight-through"]),
-    help="Gradient of --latent learned [default: rotation].",
+    help="Gradient through the quantiser of --latent learned [default: rotation].",
 )
 @click.option(
     "--decode-budget",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Most multiply-adds of integer networks per Gaussian or anchor that decoding may take; 0: static tables"
-    " alone, decoded fastest [default: whatever is smallest].",
+    help="Maximum multiply-adds of integer networks per Gaussian or anchor when decoding. 0: static tables only, which"
+    " decode fastest [default: whatever makes the file smallest].",
 )
 @click.option(
     "--tile-size",
     "tile_anchors",
     type=click.IntRange(1024, 65536),
     metavar="N",
-    help="Most anchors a tile, 1024 to 65536: smaller tiles cost bytes and time, and make regions cheaper to decode"
-    " [default: 32768, in scenes of more than 262,144 Gaussians 16384].",
+    help="Maximum anchors per tile, 1024 to 65536. Smaller tiles make regions cheaper to decode, and the whole larger"
+    " and slower [default: 32768; 16384 in scenes of more than 262,144 Gaussians].",
 )
 @click.option("--seed", type=click.IntRange(min=0), help="Of all random choices: equal seeds give equal files.")
 @click.option(
@@ -103,7 +109,7 @@ def encode(
     """Compress the scene INPUT into the .scar file OUTPUT. Either may be - (stdin, stdout).
 
     INPUT is a 3DGS or compressed PLY, SPZ, SOG, .splat, or an anchor model (.npz). What is rarely seen is stored
-    coarsely: --cameras or --frame tell from where the scene will be looked at.
+    coarsely: --cameras or --frame say from where the scene will be looked at.
 
     \b
     Examples:

@@ -43,7 +43,7 @@ class Subject:
         return render(self.view, camera) if isinstance(self.view, GaussianScene) else self.view(camera)
 
     def remembering(self) -> Subject:
-        """The same, drawing each view only once."""
+        """A subject that draws each view only once."""
         seen: dict[bytes, F32] = {}
 
         def picture(camera: Camera) -> F32:
@@ -55,7 +55,7 @@ class Subject:
         return replace(self, view=picture)
 
     def reporting(self, report: Report, count: int) -> Subject:
-        """The same, telling `report` which of `count` pictures it draws."""
+        """A subject that also reports to `report` which of `count` pictures it draws."""
         drawn = 0
 
         def picture(camera: Camera) -> F32:

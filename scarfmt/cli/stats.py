@@ -1,4 +1,4 @@
-"""What `decode --stats` tells: the work of a decode, beside what the whole file holds."""
+"""What `decode --stats` reports: the work of a decode, beside what the whole file holds."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def decode_stats(source: ByteSource, counters: Counters, seconds: float, engine:
 
 
 def format_stats(stats: dict[str, Any]) -> str:
-    """The same for people, a line each."""
+    """The report of :func:`decode_stats` for people, a line for each count."""
     decoded, whole = stats["decoded"], stats["file"]
     rows = [(name, decoded[key], _share(decoded[key], whole[name])) for name, key in _TOTALS]
     for name, key in _DETAILS.items():

@@ -14,19 +14,20 @@ if TYPE_CHECKING:
     from scarfmt.tools.validate import Finding, Validation
 
 
-@click.command(short_help="Tell every rule a file breaks.")
+@click.command(short_help="List every rule a file breaks.")
 @click.argument("file")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout.")
 @click.option("--layers", type=click.IntRange(min=1), help="Check only the blocks of the first so many layers.")
 @click.option("--no-limits", is_flag=True, help="Check a file however large or slow it is: for files you trust.")
-@click.option("--quiet", "-q", is_flag=True, help="Print nothing; the exit code tells.")
+@click.option("--quiet", "-q", is_flag=True, help="Print nothing: the exit code is the answer.")
 @timeout_option
 @click.pass_context
 def validate(ctx: click.Context, file: str, as_json: bool, layers: int | None, no_limits: bool, quiet: bool) -> None:
     """Check FILE (a path, a URL or -) against every rule of the specification.
 
-    All tiles are decoded. Checking goes on past a fault where it can, so that all damage is told, one line each:
-    'error: ID @ OFFSET: MESSAGE'. Exit code 0 if there is no error (warnings are none), else 1.
+    All tiles are decoded. Checking goes on past a fault where it can, so that all damage is listed, one line each:
+    'error: ID @ OFFSET: MESSAGE'. The last line says how many layers, from the first, decode in every tile. Exit code
+    0 if there is no error (a warning is none), else 1.
 
     \b
     Examples:
@@ -51,7 +52,9 @@ def _print(file: str, result: Validation) -> None:
     for finding in result.findings:
         click.echo(_line(finding), err=True)
     verdict = "valid" if result.valid else "not valid"
-    layers = f"{result.layers_available} of {result.layers_declared} layers readable"
+    layers = f"{result.layers_readable} of {result.layers_declared} layers readable"
+    if result.layers_checked < result.layers_available:
+        layers += f", {result.layers_checked} checked"
     work = f"{result.blocks_checked:,} blocks and {result.tiles_decoded:,} tiles sound"
     click.echo(f"{file}: {verdict}; {layers}, {work}", err=True)
 

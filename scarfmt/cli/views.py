@@ -18,8 +18,8 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 DEFAULT_VIEWS = 8
 DEFAULT_SIZE = (640, 480)
 FRAME_HELP = (
-    "Which way is up, and the part of the circle to look from: UP or UP:CENTRE_DEG:SPAN_DEG with UP one of "
-    "x, -x, y, -y, z, -z."
+    "Up axis (x, -x, y, -y, z or -z), optionally with the arc of viewing directions in degrees: UP[:CENTRE:SPAN], "
+    "e.g. -y:125:70."
 )
 SIZE_HELP = "Pixels of each picture [default: 640x480, or the cameras' own]."
 

@@ -378,8 +378,8 @@ class SceneReader:
             known += new
             if entry is None and not known:
                 continue
-            parts = self._substreams(entry, payload, model, streams) if entry else {}
             observer = observe(tile, layer) if observe is not None else None
+            parts = self._substreams(entry, payload, model, streams) if entry else {}
             here, readers = content.head(known), _Readers(parts, tables, observer, self.engine)
             decode = partial(
                 get_layer, model, layer, frame, here, new, readers.open, streams, sizes, beside, observer, counters,

@@ -62,7 +62,7 @@ class Camera:
         return -rotation.T @ translation
 
     def scaled(self, factor: float) -> Camera:
-        """The same view in a picture `factor` times as wide and high (rounded to whole pixels)."""
+        """This view in a picture `factor` times as wide and high (rounded to whole pixels)."""
         width, height = max(1, round(self.width * factor)), max(1, round(self.height * factor))
         sx, sy = width / self.width, height / self.height
         return Camera(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, UnidentifiedImageError
 
+from scarfmt.atomic import atomic_write
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.gaussians import F32
 
@@ -25,28 +24,13 @@ def to_bytes(image: NDArray[np.floating]) -> NDArray[np.uint8]:
 
 
 def write_png(path: str | Path, image: NDArray[np.floating]) -> None:
-    """Write a (height, width, 3) picture of floats as an 8-bit PNG; a reader never sees half a file.
+    """Write a (height, width, 3) picture of floats as an 8-bit PNG, over a file of that name; never half a file.
 
     Raises:
-        OSError: the file cannot be written.
+        InvalidInput: ``output-path`` when the file cannot be written.
     """
-    target = Path(path)
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            Image.fromarray(to_bytes(image)).save(stream, format="PNG")
-        # mkstemp makes the file private; pictures get the permissions any new file would.
-        os.chmod(temporary, 0o666 & ~_umask())
-        os.replace(temporary, target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    with atomic_write(path, force=True) as stream:
+        Image.fromarray(to_bytes(image)).save(stream, format="PNG")
 
 
 def read_image(path: str | Path) -> F32:

@@ -1,9 +1,15 @@
-"""Opacity and colour, from coded values to what renderers take and back (SPEC §9.4)."""
+"""Rotation, opacity and colour, from coded values to what renderers take and back (SPEC §9.3, §9.4)."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
+
+from scarfmt.container.schema import Stream
+from scarfmt.scene.rotation import quaternion_from
 
 F64 = NDArray[np.float64]
 Floats = NDArray[np.floating]
@@ -34,3 +40,26 @@ def spherical_harmonics_from_colour(colours: Floats) -> Floats:
     """(n, 3) degree-0 coefficients R, G, B of (n, 3) coded (Y, G, O) (SPEC §9.4)."""
     y, green, orange = colours.T
     return np.stack([y - green + orange, y + green, y - green - orange], axis=1)
+
+
+def activated(values: Mapping[Stream, Floats], count: int, dtype: type) -> tuple[Floats, F64, Floats]:
+    """Quaternions, opacity logits and degree-0 coefficients of explicit anchors (SPEC §9.3, §9.4).
+
+    Args:
+        values: (n, components) of ROTATION, OPACITY and COLOUR; those that are not there count as 0.
+        count: n.
+        dtype: what is computed in, float32 or float64; logits always in float64.
+
+    Returns:
+        (n, 4) unit quaternions (w, x, y, z), (n,) logits, (n, 3) coefficients of red, green and blue.
+    """
+
+    def given(stream: Stream, components: int) -> NDArray[Any]:
+        found = values.get(stream)
+        return np.zeros((count, components), dtype) if found is None else found.astype(dtype, copy=False)
+
+    rotation = given(Stream.ROTATION, 3)
+    with np.errstate(over="ignore", invalid="ignore"):
+        quaternions = quaternion_from(rotation[:, :2], rotation[:, 2])
+    logits = opacity_logits(values[Stream.OPACITY][:, 0] if Stream.OPACITY in values else np.zeros(count))
+    return quaternions, logits, spherical_harmonics_from_colour(given(Stream.COLOUR, 3))

@@ -79,6 +79,7 @@ class Validation:
         layers_declared: layers the header declares; 0 when the header is unreadable.
         layers_available: layers whose blocks have all arrived.
         layers_checked: how many of these, from the first, were looked at.
+        layers_readable: how many of these, from the first, decode in every tile: what of the file can be saved.
         blocks_checked: blocks read and verified.
         tiles_decoded: tiles decoded to integers without a fault.
     """
@@ -87,6 +88,7 @@ class Validation:
     layers_declared: int = 0
     layers_available: int = 0
     layers_checked: int = 0
+    layers_readable: int = 0
     blocks_checked: int = 0
     tiles_decoded: int = 0
 
@@ -184,6 +186,7 @@ class _Check:
         self._miscounted: list[ScarError] = []
         self._opening: Opening = ((), DecodedContext())
         self._models: dict[int, SceneModels] = {}
+        self._begun = 0
         self._tables: list[dict[TableKey, SymbolTable]] = [{} for _ in range(self._last)]
         self._used: list[set[TableKey]] = [set() for _ in range(self._last)]
         self._streams = np.zeros((self._last + 1, STREAM_COUNT), np.int64)
@@ -319,7 +322,7 @@ class _Check:
 
     def _check_tiles(self, usable: int) -> bool:
         """Decode every tile as far as its blocks and the models are sound; True if that is all of them."""
-        complete = True
+        complete, readable = True, usable
         tiles = self._reader.header.tile_count
         lowest = {entry.tile: entry.layer for entry in reversed(self._broken)}
         for tile in range(tiles):
@@ -327,12 +330,16 @@ class _Check:
             top = min(usable, lowest.get(tile, self._last + 1) - 1)
             complete &= top == self._last
             if top and not self._decode(self._models_of(top), tile):
-                complete = False
+                complete, top = False, self._begun - 1
+            readable = min(readable, top)
+        self._result.layers_readable = readable
         return complete
 
     def _decode(self, models: SceneModels, tile: int) -> bool:
+        """Decode a tile; where that fails, `_begun` is the layer that is at fault."""
+        self._begun = 1
         try:
-            for _, content in self._reader.tiles(models, [tile]):
+            for _, content in self._reader.tiles(models, [tile], observe=self._begin):
                 if len(content):
                     self._count(content)
         except ScarError as error:
@@ -341,6 +348,9 @@ class _Check:
             return False
         self._result.tiles_decoded += 1
         return True
+
+    def _begin(self, _tile: int, layer: int) -> None:
+        self._begun = layer
 
     def _count(self, content: TileContent) -> None:
         for layer in range(1, self._last + 1):

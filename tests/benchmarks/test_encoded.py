@@ -72,14 +72,14 @@ def test_a_file_that_is_there_is_not_encoded_again(scene: Scene, monkeypatch: py
     def run(**job: Any) -> dict[str, Any]:
         jobs.append(job)
         Path(job["out"]).write_bytes(b"scar")
-        encoded.note_path(Path(job["out"])).write_text(json.dumps({"seconds": len(jobs), "bytes": 4}))
+        child.note_path(Path(job["out"])).write_text(json.dumps({"seconds": len(jobs), "bytes": 4}))
         return {}
 
     monkeypatch.setattr(child, "run", run)
     first, second = (encoded.encoded(scene, 41.0, 2) for _ in range(2))
     assert first == second == {"path": jobs[0]["out"], "seconds": 1, "bytes": 4}
     assert len(jobs) == 1
-    encoded.note_path(Path(first["path"])).unlink()
+    child.note_path(Path(first["path"])).unlink()
     assert encoded.encoded(scene, 41.0, 2)["seconds"] == 2
 
 

@@ -48,8 +48,7 @@ def test_the_loop_that_is_timed_decodes(shape: Shape) -> None:
     ]
     assert np.array_equal(*found)
     assert found[0].shape == (shape.stages, 300)
-    assert found[0].min() >= 0
-    assert found[0].max() < shape.words
+    assert set(np.unique(found[0])) <= set(range(shape.words))
     assert len(np.unique(found[0])) > shape.words // 4
 
 
@@ -65,7 +64,7 @@ def test_tables_of_speed_have_a_row_for_each_number_of_threads(monkeypatch: pyte
     for name, value in (("_ANCHORS", 64), ("_BATCHES", 2), ("_SYMBOLS", 512), ("_SYMBOLS_A_CALL", (512, 256))):
         monkeypatch.setattr(entropy_speed, name, value)
     shapes = [entropy_speed.measure_shape(SMALL, backend, 1) for backend in entropy_speed.BACKENDS]
-    results = {"shapes": shapes, "static": entropy_speed.measure_static(1), "machine": "m", "load": "l"}
+    results = {"shapes": shapes, "static": entropy_speed.measure_static(1), "load": "l"}
     text = entropy_speed.markdown(results)
     assert text.count(SMALL.name) == len(shapes) * (len(entropy_speed.THREADS) + 1)
 

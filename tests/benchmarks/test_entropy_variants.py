@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from benchmarks.entropy_variants import BranchedMlp, GruOnly, StageMlp, build_variant
 from reference_encoder.networks.dataset import IndexRows
-from reference_encoder.networks.model import Batch, IndexModel, NetworkShape
+from reference_encoder.networks.model import Batch, IndexModel
+from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.networks.train import Examples, TrainOptions, measure, train
 from scarfmt.scene.codebooks import Codebooks
 
@@ -126,9 +127,8 @@ def test_training_learns_what_the_kind_can_see(kind: type[IndexModel]) -> None:
     codes = np.stack([first, first, draw.integers(0, CODES, 512)], axis=1)
     rows = _rows(first[:, None] * 120 - 180 + draw.integers(-9, 9, (512, 2)), codes)
     model = build_variant(kind, rows, _books(), [(), ()], SHAPE, 0)
-    trained = train(
-        rows, _books(), [(), ()], SHAPE, TrainOptions(epochs=14, batch=32, rate=0.04, patience=0.0), start=model
-    )
+    options = TrainOptions(epochs=14, batch=32, learning_rate=0.04, patience=0.0)
+    trained = train(rows, _books(), [(), ()], SHAPE, options, start=model)
     one, two, three = measure(trained.model, Examples(rows)) / len(rows)
     assert (one < 1.0) == (kind is not GruOnly)
     assert two < 1.0

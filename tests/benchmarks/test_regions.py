@@ -12,7 +12,7 @@ from benchmarks.regions import TILES, markdown, shares, spread
 from benchmarks.regions_jobs import CORE, PLACES, boxes, choose, sizes, times
 from benchmarks.scaling_scenes import recut
 from reference_decoder.decode import decode
-from reference_encoder.decide.lattice import LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
+from reference_encoder.tuning import LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
 from scarfmt.coding.counters import Counters
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
@@ -102,7 +102,7 @@ def _run(most: int, cost: float) -> dict[str, Any]:
         for p, s in kinds
     ]
     file = {"file_bytes": 1000, "layer_bytes": [400, 500], "front_bytes": 100, "model_bytes": 50, "tiles": 3}
-    named = {"scene": "a", "coded": "static", "most": most, "anchors": 9, "machine": "m"}
+    named = {"scene": "a", "coded": "static", "most": most, "anchors": 9}
     return {**named, **file, "cpu": 2.0, "opening": 0.1, "symbols": 4, "regions": regions}
 
 

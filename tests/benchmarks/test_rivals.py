@@ -50,7 +50,6 @@ def run(**changes: Any) -> dict[str, Any]:
         "count": 100,
         "sh_degree": 3,
         "source_bytes": 9000,
-        "machine": "m",
         "skipped": [],
         "rivals": [rival("SPZ v4", 2000, 37.0), rival("SOG", 2400, 43.0, "sog"), rival("fine", 4000, 50.0)],
         "scar": [

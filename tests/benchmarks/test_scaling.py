@@ -136,7 +136,7 @@ def _run(count: int, **more: Any) -> dict[str, Any]:
     way = {"cpu": count / 1e6, "peak_bytes": count * 100}
     told = {"seconds": 0.001, "bytes_read": 2280}
     coded = {"bytes": count * 10, "stream": way, "first": way, "inspect": told, **more}
-    return {"scene": "a", "machine": "m", "source_count": count, "anchors": count, "static": coded, "neural": coded}
+    return {"scene": "a", "source_count": count, "anchors": count, "static": coded, "neural": coded}
 
 
 def test_tables_show_every_size_and_only_what_was_measured() -> None:

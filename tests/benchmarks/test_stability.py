@@ -140,7 +140,6 @@ def test_failures_name_what_is_wrong(exact: list[dict[str, Any]]) -> None:
         "encoder": {"as usual": "0", "again": "1"},
         "exact": [*exact, {"operation": "sum", "cases": 1, "worst": "", "limit": "", "differ": 1}],
         "activated": [activated],
-        "machine": "m",
     }
     wrong = failures(results)
     assert wrong == ["threads: 2: f: a", "other", "dead", "encoder, again", "sum", "op: 2.0 times the tolerance"]

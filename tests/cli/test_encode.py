@@ -9,8 +9,8 @@ import click
 import numpy as np
 import pytest
 
-from reference_encoder.decide.lattice import LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
 from reference_encoder.options import MAX_QUALITY, MIN_QUALITY, MIN_TILE_ANCHORS, EncodeOptions
+from reference_encoder.tuning import LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
 from scarfmt.cli import cli
 from scarfmt.cli.encode import FORMAT_IDS, parse_metadata
 from scarfmt.container.source import FileSource

@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 
 from conformance.decoders.python import decoder as minimal_decoder
-from conformance.decoders.python import neural as minimal_neural
 from conformance.decoders.python.fields import Rans
+from conformance.decoders.python.hash_grid import Grid as MinimalGrid
+from conformance.decoders.python.predictors import Predictor as MinimalPredictor
 from reference_decoder.backends import backend as engine_of
 from reference_decoder.bake import bake
 from reference_decoder.decode import decode, iter_tiles
@@ -159,19 +160,19 @@ def test_each_layer_less_takes_less(name: str) -> None:
 def test_another_decoder_reads_as_many_symbols(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The decoder written from the specification alone, which reads one symbol after the other."""
     calls: collections.Counter[str] = collections.Counter()
-    symbol, context, features = Rans.symbol, minimal_neural.Predictor.context, minimal_neural.Grid.features
+    symbol, context, features = Rans.symbol, MinimalPredictor.context, MinimalGrid.features
 
     def counting_symbol(self: Rans, table: Any) -> int:
         # The member of a cluster of one codeword takes no bits: to no other decoder is it a symbol.
         calls["symbols"] += len(table.cumulative) > 2 or table in self.tables.values()
         return symbol(self, table)
 
-    def counting_context(self: minimal_neural.Predictor, x: list[int]) -> int:
+    def counting_context(self: MinimalPredictor, x: list[int]) -> int:
         layers = [self.output, *([self.hidden] if self.hidden else [])]
         calls["predictors"] += sum(len(layer.weights) * len(layer.weights[0]) for layer in layers)
         return context(self, x)
 
-    def counting_features(self: minimal_neural.Grid, place: list[int]) -> list[int]:
+    def counting_features(self: MinimalGrid, place: list[int]) -> list[int]:
         calls["anchors with a grid"] += 1
         return features(self, place)
 
@@ -179,8 +180,8 @@ def test_another_decoder_reads_as_many_symbols(path: Path, monkeypatch: pytest.M
     other = minimal_decoder.Decoder(data)
     # From here on: the bits of a grid are symbols, too, but of no tile.
     monkeypatch.setattr(Rans, "symbol", counting_symbol)
-    monkeypatch.setattr(minimal_neural.Predictor, "context", counting_context)
-    monkeypatch.setattr(minimal_neural.Grid, "features", counting_features)
+    monkeypatch.setattr(MinimalPredictor, "context", counting_context)
+    monkeypatch.setattr(MinimalGrid, "features", counting_features)
     for tile in range(len(other.tiles)):
         other.tile(tile)
     found = counted(data)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from conformance.decoders.python.integer_oracle import Oracle, frequencies
+from conformance.writer.oracle import Oracle, frequencies_of
 from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.torch_operations import TorchOperations
 from scarfmt.entropy.rans import TOTAL, PureRansDecoder, RansDecoder, RansEncoder
@@ -62,9 +62,9 @@ def oracle_rows(case: Case, x: I64, codes: I64) -> list[list[Any]]:
     head = case.network.heads[book]
     contexts = [oracle.context(a, b) for a, b in zip(x.tolist(), codes.tolist(), strict=True)]
     if not head.two_level:
-        return [[oracle.flat(book, y) for y in contexts]]
+        return [[oracle.top(book, y) for y in contexts]]
     members = [[oracle.members(book, y, i) for y in contexts] for i in range(len(head.clusters))]
-    return [[oracle.clusters(book, y) for y in contexts], *members]
+    return [[oracle.top(book, y) for y in contexts], *members]
 
 
 @st.composite
@@ -156,7 +156,7 @@ def test_sums_of_many_weights_are_exact(operations: Operations, size: int) -> No
     logits = rng.choice([0, 0, 0, -1, -40, -500, -511, -512], (3, size)).astype(np.float32)
     logits[:, 0] = 0
     found = operations.frequency_rows(operations.constant(logits.T), exp2(operations)) + 1
-    assert found.tolist() == [frequencies(row) for row in logits.astype(int).tolist()]
+    assert found.tolist() == [frequencies_of(row) for row in logits.astype(int).tolist()]
 
 
 def exp2(operations: Operations) -> Any:

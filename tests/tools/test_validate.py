@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fuzz.testing.parts import put_together, take_apart
 from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
 from scarfmt.blocks.tables import pack_tables
 from scarfmt.coding.reader import SceneReader
@@ -97,7 +98,8 @@ def test_any_cut_is_found_and_tells_the_whole_layers(explicit: bytes, data: st.D
     whole = Container.open(BytesSource(explicit)).header.layers
     header = Container.open(BytesSource(explicit)).header.header_length
     assert refusals(result)[0] in ("truncated-file", "truncated-header")
-    assert result.layers_available == (sum(layer.end_offset <= size for layer in whole) if size >= header else 0)
+    whole_layers = sum(layer.end_offset <= size for layer in whole) if size >= header else 0
+    assert result.layers_readable == result.layers_available == whole_layers
 
 
 def test_all_damaged_blocks_are_told_not_only_the_first(explicit: bytes) -> None:
@@ -107,6 +109,41 @@ def test_all_damaged_blocks_are_told_not_only_the_first(explicit: bytes) -> None
         damaged[entry.offset + 20] ^= 1
     result = check(bytes(damaged))
     assert [(f.refusal, f.offset) for f in result.findings] == [("crc-mismatch", e.offset) for e in entries[:3]]
+
+
+@pytest.mark.parametrize("layer", [1, 2, 3])
+def test_layers_are_readable_up_to_the_first_that_a_damaged_block_belongs_to(explicit: bytes, layer: int) -> None:
+    """That they have arrived does not make them so."""
+    damaged = bytearray(explicit)
+    for entry in Container.open(BytesSource(explicit)).entries:
+        if entry.kind == BlockKind.TILE and entry.layer >= layer:
+            damaged[entry.offset + 20] ^= 1
+    result = check(bytes(damaged))
+    assert (result.layers_declared, result.layers_available, result.layers_readable) == (3, 3, layer - 1)
+
+
+def test_all_layers_of_a_sound_file_are_readable(explicit: bytes, anchor: bytes) -> None:
+    for data in (explicit, anchor):
+        result = check(data)
+        assert result.layers_readable == result.layers_checked == result.layers_declared
+
+
+@pytest.mark.parametrize("damage", ["a word too many", "a sub-stream too many"])
+@pytest.mark.parametrize("layer", [1, 2, 3])
+def test_a_layer_whose_symbols_do_not_decode_is_not_readable(explicit: bytes, layer: int, damage: str) -> None:
+    """All checksums hold: only decoding shows it, and those before it still decode."""
+    parts = take_apart(explicit)
+    block = next(block for block in parts.blocks if block.kind == BlockKind.TILE and block.layer == layer)
+    table = unpack_table(block.payload, len(block.payload))
+    streams = {kind: block.payload[part.start : part.start + part.length] for kind, part in table.items()}
+    if damage == "a word too many":
+        streams[max(streams)] += bytes(4)
+    else:
+        streams[Stream.MASKS] = bytes(4)
+    block.payload = pack_substreams(streams)
+    result = check(put_together(parts))
+    assert not result.valid
+    assert result.layers_readable == layer - 1
 
 
 def test_a_damaged_tile_leaves_the_others_checked(explicit: bytes) -> None:

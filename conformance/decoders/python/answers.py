@@ -11,10 +11,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from conformance.decoders.python.decoder import NAMES, Decoder, Tile
+from conformance.decoders.python.container import container_fields
+from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import OFFSETS, POSITION_RESIDUAL, Refused
 from conformance.decoders.python.metadata import read_metadata
-from conformance.expect.container_fields import container_fields
+from conformance.decoders.python.tile import NAMES, Tile
 
 Array = dict[str, Any]
 Arrays = dict[str, Array]
@@ -155,7 +156,7 @@ def _one(data: bytes, answers: Answers, stage: str) -> dict[str, Any]:
 
 def main(arguments: list[str]) -> int:
     """Answer one question on standard output."""
-    parser = argparse.ArgumentParser(prog="python -m conformance.decoders.python.decoder")
+    parser = argparse.ArgumentParser(prog="python -m conformance.decoders.python")
     parser.add_argument("file", type=Path)
     parser.add_argument("--layers", type=int, default=0)
     parser.add_argument("--stage", choices=("all", "capabilities", *STAGES), default="all")

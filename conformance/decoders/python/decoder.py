@@ -2,17 +2,15 @@
 
 It shows that the text suffices, and is a start for a port. It decodes the exact class (SPEC §5-§8, §9.1, §9.2, §10) of
 valid files whose Zstandard frames are like those of the vectors; of the refusals it makes only those the pseudo-code
-spells out. ``python -m conformance.decoders.python.decoder FILE --layers K --stage STAGE`` answers as PROTOCOL.md says.
+spells out. ``python -m conformance.decoders.python FILE --layers K --stage STAGE`` answers as PROTOCOL.md says.
 """
 
 from __future__ import annotations
 
-import itertools
 import struct
-import sys
 import zlib
-from typing import Any, NamedTuple
 
+from conformance.decoders.python.context import Context, fine
 from conformance.decoders.python.fields import (
     CLASSES,
     INDICES,
@@ -27,222 +25,14 @@ from conformance.decoders.python.fields import (
     key,
     parse_tables,
     require,
-    stored,
 )
-from conformance.decoders.python.neural import (
-    ATTRIBUTES,
-    Context,
-    Grid,
-    IndexReader,
-    Key,
-    Network,
-    Predictor,
-    StepInputs,
-    fine,
-    parse_grid,
-    parse_network,
-    parse_predictors,
-)
-
-NAMES = {
-    1: "POSITIONS", 2: "CLASSES", 3: "MASKS", 4: "POSITION_RESIDUAL", 5: "SCALE", 6: "ROTATION", 7: "OPACITY",
-    8: "COLOUR", 9: "INDICES", 10: "LATENT", 11: "OFFSETS",
-}
-
-
-# ---------------------------------------------------------------------------------------------- 7.2 positions
-
-
-def read_positions(rans: Rans, total: int, b: int) -> list[int]:
-    code, opened = [0] * total, [0] * total
-    nodes = [(0, total, 0)]
-    for bit in range(3 * b - 1, -1, -1):
-        several = []
-        for start, count, prefix in nodes:
-            if count == 1:
-                opened[start], code[start] = bit + 1, prefix
-            else:
-                several.append((start, count, prefix))
-        nodes = several
-        if not nodes:
-            break
-        lower = read_splits(rans, [count for _, count, _ in nodes])
-        children = []
-        for (start, count, prefix), below in zip(nodes, lower, strict=True):
-            if below > 0:
-                children.append((start, below, prefix))
-            if count - below > 0:
-                children.append((start + below, count - below, prefix | 1 << bit))
-        nodes = children
-    for start, count, prefix in nodes:
-        code[start : start + count] = [prefix] * count
-    for width in range(3 * b, 0, -1):
-        anchors = [a for a in range(total) if opened[a] == width]
-        for low in range(12 * ((width - 1) // 12), -1, -12):
-            for a, bits in zip(anchors, rans.uniform(1 << min(12, width - low), len(anchors)), strict=True):
-                code[a] |= bits << low
-    return code
-
-
-def read_splits(rans: Rans, counts: list[int]) -> list[int]:
-    lower = [0] * len(counts)
-    for n in range(2, 17):
-        chosen = [i for i, count in enumerate(counts) if count == n]
-        for i, value in zip(chosen, rans.read(key(POSITIONS, 0, 0, n), len(chosen)), strict=True):
-            lower[i] = value
-    large = [i for i, count in enumerate(counts) if count > 16]
-    bins = rans.read(key(POSITIONS, 0, 0, 17), len(large))
-    require(all(0 <= bin_ < 16 for bin_ in bins), "bad-split")
-    first = [-(-bin_ * (counts[i] + 1) // 16) for i, bin_ in zip(large, bins, strict=True)]
-    width = [-(-(bin_ + 1) * (counts[i] + 1) // 16) - f for i, bin_, f in zip(large, bins, first, strict=True)]
-    rest = [0] * len(large)
-    for w in sorted({w for w in width if w > 1}):
-        chosen = [m for m, here in enumerate(width) if here == w]
-        if w <= 4096:
-            values = rans.uniform(w, len(chosen))
-        else:
-            high = rans.uniform(((w - 1) >> 12) + 1, len(chosen))
-            values = [h << 12 | v for h, v in zip(high, rans.uniform(4096, len(chosen)), strict=True)]
-        for m, value in zip(chosen, values, strict=True):
-            require(value < w, "bad-split")
-            rest[m] = value
-    for m, i in enumerate(large):
-        lower[i] = first[m] + rest[m]
-    require(all(0 <= below <= count for below, count in zip(lower, counts, strict=True)), "bad-split")
-    return lower
-
-
-# ---------------------------------------------------------------------------------------------- 6, 7 models
-
-
-class Rule(NamedTuple):
-    """A context rule (SPEC §8.4)."""
-
-    by_class: int
-    source_channel: int
-    source_component: int
-    shift: int
-    low: int
-
-
-class Channel(NamedTuple):
-    """A row of the channel table (SPEC §6.4)."""
-
-    stream: int
-    first_widths: list[float]
-    rules: list[Rule]
-
-
-class Row(NamedTuple):
-    """A row of the layer table: per class its stages and steps (SPEC §6.5)."""
-
-    mode: int
-    classes: list[tuple[int, list[int]]]
-
-
-class Opening(NamedTuple):
-    """What the LAYER block of layer 1 says once (SPEC §7.11)."""
-
-    channels: list[Channel]
-    passes_log2: int
-    targets: list[int]
-
-
-def parse_layer(block: bytes, k: int, opening: Opening) -> tuple[Row, Opening]:
-    reader = Payload(block)
-    mode = reader.u8()
-    require(mode in (0, 1), "unsupported-entropy-mode")
-    if k == 1:
-        channels = []
-        for _ in range(reader.count(8)):
-            stream, components = reader.fields("BB")
-            channel = Channel(stream, [], [])
-            for _ in range(components):
-                channel.first_widths.append(reader.fields("d")[0])
-                by_class, source, component, shift = reader.fields("4B")
-                channel.rules.append(Rule(by_class, source, component, shift, reader.svarint(33)))
-            channels.append(channel)
-        passes_log2 = reader.u8()
-        opening = Opening(channels, passes_log2, [reader.varint(16) for _ in range(reader.count(4))])
-    classes = [(reader.u8(), list(reader.take(len(opening.channels)))) for _ in range(reader.count(15))]
-    reader.finish()
-    return Row(mode, classes), opening
-
-
-def parse_codebooks(block: bytes) -> dict[int, list[list[int]]]:
-    reader = Payload(block)
-    d = reader.count(64)
-    books: dict[int, list[list[int]]] = {}
-    for _ in range(reader.count(2)):
-        number, size = reader.u8(), reader.count(4096)
-        require(number <= 1 and number > max(books, default=-1) and size > 0 and d > 0, "bad-codebook")
-        columns = []
-        for _ in range(d):
-            columns.append(reader.rice(size))
-            require(max(map(abs, columns[-1])) <= 65535, "bad-codebook")
-        books[number] = [list(word) for word in zip(*columns, strict=True)]
-    require(bool(books), "bad-codebook")
-    reader.finish()
-    return books
-
-
-def network_inputs(block: bytes) -> int:
-    """Inputs of the one network of a DECODER_MLP block."""
-    reader = Payload(stored(block))
-    require(reader.count(8) == 1, "bad-mlp")
-    reader.count(4)
-    reader.count(1024)
-    return reader.count(1024)
-
-
-# ---------------------------------------------------------------------------------------------- 7 tiles
-
-
-class Tile:
-    """One tile and what is decoded of it so far."""
-
-    def __init__(self, slots: int, channels: list[Channel]) -> None:
-        self.code: list[int] = []
-        self.klass: list[int] = []
-        self.slot_layer: list[list[int]] = []
-        self.v: list[list[Any]] = [[] for _ in channels]
-        self.first: list[list[list[int]]] = [[] for _ in channels]
-        self.index: list[list[int]] = []
-        self.slots = slots
-        self.channels = channels
-
-    def append(self, code: int, klass: int) -> None:
-        self.code.append(code)
-        self.klass.append(klass)
-        self.slot_layer.append([0] * self.slots)
-        self.index.append([0] * 9)
-        for i, channel in enumerate(self.channels):
-            zeros = [0] * len(channel.rules)
-            self.v[i].append([list(zeros) for _ in range(self.slots)] if channel.stream == OFFSETS else list(zeros))
-            self.first[i].append(list(zeros))
-
-
-class Trace:
-    """What one layer's decoding went through, for the stages ``context`` and ``frequencies`` of PROTOCOL.md.
-
-    Attributes:
-        frequencies: of the table of the first symbol of a sub-stream, or of a stage, by its name.
-        contexts: the context numbers of each predictor, in coding order.
-        embedded: h of each anchor that the index network coded, in coding order.
-        used: keys of the tables that coded symbols.
-        unwritten: whether a sub-stream without a record coded symbols.
-    """
-
-    def __init__(self) -> None:
-        self.frequencies: dict[str, list[int]] = {}
-        self.contexts: dict[Key, list[int]] = {}
-        self.embedded: list[list[int]] = []
-        self.used: set[int] = set()
-        self.unwritten = False
-
-    def see(self, name: str, table: Table | None) -> None:
-        if table and name not in self.frequencies:
-            self.frequencies[name] = [b - a for a, b in itertools.pairwise(table.cumulative)]
+from conformance.decoders.python.hash_grid import Grid, parse_grid
+from conformance.decoders.python.index_network import Network, parse_network
+from conformance.decoders.python.models import Opening, Row, network_inputs, parse_codebooks, parse_layer
+from conformance.decoders.python.neural_indices import IndexReader
+from conformance.decoders.python.positions import read_positions
+from conformance.decoders.python.predictors import ATTRIBUTES, Key, Predictor, StepInputs, parse_predictors
+from conformance.decoders.python.tile import NAMES, Tile, Trace, read_masks, read_offsets, substreams, table_contexts
 
 
 class Decoder:
@@ -502,50 +292,6 @@ class Decoder:
         return [c + (x << shift) + (1 << shift >> 1) for c, x in zip(corner, deinterleaved(code), strict=True)]
 
 
-def substreams(block: bytes) -> dict[int, bytes]:
-    reader = Payload(block)
-    records = [reader.fields("BII") for _ in range(reader.u8())]
-    table = reader.at
-    (crc,) = reader.fields("I")
-    require(crc == zlib.crc32(block[:table]), "crc-mismatch")
-    out = {}
-    for kind, length, part_crc in records:
-        out[kind] = reader.take(length)
-        require(zlib.crc32(out[kind]) == part_crc, "crc-mismatch")
-    return out
-
-
-def table_contexts(tile: Tile, i: int, j: int, n: int, chosen: list[int]) -> list[int]:
-    """first_contexts and trit_contexts of SPEC §8.4."""
-    rule = tile.channels[i].rules[j]
-    contexts = [16 * tile.klass[a] * rule.by_class for a in chosen]
-    if n > 1:
-        return [c + min(max(tile.v[i][a][j], -2), 2) + 2 for c, a in zip(contexts, chosen, strict=True)]
-    if rule.source_channel == 255:
-        return contexts
-    source = [tile.first[rule.source_channel][a][rule.source_component] for a in chosen]
-    return [c + min(max((s - rule.low) >> rule.shift, 0), 15) for c, s in zip(contexts, source, strict=True)]
-
-
-def read_masks(rans: Rans, tile: Tile, k: int) -> None:
-    on = [sum(layer > 0 for layer in slots) for slots in tile.slot_layer]
-    for s in range(tile.slots):
-        chosen = [a for a, slots in enumerate(tile.slot_layer) if slots[s] == 0]
-        for a, bit in zip(chosen, rans.read_by_context(key(MASKS, 0, 0, 0), [on[a] for a in chosen]), strict=True):
-            require(bit in (0, 1), "bad-mask")
-            if bit:
-                tile.slot_layer[a][s] = k
-                on[a] += 1
-
-
-def read_offsets(rans: Rans, tile: Tile, k: int, i: int) -> None:
-    pairs = [(a, s) for a, slots in enumerate(tile.slot_layer) for s, layer in enumerate(slots) if layer == k]
-    for j, rule in enumerate(tile.channels[i].rules):
-        contexts = [16 * tile.klass[a] * rule.by_class for a, _ in pairs]
-        for (a, s), value in zip(pairs, rans.read_by_context(key(OFFSETS, j, 1, 0), contexts), strict=True):
-            tile.v[i][a][s][j] = value
-
-
 def deinterleaved(code: int) -> list[int]:
     return [sum((code >> (3 * bit + axis) & 1) << bit for bit in range(21)) for axis in range(3)]
 
@@ -553,9 +299,3 @@ def deinterleaved(code: int) -> list[int]:
 def f32(x: float) -> float:
     """x rounded to binary32, to nearest, ties to even."""
     return float(struct.unpack("<f", struct.pack("<f", x))[0])
-
-
-if __name__ == "__main__":
-    from conformance.decoders.python.answers import main
-
-    sys.exit(main(sys.argv[1:]))

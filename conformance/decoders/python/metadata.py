@@ -6,8 +6,8 @@ import json
 import zlib
 from typing import Any
 
+from conformance.decoders.python.container import METADATA_KIND, container_fields
 from conformance.decoders.python.fields import Refused, require
-from conformance.expect.container_fields import METADATA_KIND, container_fields
 
 MAX_DEPTH = 64
 MAX_BYTES = 1 << 20

@@ -12,13 +12,13 @@ from enum import IntEnum
 import numpy as np
 import pytest
 
-from conformance.decoders.python import integer_oracle
-from conformance.decoders.python import neural as minimal_neural
+from conformance.decoders.python import arithmetic as minimal_arithmetic
 from conformance.decoders.python.fields import Payload
 from conformance.generate import VECTORS
 from conformance.spec import worked_network
 from conformance.spec.spec_tables import CODE, ROOT, SPEC, generated, is_tool_id, raised_ids
 from conformance.spec.worked import field_rows
+from conformance.writer.oracle import Oracle
 from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.decode import decode
 from scarfmt import limits
@@ -249,9 +249,9 @@ def printed_table(name: str) -> list[int]:
 
 @pytest.mark.parametrize("name", ["TANH", "SIGMOID", "EXP2"])
 def test_function_tables_are_those_of_every_implementation(name: str) -> None:
-    """Printed, in the package, and twice from the formulas beside them."""
+    """Printed, in the package, and from the formulas beside them."""
     assert printed_table(name) == list(getattr(tables, name))
-    assert printed_table(name) == getattr(integer_oracle, name) == getattr(minimal_neural, name)
+    assert printed_table(name) == getattr(minimal_arithmetic, name)
 
 
 def evaluated(what: str) -> list[int]:
@@ -267,17 +267,17 @@ def test_the_worked_network_gives_the_frequencies_printed() -> None:
     x = evaluated("inputs: class, fine values >> 6")
     assert x == [64, 700 >> 6, -4100 >> 6, 20000 >> 6]
     evaluator = Evaluator(net, books)
-    oracle = integer_oracle.Oracle(net, books.coarse.tolist(), books.residual.tolist())
+    oracle = Oracle(net, books.coarse.tolist(), books.residual.tolist())
     h = evaluator.embed(np.array([x]))
     start = evaluator.start(1)
     y = evaluator.mixed(h, start)
     stage_one = evaluated("stage 1: frequencies")
-    assert (first_rows(evaluator, 0, y)[0] + 1).tolist() == stage_one == oracle.flat(0, oracle.context(x, []))
+    assert (first_rows(evaluator, 0, y)[0] + 1).tolist() == stage_one == oracle.top(0, oracle.context(x, []))
     y = evaluator.mixed(h, evaluator.advance(start, 1, np.array([first])))
     clusters = evaluated("stage 2, cluster: frequencies")
     members = evaluated("stage 2, member of cluster 1: frequencies")
     assert y[0].tolist() == evaluated("stage 2: y") == oracle.context(x, [first])
-    assert (first_rows(evaluator, 1, y)[0] + 1).tolist() == clusters == oracle.clusters(1, oracle.context(x, [first]))
+    assert (first_rows(evaluator, 1, y)[0] + 1).tolist() == clusters == oracle.top(1, oracle.context(x, [first]))
     assert (member_rows(evaluator, 1, y, 1)[0] + 1).tolist() == members
     assert oracle.members(1, oracle.context(x, [first]), 1) == members
 

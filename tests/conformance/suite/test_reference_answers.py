@@ -18,8 +18,8 @@ from scarfmt_conformance.reference import answers
 from scarfmt_conformance.reference.answers import CAPABILITIES, STAGES, Manner, answer, session
 
 from conformance.decoders.python import answers as minimal_answers
+from conformance.decoders.python.container import container_fields
 from conformance.expect.activated import activated
-from conformance.expect.container_fields import container_fields
 from conformance.expect.expectations import expected
 from conformance.generate import VECTORS
 from conformance.writer import write_file

@@ -16,12 +16,12 @@ from reference_encoder.decide.rdo import choose_values
     st.floats(1e-3, 1e3),
     st.floats(1, 100),
 )
-def test_hull_choice_never_takes_back(costs: list[float], gains: list[float], rate: float, factor: float) -> None:
+def test_hull_choice_never_takes_back(costs: list[float], gains: list[float], lambda_: float, factor: float) -> None:
     """A smaller lambda never chooses fewer increments."""
     size = min(len(costs), len(gains))
     bits = np.concatenate([[0], np.cumsum(costs[:size])])
     error = 400 - np.concatenate([[0], np.cumsum(gains[:size])])
-    assert hull_choice(bits, error, rate) <= hull_choice(bits, error, rate / factor)
+    assert hull_choice(bits, error, lambda_) <= hull_choice(bits, error, lambda_ / factor)
 
 
 def test_hull_choice_is_the_minimum() -> None:
@@ -30,9 +30,9 @@ def test_hull_choice_is_the_minimum() -> None:
     for _ in range(200):
         bits = np.concatenate([[0], np.cumsum(draw.random(6))])
         error = np.concatenate([[5], 5 - np.cumsum(draw.random(6) * 0.8)])
-        rate = float(draw.random() * 3 + 0.01)
-        chosen = hull_choice(bits, error, rate)
-        assert error[chosen] + rate * bits[chosen] <= (error + rate * bits).min() + 1e-9
+        lambda_ = float(draw.random() * 3 + 0.01)
+        chosen = hull_choice(bits, error, lambda_)
+        assert error[chosen] + lambda_ * bits[chosen] <= (error + lambda_ * bits).min() + 1e-9
 
 
 def test_classify_orders_by_importance_and_drops_the_invisible() -> None:
@@ -69,15 +69,15 @@ def test_aligned_steps_hit_the_best_step() -> None:
     assert 0.9 / 3**0.51 < step < 0.9 * 3**0.51
 
 
-@given(seed=st.integers(0, 1000), rate=st.sampled_from([0.0, 1e-3, 0.1, 10.0]))
-def test_rounding_never_raises_the_lagrangian(seed: int, rate: float) -> None:
+@given(seed=st.integers(0, 1000), lambda_=st.sampled_from([0.0, 1e-3, 0.1, 10.0]))
+def test_rounding_never_raises_the_lagrangian(seed: int, lambda_: float) -> None:
     """Chosen integers are next to the value, are nearest when bits are free, and cost no more in the end."""
     draw = np.random.default_rng(seed)
     scaled = draw.laplace(0, 1, (500, 2))
     weight = draw.random((500, 2)) + 0.1
-    chosen = choose_values(scaled, weight, draw.integers(0, 3, 500), rate)
+    chosen = choose_values(scaled, weight, draw.integers(0, 3, 500), lambda_)
     assert np.abs(chosen - scaled).max() <= 1
-    if rate == 0:
+    if lambda_ == 0:
         assert np.array_equal(chosen, np.rint(scaled))
-    elif rate == 10.0:
+    elif lambda_ == 10.0:
         assert np.abs(chosen).sum() < np.abs(np.rint(scaled)).sum()

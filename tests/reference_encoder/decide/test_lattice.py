@@ -8,13 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from reference_encoder.decide.lattice import (
-    LARGE_SCENE,
-    LARGE_SCENE_TILE_ANCHORS,
-    TILE_ANCHORS,
     Placement,
     place,
     split,
 )
+from reference_encoder.tuning import LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
 from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LOCAL_BITS
 from scarfmt.scene.morton import deinterleave
 

@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 
 from reference_encoder.decide.allocate import LatentChain, plan_channel
 from reference_encoder.decide.layering import (
-    LARGEST_SHARE,
-    PICTURE_DB,
     Entry,
     LayerChoice,
     LayerCosts,
@@ -21,6 +19,7 @@ from reference_encoder.decide.layering import (
     first_picture,
     predicted,
 )
+from reference_encoder.tuning import LARGEST_SHARE, PICTURE_DB
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
@@ -87,7 +86,7 @@ def test_first_picture_is_good_enough_and_no_smaller_one_is(costs: LayerCosts) -
     """It reaches what a picture needs; among all lambdas and classes, none much smaller does."""
     found = first_picture(costs, decibels, QUALITY, 0.3)
     assert decibels(costs.entries(found), found.part) >= PICTURE_DB
-    every = [LayerChoice(float(rate), shown) for shown in range(1, CLASSES + 1) for rate in costs.rates]
+    every = [LayerChoice(float(lambda_), shown) for shown in range(1, CLASSES + 1) for lambda_ in costs.lambdas]
     good = [costs.bits(choice) for choice in every if decibels(costs.entries(choice)) >= PICTURE_DB]
     assert costs.bits(found) <= 1.1 * min(good)
 
@@ -100,7 +99,7 @@ def test_first_picture_takes_a_part_of_a_class_if_that_will_do(costs: LayerCosts
 
     found = first_picture(costs, look, QUALITY, 0.3)
     assert (found.shown, found.part) == (3, 0.5)
-    assert costs.bits(found) < costs.bits(LayerChoice(found.rate, 3))
+    assert costs.bits(found) < costs.bits(LayerChoice(found.lambda_, 3))
 
 
 def test_first_picture_out_of_reach_is_the_best_of_the_share(costs: LayerCosts) -> None:
@@ -123,7 +122,7 @@ def test_every_layer_looks_better(seed: int, layers: int) -> None:
     """Layers chosen by looks are a valid table, grow in bits, and none is there that shows no more."""
     costs = layer_costs(seed)
     choices = best_looking(costs, decibels, first_picture(costs, decibels, QUALITY, 0.3), layers)
-    choices = [LayerChoice(choice.rate, choice.shown) for choice in choices]
+    choices = [LayerChoice(choice.lambda_, choice.shown) for choice in choices]
     checked(costs, choices)
     assert 2 <= len(choices) <= layers
     shown = [decibels(costs.entries(choice)) for choice in choices[:-1]]

@@ -17,7 +17,7 @@ from scarfmt.blocks.mlp import pack_networks, unpack_networks
 from scarfmt.scene.codebooks import Codebooks
 
 OPTIONS = AutoencoderOptions(
-    RvqOptions(32, 3, rate=0.0, epochs=0, seed=5), dimensions=6, layer_norm=True, loss="l1", steps=120, batch=256
+    RvqOptions(32, 3, lambda_=0.0, epochs=0, seed=5), dimensions=6, layer_norm=True, loss="l1", steps=120, batch=256
 )
 
 

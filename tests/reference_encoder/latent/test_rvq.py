@@ -2,27 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
-from reference_encoder.latent.rvq import RvqOptions, RvqResult, assign, quantise
+from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, assign, quantise
 from scarfmt.blocks.codebooks import pack_codebooks, unpack_codebooks
 from scarfmt.scene.codebooks import Codebooks
 
-OPTIONS = RvqOptions(codewords=32, stages=3, rate=0.0, epochs=6, seed=1)
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> Iterator[None]:
-    """Threads only get in each other's way at this size."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+OPTIONS = RvqOptions(codewords=32, stages=3, lambda_=0.0, epochs=6, seed=1)
 
 
 def _latents(count: int = 2000, width: int = 6, seed: int = 0) -> np.ndarray:
@@ -33,7 +22,7 @@ def _latents(count: int = 2000, width: int = 6, seed: int = 0) -> np.ndarray:
 
 def _quantise(latents: np.ndarray, options: RvqOptions, **more: object) -> RvqResult:
     n = len(latents)
-    return quantise(latents, np.ones(n, np.float32), np.arange(n) % 2, options, **more)  # type: ignore[arg-type]
+    return quantise(Vectors(latents, np.ones(n, np.float32), np.arange(n) % 2), options, **more)  # type: ignore[arg-type]
 
 
 def test_codewords_are_integers_a_codebooks_block_can_hold() -> None:
@@ -60,7 +49,7 @@ def test_every_stage_lowers_the_distortion() -> None:
 
 
 def test_a_higher_price_of_bits_buys_fewer_bits() -> None:
-    bits = [_quantise(_latents(), replace(OPTIONS, rate=rate)).bits.sum() for rate in (0.0, 30.0, 1000.0)]
+    bits = [_quantise(_latents(), replace(OPTIONS, lambda_=price)).bits.sum() for price in (0.0, 30.0, 1000.0)]
     assert bits[0] > bits[1] > bits[2]
 
 
@@ -95,9 +84,10 @@ def test_given_codewords_are_kept_without_epochs() -> None:
 
 
 def test_assign_weighs_error_against_bits() -> None:
-    x, book = torch.tensor([[0.9]]), torch.tensor([[0.0], [1.0]])
-    bits, kind = torch.tensor([[1.0, 5.0]]), torch.zeros(1, dtype=torch.long)
-    cheap, exact = (int(assign(x, torch.ones(1), kind, book, bits, rate)) for rate in (1.0, 0.01))
+    one, book = np.ones(1, np.float32), np.array([[0.0], [1.0]], np.float32)
+    vector = Vectors(np.array([[0.9]], np.float32), one, np.zeros(1, np.int64))
+    bits = np.array([[1.0, 5.0]], np.float32)
+    cheap, exact = (int(assign(vector, book, bits, price)[0]) for price in (1.0, 0.01))
     assert (cheap, exact) == (0, 1)
 
 
@@ -110,7 +100,7 @@ def test_tiny_inputs(latents: np.ndarray) -> None:
 
 def test_zero_weights_are_finite() -> None:
     latents = _latents(50)
-    result = quantise(latents, np.zeros(50, np.float32), np.zeros(50, np.int64), replace(OPTIONS, rate=1.0))
+    result = quantise(Vectors(latents, np.zeros(50, np.float32), np.zeros(50, np.int64)), replace(OPTIONS, lambda_=1.0))
     assert (result.distortion == 0).all()
     assert np.isfinite(result.bits).all()
 

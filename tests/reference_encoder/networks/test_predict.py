@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from reference_encoder.networks.predict import Sample, choose_predictors, coded_bits, expected_bits
-from reference_encoder.networks.predictor_net import Effort, FloatNet, float_contexts, quantised, train
+from reference_encoder.networks.predictor_net import FloatNet, float_contexts, quantised, train
+from reference_encoder.options import PredictorTraining
 from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.coding.tile import NeuralModels, TileContent, first_values, put_layer
@@ -116,7 +117,7 @@ def test_weights_cost_more_where_they_serve_few(total: int) -> None:
     rng = np.random.default_rng(1)
     x = rng.integers(-100, 101, (4000, 20)).astype(np.int16)
     trits = np.clip(np.rint(x[:, 0] / 60 + rng.normal(0, 0.3, 4000)), -1, 1).astype(np.int64)
-    net = train(x, trits, True, total, Effort(4, 250), seed=0)
+    net = train(x, trits, True, total, PredictorTraining(units=4, iterations=250), seed=0)
     assert net.direct[0, 0] != 0
     idle = np.count_nonzero(net.direct[:, 1:]) + np.count_nonzero(net.weights[:, 1:])
     assert (idle < 20) == (total == 4000)

@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 from fuzz.testing.network_rows import first_rows, member_rows
 from reference_encoder.networks.clusters import cluster
 from reference_encoder.networks.dataset import ContextOptions, IndexRows, index_rows
-from reference_encoder.networks.defaults import BUDGETS, shape_for, training_for
+from reference_encoder.networks.defaults import shape_for, training_for
 from reference_encoder.networks.export import export
 from reference_encoder.networks.grid import BinaryGrid
 from reference_encoder.networks.integers import frequencies, sigmoid12, tanh12
 from reference_encoder.networks.layers import Dense, Scale, geometric_bits
-from reference_encoder.networks.model import IndexModel, NetworkShape
+from reference_encoder.networks.model import IndexModel
+from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.networks.train import Examples, Trained, TrainOptions, build, measure, train
+from reference_encoder.options import EFFORTS
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.rans import RansEncoder
@@ -32,7 +34,7 @@ from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
 I64 = NDArray[np.int64]
 SHAPE = NetworkShape(hidden=8, middle=12, mixer=12, codeword_dims=6)
-QUICK = TrainOptions(epochs=6, batch=64, rate=0.04, patience=0.0)
+QUICK = TrainOptions(epochs=6, batch=64, learning_rate=0.04, patience=0.0)
 
 
 @pytest.fixture(autouse=True)
@@ -344,6 +346,6 @@ def test_larger_scenes_get_wider_networks_and_bounded_training() -> None:
     assert widths == sorted(widths)
     assert widths[1] == 8
     assert shape_for(10**6, 12).codeword_dims == 12
-    for effort, budget in BUDGETS.items():
+    for effort, budget in ((number, level.training) for number, level in EFFORTS.items()):
         assert training_for(budget.rows, effort, 0).epochs * budget.rows <= 1.05 * budget.visits
         assert training_for(100, effort, 0).epochs == budget.most_epochs

@@ -13,15 +13,13 @@ import torch
 from numpy.typing import NDArray
 
 from reference_encoder.decide.targets import Targets, joined_classes, latent_units
+from reference_encoder.tuning import PREVIEW
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Stream
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
-
-PREVIEW = 0.05
-"""What an error counts that the LATENT channel repairs in the end: earlier layers show it."""
 
 
 @dataclass(frozen=True)
@@ -89,12 +87,12 @@ def leftovers(scene: QuantisedScene, targets: Targets) -> list[Leftovers]:
     classes, left = joined_classes(scene), targets.left(scene)
     units, index = latent_units(scene.model, classes), scene.model.channel_index(Stream.LATENT)
     out = []
-    for kind in range(scene.model.layers[-1].class_count):
-        here = np.flatnonzero(classes == kind)
+    for klass in range(scene.model.layers[-1].class_count):
+        here = np.flatnonzero(classes == klass)
         if units is None or index is None or not len(here) or units[here[0], 0] == 0:
             out.append(Leftovers(torch.ones(left.shape[1])))
             continue
-        values = np.concatenate([content.values[index][content.classes == kind] for content in scene.contents])
+        values = np.concatenate([content.values[index][content.classes == klass] for content in scene.contents])
         repair = Repair.of(values.astype(np.int64), units[here[0]])
-        out.append(Leftovers.of(left[here], targets.weight[here] / targets.rate, repair))
+        out.append(Leftovers.of(left[here], targets.weight[here] / targets.lambda_, repair))
     return out

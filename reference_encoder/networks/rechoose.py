@@ -16,11 +16,12 @@ import torch
 from numpy.typing import NDArray
 
 from reference_encoder.decide.targets import Targets
-from reference_encoder.latent.codeword_search import CodewordSearch
-from reference_encoder.latent.leftovers import Leftovers, leftovers
+from reference_encoder.networks.codeword_search import CodewordSearch
 from reference_encoder.networks.dataset import IndexRows
+from reference_encoder.networks.leftovers import Leftovers, leftovers
 from reference_encoder.networks.model import IndexModel
 from reference_encoder.networks.view import NetworkView
+from reference_encoder.tuning import BEAM, FINALISTS
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.scene.codebooks import Codebooks
@@ -28,10 +29,6 @@ from scarfmt.scene.codebooks import Codebooks
 I16 = NDArray[np.int16]
 I64 = NDArray[np.int64]
 
-BEAM = 4
-"""Partial choices kept from stage to stage."""
-_FINALISTS = 16
-"""Whole choices that are compared by what they really cost."""
 _CHUNK = 2048
 """Anchors worked on at a time: fewer, and calls cost more than what they do."""
 
@@ -120,7 +117,7 @@ class Chooser:
             embedded,
             torch.from_numpy(_row_of_stage(rows, len(targets.weight))),
             torch.from_numpy(targets.latents),
-            torch.from_numpy((targets.weight / targets.rate).astype(np.float32)),
+            torch.from_numpy((targets.weight / targets.lambda_).astype(np.float32)),
             torch.from_numpy(classes),
             tuple(rests),
         )
@@ -145,8 +142,8 @@ class Chooser:
     def _groups(self) -> Iterator[tuple[int, Leftovers, torch.Tensor]]:
         """(stages, cost of what they leave, anchors) of a class, a chunk at a time."""
         received = (self.row >= 0).sum(1)
-        for kind, rests in enumerate(self.rests):
-            anchors = torch.nonzero((self.classes == kind) & (received > 0))[:, 0]
+        for klass, rests in enumerate(self.rests):
+            anchors = torch.nonzero((self.classes == klass) & (received > 0))[:, 0]
             for part in torch.split(anchors, _CHUNK) if len(anchors) else ():
                 yield int(received[part[0]]), rests, part
 
@@ -170,7 +167,7 @@ class Chooser:
         for stage in range(1, stages + 1):
             search = self._stage(stage)
             y = self._context(anchors[owner], paths, stage)
-            keep = min(beam if stage < stages else _FINALISTS, len(search.words))
+            keep = min(beam if stage < stages else FINALISTS, len(search.words))
             place, code, bits = search.cheapest(left, y, spent, worth, rests.slope, keep)
             before, code = (torch.arange(count)[:, None] * (len(owner) // count) + place).flatten(), code.flatten()
             paths, spent = torch.cat([paths[before], code[:, None]], 1), bits.flatten()

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from reference_encoder.measure.calibrate import TOLERANCE_DB, Judge, calibrated, judged_cameras, next_aim
+from reference_encoder.judge.calibrate import Judge, calibrated, judged_cameras, next_aim
 from reference_encoder.measure.sensitivity import survey
 from reference_encoder.options import EncodeOptions
+from reference_encoder.tuning import TOLERANCE_DB
 from scarfmt.render.camera import Camera, orbit_cameras
 from scarfmt.scene.gaussians import GaussianScene
 from tests.render.scenes import random_scene

@@ -6,8 +6,8 @@ import struct
 
 import pytest
 
-from conformance.expect import container_fields
-from conformance.expect.container_fields import fields_at, profile_of, size_of
+from conformance.decoders.python import container as container_fields
+from conformance.decoders.python.container import fields_at, profile_of, size_of
 from scarfmt.container import schema
 from tests.conformance.vector_files import VECTORS
 

@@ -16,20 +16,21 @@ import numpy as np
 
 from reference_encoder.measure.sensitivity import ring, survey
 from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.tuning import (
+    GREATEST_SLOPE,
+    JUDGED_ELEVATION_DEG,
+    JUDGED_TURN,
+    LEAST_SLOPE,
+    MOST_DOWN_DB,
+    MOST_UP_DB,
+    TOLERANCE_DB,
+)
 from scarfmt.render.camera import Camera
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import F32, GaussianScene
 
 T = TypeVar("T")
-
-TOLERANCE_DB = 0.4
-"""Close enough: other views differ by as much."""
-_TURN, _ELEVATION_DEG = 0.03125, 20.0
-"""Where between the survey's views the ring is from which results are judged."""
-_LEAST_SLOPE, _GREATEST_SLOPE = 0.5, 2.0
-_MOST_UP_DB, _MOST_DOWN_DB = 6.0, 15.0
-"""An error that no lambda takes away, such as clamped values, must not buy bits without end."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ def judged_cameras(scene: GaussianScene, options: EncodeOptions) -> list[Camera]
     """
     views = EFFORTS[options.effort].judged_views
     if options.cameras is None:
-        return ring(scene, options.frame, views, _TURN, _ELEVATION_DEG, 1.0)
+        return ring(scene, options.frame, views, JUDGED_TURN, JUDGED_ELEVATION_DEG, 1.0)
     surveyed = {id(camera) for camera in survey(scene, options)}
     others = [camera for camera in options.cameras if camera.split != "test" and id(camera) not in surveyed]
     others = others or survey(scene, options)
@@ -107,5 +108,5 @@ def next_aim(asked: float, tried: Sequence[tuple[float, float]]) -> float | None
     slope = 1.0
     if len(tried) > 1 and aim != tried[-2][0]:
         slope = (found - tried[-2][1]) / (aim - tried[-2][0])
-    slope = min(max(slope, _LEAST_SLOPE), _GREATEST_SLOPE)
-    return min(max(aim + (asked - found) / slope, asked - _MOST_DOWN_DB), asked + _MOST_UP_DB)
+    slope = min(max(slope, LEAST_SLOPE), GREATEST_SLOPE)
+    return min(max(aim + (asked - found) / slope, asked - MOST_DOWN_DB), asked + MOST_UP_DB)

@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from reference_encoder import pipeline
+from reference_encoder.decide.assemble import Quantised
 from reference_encoder.encode import EncodeOptions, encode
-from reference_encoder.explicit_profile import encode_explicit
+from reference_encoder.networks.candidates import multiply_adds
 from reference_encoder.networks.defaults import narrower, shape_for
-from reference_encoder.networks.smallest_file import index_bytes, multiply_adds, smallest_file, within_limits
-from scarfmt.coding.writer import QuantisedScene, silent, write_scene
+from reference_encoder.networks.file_costs import index_bytes, within_limits
+from reference_encoder.pipeline import smallest_file
+from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
@@ -46,57 +49,55 @@ def scene() -> GaussianScene:
 
 
 @pytest.fixture(scope="module")
-def quantised(scene: GaussianScene) -> QuantisedScene:
+def plain(scene: GaussianScene) -> Quantised:
     """The scene under static tables."""
-    return encode_explicit(scene, OPTIONS, silent)[0]
+    return Quantised(pipeline.quantised(scene, OPTIONS).scene)
 
 
 @pytest.fixture(scope="module")
-def data(quantised: QuantisedScene) -> bytes:
+def data(plain: Quantised) -> bytes:
     """The smallest file of the same symbols."""
-    return smallest_file(quantised, OPTIONS)
+    return smallest_file(plain, OPTIONS)
 
 
-def test_networks_make_a_file_smaller_where_neighbours_tell_something(
-    quantised: QuantisedScene, data: bytes
-) -> None:
+def test_networks_make_a_file_smaller_where_neighbours_tell_something(plain: Quantised, data: bytes) -> None:
     """Predictors and index network, and the file says so."""
-    assert len(data) < 0.97 * len(write_scene(quantised))
+    assert len(data) < 0.97 * len(write_scene(plain.scene))
     report = describe_models(BytesSource(data))
     assert report["predictors"]
     assert report["index_network"] is not None
 
 
-def test_the_same_seed_gives_the_same_networks(quantised: QuantisedScene, data: bytes) -> None:
+def test_the_same_seed_gives_the_same_networks(plain: Quantised, data: bytes) -> None:
     """Training included."""
-    assert smallest_file(quantised, OPTIONS) == data
+    assert smallest_file(plain, OPTIONS) == data
 
 
 def test_no_file_is_written_that_asks_readers_for_too_much(
-    quantised: QuantisedScene, data: bytes, monkeypatch: pytest.MonkeyPatch
+    plain: Quantised, data: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """SPEC R-13.2-2: networks beyond the limit of work, in whichever layer it is cut, are given up."""
     assert within_limits(data)
     monkeypatch.setattr("scarfmt.coding.work.FREE_WORK", 0)
     assert not within_limits(data, Limits(work_per_byte=1000))
-    monkeypatch.setattr("reference_encoder.networks.smallest_file.within_limits", lambda data: False)
-    assert smallest_file(quantised, OPTIONS) == write_scene(quantised)
+    monkeypatch.setattr("reference_encoder.pipeline.within_limits", lambda data: False)
+    assert smallest_file(plain, OPTIONS) == write_scene(plain.scene)
 
 
 @pytest.mark.parametrize(("profile", "seed"), [(Profile.EXPLICIT, 1), (Profile.ANCHOR, 2)])
 def test_noise_is_never_made_larger(profile: Profile, seed: int) -> None:
     """Where there is nothing to predict the static file is returned as it is."""
     noise = random_scene(seed, profile, anchors=400)
-    assert len(smallest_file(noise, OPTIONS)) <= len(write_scene(noise))
+    assert len(smallest_file(Quantised(noise), OPTIONS)) <= len(write_scene(noise))
 
 
-def test_budget_and_effort_bound_what_is_tried(quantised: QuantisedScene, data: bytes) -> None:
+def test_budget_and_effort_bound_what_is_tried(plain: Quantised, data: bytes) -> None:
     """0 and effort 1: static tables alone. A small budget: a narrower network, or none."""
-    static = write_scene(quantised)
-    assert smallest_file(quantised, replace(OPTIONS, decode_budget=0)) == static
-    assert smallest_file(quantised, replace(OPTIONS, effort=1)) == static
+    static = write_scene(plain.scene)
+    assert smallest_file(plain, replace(OPTIONS, decode_budget=0)) == static
+    assert smallest_file(plain, replace(OPTIONS, effort=1)) == static
     whole = describe_models(BytesSource(data))["multiply_adds"]
-    bounded = smallest_file(quantised, replace(OPTIONS, decode_budget=whole // 2))
+    bounded = smallest_file(plain, replace(OPTIONS, decode_budget=whole // 2))
     assert describe_models(BytesSource(bounded))["multiply_adds"] <= whole // 2
 
 

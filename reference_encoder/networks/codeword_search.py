@@ -16,14 +16,13 @@ from numpy.typing import NDArray
 from reference_encoder.jit import compiled
 from reference_encoder.loops import add_products, first_of_least, powers, products, summed, top_of
 from reference_encoder.networks.head import HeadModel
+from reference_encoder.tuning import LEAST_INSIDE
 
 F32 = NDArray[np.float32]
 I64 = NDArray[np.int64]
 
 _DEAREST = np.float32(24.0)
 """Bits a symbol costs at most: none has a frequency below 1 of 2^24."""
-_LEAST_INSIDE = 0.4
-"""Share of a cluster's evenly split bits that the codewords wanted cost in it at least, nearly always."""
 _FAR = np.float32(1e30)
 
 
@@ -100,6 +99,7 @@ class CodewordSearch:
             norms,
             self.vectors,
             self.biases,
+            LEAST_INSIDE,
             places,
             bits,
         )
@@ -154,6 +154,7 @@ def _cheapest(
     norms: F32,
     vectors: tuple[F32, F32],
     biases: tuple[F32, F32],
+    least_inside: float,
     places: I64,
     bits: F32,
 ) -> None:
@@ -163,13 +164,14 @@ def _cheapest(
         steep, squares: (m * w, d) and (m * w,) of what is left: -2 slope * left, and slope * left^2 summed.
         first, second: (m * w, R) outputs of both levels.
         norms: (S * C,) slope * word^2 summed, in slots.
+        least_inside: :data:`LEAST_INSIDE`; an argument, because compiled code does not see it change.
     """
     anchors, keep = places.shape
     clusters, wide, words = len(starts) - 1, len(steep) // max(anchors, 1), starts[-1]
     distances, prices = np.empty((wide, len(norms)), np.float32), np.empty((wide, clusters), np.float32)
     bounds, least = np.empty(wide * clusters, np.float32), np.empty(clusters, np.float32)
     scratch, inside, costs = np.empty(words, np.float32), np.empty(words, np.float32), np.empty(keep, np.float32)
-    inner = (_LEAST_INSIDE * np.log2(np.diff(starts))).astype(np.float32)
+    inner = (least_inside * np.log2(np.diff(starts))).astype(np.float32)
     for anchor in range(anchors):
         for beam in range(wide):
             row = anchor * wide + beam

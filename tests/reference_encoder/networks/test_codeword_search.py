@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
-from reference_encoder.latent.codeword_search import CodewordSearch
+from reference_encoder.networks.codeword_search import CodewordSearch
 from reference_encoder.networks.head import HeadModel
-from reference_encoder.networks.model import NetworkShape
+from reference_encoder.networks.shape import NetworkShape
 
 SHAPE = NetworkShape(hidden=8, middle=8, mixer=8, codeword_dims=6)
 DIMS = 6

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import torch
 
+from reference_encoder import pipeline
 from reference_encoder.decide.targets import Targets, joined_classes
-from reference_encoder.explicit_profile import encode_explicit
-from reference_encoder.latent.leftovers import leftovers
-from reference_encoder.latent.rechoose import Chooser, rechosen
-from reference_encoder.networks import smallest_file as neural
+from reference_encoder.networks import candidates as neural
+from reference_encoder.networks.candidates import Learned, another_round, with_index_network
+from reference_encoder.networks.leftovers import leftovers
 from reference_encoder.networks.model import Batch
-from reference_encoder.networks.smallest_file import Learned, another_round, with_index_network
+from reference_encoder.networks.rechoose import Chooser, rechosen
 from reference_encoder.options import EncodeOptions
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import QuantisedScene, silent, write_scene
@@ -56,14 +56,15 @@ def _scene(profile: Profile, stages: int, latent: bool) -> QuantisedScene:
     raise AssertionError
 
 
-def _targets(scene: QuantisedScene, rate: float = 40.0) -> Targets:
+def _targets(scene: QuantisedScene, lambda_: float = 40.0) -> Targets:
     """Latents near what the scene holds already."""
     draw, count = np.random.default_rng(3), len(joined_classes(scene))
     books = scene.codebooks
     assert books is not None
-    exact = Targets(np.zeros((count, books.dimension), np.float32), np.ones(count, np.float32), rate)
+    exact = Targets(np.zeros((count, books.dimension), np.float32), np.ones(count, np.float32), lambda_)
     noise = draw.normal(0, 15, (count, books.dimension))
-    return Targets((noise - exact.left(scene)).astype(np.float32), draw.uniform(0.1, 2, count).astype(np.float32), rate)
+    weight = draw.uniform(0.1, 2, count).astype(np.float32)
+    return Targets((noise - exact.left(scene)).astype(np.float32), weight, lambda_)
 
 
 def _learned(scene: QuantisedScene) -> Learned:
@@ -130,7 +131,7 @@ def test_rounds_are_deterministic() -> None:
 def test_prices_are_those_of_training() -> None:
     """What a chooser says an index costs is what the network's loss says, at an error of no worth."""
     scene = _scene(Profile.ANCHOR, 2, False)
-    learned, targets = _learned(scene), _targets(scene, rate=1e30)
+    learned, targets = _learned(scene), _targets(scene, lambda_=1e30)
     for tile, chooser in _choosers(learned, targets):
         rows = learned.view.rows(learned.scene, (tile,))
         batch = Batch(
@@ -160,7 +161,7 @@ def test_the_cheaper_of_two_like_codewords_is_taken() -> None:
     )
     scene = replace(scene, codebooks=Codebooks(coarse, books.residual), contents=contents)
     learned, count = _learned(scene), sum(int((n > 0).sum()) for n in received)
-    targets = _targets(scene, rate=1.0)
+    targets = _targets(scene, lambda_=1.0)
     targets = replace(targets, weight=targets.weight * 1e-3)
     changed = rechosen(learned.scene, learned.model, learned.view, targets)
     assert changed.codebooks is not None
@@ -186,7 +187,8 @@ def _gaussians() -> GaussianScene:
 
 def test_targets_are_those_the_scene_was_decided_by() -> None:
     """Fitting LATENT again to unchanged indices changes nothing: order, steps and weights all agree."""
-    scene, targets = encode_explicit(_gaussians(), EncodeOptions(effort=2, quality=55, layers=3))
+    made = pipeline.quantised(_gaussians(), EncodeOptions(effort=2, quality=55, layers=3))
+    scene, targets = made.scene, made.targets
     index = scene.model.channel_index(Stream.LATENT)
     assert targets is not None
     assert index is not None
@@ -198,7 +200,7 @@ def test_targets_are_those_the_scene_was_decided_by() -> None:
 
 def test_a_round_that_does_not_pay_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Indices at random cost more bytes and more error: the file stays what it is without them."""
-    monkeypatch.setitem(neural.ROUNDS, 1, 1)
+    monkeypatch.setitem(neural.EFFORTS, 1, replace(neural.EFFORTS[1], rounds=1))
     scene = _scene(Profile.EXPLICIT, 2, False)
     targets, learned = _targets(scene), _learned(scene)
     rounds: list[Learned] = []
@@ -219,7 +221,7 @@ def test_a_round_that_pays_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     targets, learned = _targets(scene), _learned(scene)
     data = write_scene(learned.scene)
     assert neural.with_rounds(learned, targets, OPTIONS, silent) is learned
-    monkeypatch.setitem(neural.ROUNDS, 1, 1)
+    monkeypatch.setitem(neural.EFFORTS, 1, replace(neural.EFFORTS[1], rounds=1))
     changed = write_scene(another_round(learned, targets, OPTIONS, silent).scene)
     found = neural.with_rounds(learned, targets, OPTIONS, silent)
     assert write_scene(found.scene) == changed

@@ -1,0 +1,68 @@
+"""Which section of which page shows which results: a page that shows figures says from when they are."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.ablation_tables import STUDIES
+from benchmarks.provenance import Document, statement
+from benchmarks.report import RESULTS
+from benchmarks.scenes import REPOSITORY
+from benchmarks.time_error import SECTIONS
+
+CAMPAIGNS = REPOSITORY / "fuzz" / "results"
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A section of a page, between the markers ``<!-- SECTION:begin -->`` and ``<!-- SECTION:end -->``.
+
+    Attributes:
+        page: path in the repository.
+        section: name in the markers.
+        results: file of results.
+        part: beginning of the names shown; empty for all.
+    """
+
+    page: str
+    section: str
+    results: Path
+    part: str = ""
+
+    def text(self) -> str:
+        """What is between the markers."""
+        content = (REPOSITORY / self.page).read_text(encoding="utf-8")
+        return content.split(f"<!-- {self.section}:begin -->")[1].split(f"<!-- {self.section}:end -->")[0]
+
+    def dated(self) -> bool:
+        """Whether the section says of its figures what the file of results says: when, which commit, which machine."""
+        document: Document = json.loads(self.results.read_text(encoding="utf-8"))
+        return statement(document, self.part) in self.text()
+
+
+def _of(name: str, page: str, *sections: str, parts: bool = False) -> list[Shown]:
+    path = RESULTS / f"{name}.json"
+    return [Shown(page, section, path, f"{section}/" if parts else "") for section in sections or (name,)]
+
+
+SHOWN: tuple[Shown, ...] = (
+    *_of("quality", "README.md", "results"),
+    *_of("quality", "docs/benchmarks.md"),
+    *_of("positions", "docs/benchmarks.md"),
+    *_of("gain", "docs/benchmarks.md"),
+    *_of("rivals", "docs/rivals.md", "rivals-verdicts", "rivals-scenes"),
+    *_of("scaling", "docs/scaling.md"),
+    *_of("regions", "docs/scaling.md"),
+    *_of("stability", "docs/stability.md"),
+    *_of("entropy-speed", "docs/entropy-speed.md"),
+    *_of("entropy-stress", "docs/entropy-stress.md"),
+    *_of("example", "examples/README.md"),
+    *_of("ablation", "docs/ablations.md", *STUDIES, parts=True),
+    *_of("time-error", "docs/time-and-error.md", *SECTIONS, parts=True),
+    # Run by hand; nothing is shown until it was.
+    *(shown for shown in _of("portability", "docs/stability.md") if shown.results.exists()),
+    *(Shown("docs/fuzzing.md", "campaigns", path) for path in sorted(CAMPAIGNS.glob("*.json"))),
+)
+"""Every section that a benchmark or a campaign writes."""

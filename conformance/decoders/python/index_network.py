@@ -1,0 +1,230 @@
+"""ENTROPY_NETWORK blocks, and the frequencies that an index network gives (SPEC §10.5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from conformance.decoders.python.arithmetic import (
+    Linear,
+    Matrix,
+    Vector,
+    clamp,
+    dot,
+    exp2w,
+    product,
+    read_matrix,
+    round_shift,
+    sigmoid12,
+    tanh12,
+)
+from conformance.decoders.python.fields import Payload, Rans, Table, cumulative, require
+from conformance.decoders.python.predictors import MAX_CLASSES
+
+
+class Gru(NamedTuple):
+    """A recurrent layer."""
+
+    shift: int
+    wi: list[Matrix]
+    wh: Matrix
+    bi: Matrix
+    bh: Vector
+    start: Vector
+
+
+class Attention(NamedTuple):
+    """Query, key and value layers."""
+
+    query: Linear
+    key: Linear
+    value: Linear
+    shift: int
+
+
+class Head(NamedTuple):
+    """The head of one codebook."""
+
+    clusters: Vector
+    projections: list[Linear]
+    shift: int
+    member_shift: int
+    cluster_biases: Vector
+    biases: Vector
+
+
+@dataclass
+class Network:
+    """An ENTROPY_NETWORK block. Read it with :func:`parse_network`."""
+
+    bits: int
+    own: bool
+    latent_shift: int
+    codeword_shift: int
+    classes: int
+    attributes: int
+    depths: int
+    latents: int
+    grid: int
+    dims: int
+    embed: tuple[Linear, Linear]
+    gru: list[Gru]
+    attention: Attention | None
+    mixer: Linear
+    heads: list[Head]
+
+    @property
+    def amax(self) -> int:
+        return (1 << (self.bits - 1)) - 1
+
+    def state(self, u: int) -> int:
+        return clamp(round_shift(tanh12(u), 12 - self.bits), -self.amax, self.amax)
+
+    def activations(self, codeword: Vector) -> Vector:
+        e = [clamp(round_shift(v, self.codeword_shift), -self.amax, self.amax) for v in codeword[: self.dims]]
+        return [*e, min(8 * dot(e, e).bit_length(), self.amax)]
+
+    def embedding(self, x: Vector) -> Vector:
+        first, second = self.embed
+        return second(first(x, 0, self.amax), -self.amax, self.amax)
+
+    def gru_step(self, j: int, t: int, u: Vector, g: Vector) -> Vector:
+        layer = self.gru[j]
+        wi, bi = layer.wi[min(t - 1, 1) if j == 0 else 0], layer.bi[t - 1 if j == 0 else 0]
+        px, ph = product(wi, u, bi), product(layer.wh, g, layer.bh)
+        width, s, out = len(g), layer.shift, []
+        for i in range(width):
+            z = sigmoid12(round_shift(px[i] + ph[i], s))
+            r = sigmoid12(round_shift(px[width + i] + ph[width + i], s))
+            kept = round_shift(r * clamp(round_shift(ph[2 * width + i], s), -2047, 2047), 12)
+            n = self.state(round_shift(px[2 * width + i], s) + kept)
+            out.append(round_shift(z * g[i] + (4096 - z) * n, 12))
+        return out
+
+    def history(self, words: list[Vector]) -> Matrix:
+        """G_0 .. G_(m-1) of the codewords, as activations, of stages 1 .. m - 1."""
+        states = [layer.start for layer in self.gru]
+        tops = [states[-1]]
+        for t, u in enumerate(words, start=1):
+            for j in range(len(self.gru)):
+                u = states[j] = self.gru_step(j, t, u, states[j])
+            tops.append(u)
+        return tops
+
+    def attend(self, h: Vector, tops: Matrix) -> Vector:
+        if self.attention is None:
+            return tops[-1]
+        query, key, value, shift = self.attention
+        q = query(h, -127, 127)
+        scores = [round_shift(dot(q, key(g, -127, 127)), shift) for g in tops]
+        weights = [exp2w(max(scores) - score) for score in scores]
+        alpha = [256 * w // sum(weights) for w in weights]
+        values = [value(g, -self.amax, self.amax) for g in tops]
+        sums = [dot(alpha, column) for column in zip(*values, strict=True)]
+        return [clamp(round_shift(v, 8), -self.amax, self.amax) for v in sums]
+
+    def mixed(self, h: Vector, words: list[Vector]) -> Vector:
+        return self.mixer(h + self.attend(h, self.history(words)), 0, self.amax)
+
+    def logits(self, project: Linear, vectors: Matrix, biases: Vector, shift: int, y: Vector) -> Vector:
+        o = project(y, -self.amax, self.amax)
+        return [round_shift(v, shift) for v in product(vectors, o, biases)]
+
+
+def parse_network(block: bytes) -> Network:
+    reader = Payload(block)
+    bits, flags, latent_shift, codeword_shift = reader.fields("4B")
+    require(flags < 4, "bad-network")
+    classes, attributes, depths, latents, grid = (reader.count(512) for _ in range(5))
+    dims, first, hidden, mixed = reader.count(64), reader.count(256), reader.count(256), reader.count(256)
+    layers, tokens, heads = reader.count(4), reader.count(7), reader.count(2)
+    inputs = classes + (attributes if flags & 1 else 0) + depths * (attributes + latents + 1) + grid
+    require(inputs <= 512, "bad-network")
+    network = Network(
+        bits, bool(flags & 1), latent_shift, codeword_shift, classes, attributes, depths, latents, grid, dims,
+        (_linear(reader, first, inputs), _linear(reader, hidden, first)),
+        [_gru(reader, hidden, dims + 1, heads, tokens) if j == 0 else _gru(reader, hidden, hidden, 1, 1)
+         for j in range(layers)],
+        _attention(reader, hidden) if flags & 2 else None,
+        _linear(reader, mixed, 2 * hidden),
+        [_head(reader, dims + 1, mixed) for _ in range(heads)],
+    )
+    reader.finish()
+    require(classes <= MAX_CLASSES, "bad-network")
+    return network
+
+
+def _linear(reader: Payload, rows: int, columns: int) -> Linear:
+    shift = reader.u8()
+    weights = read_matrix(reader, rows, columns, "bad-network")
+    return Linear(weights, reader.shifted(rows), shift)
+
+
+def _gru(reader: Payload, hidden: int, columns: int, matrices: int, tokens: int) -> Gru:
+    shift, rows = reader.u8(), 3 * hidden
+    wi = [read_matrix(reader, rows, columns, "bad-network") for _ in range(matrices)]
+    wh = read_matrix(reader, rows, hidden, "bad-network")
+    biases = reader.shifted(tokens * rows)
+    bi = [biases[t * rows : (t + 1) * rows] for t in range(tokens)]
+    return Gru(shift, wi, wh, bi, reader.shifted(rows), reader.shifted(hidden))
+
+
+def _attention(reader: Payload, hidden: int) -> Attention:
+    query, key_, value = (_linear(reader, hidden, hidden) for _ in range(3))
+    return Attention(query, key_, value, reader.u8())
+
+
+def _head(reader: Payload, dims: int, mixed: int) -> Head:
+    size = reader.count(4096)
+    clusters = [reader.count(4096) for _ in range(reader.count(256))]
+    projections = [_linear(reader, dims, mixed) for _ in range(2 if clusters else 1)]
+    shift, member_shift = reader.fields("2B")
+    cluster_biases = reader.shifted(len(clusters))
+    return Head(clusters, projections, shift, member_shift, cluster_biases, reader.shifted(size))
+
+
+def frequencies(logits: Vector) -> list[int]:
+    """Cumulative frequencies of logits."""
+    return cumulative([exp2w(max(logits) - logit) for logit in logits])
+
+
+class Coder:
+    """Head and codewords of one codebook."""
+
+    def __init__(self, network: Network, head: Head, book: Matrix) -> None:
+        self.network, self.head = network, head
+        self.words = [network.activations(word) for word in book]
+        self.starts = [sum(head.clusters[:i]) for i in range(len(head.clusters))]
+        self.centroids, self.deviations = [], []
+        for start, size in zip(self.starts, head.clusters, strict=True):
+            part = self.words[start : start + size]
+            centroid = [sum(column) // size for column in zip(*part, strict=True)]
+            self.centroids.append(centroid)
+            self.deviations.append([[e - c for e, c in zip(word, centroid, strict=True)] for word in part])
+
+    def top(self, y: Vector) -> Vector:
+        """Logits of all codewords of a flat head, of all clusters of a two-level one."""
+        head = self.head
+        vectors, biases = (self.centroids, head.cluster_biases) if head.clusters else (self.words, head.biases)
+        return self.network.logits(head.projections[0], vectors, biases, head.shift, y)
+
+    def members(self, i: int, y: Vector) -> Vector:
+        """Logits of the codewords of cluster i."""
+        head, start = self.head, self.starts[i]
+        biases = head.biases[start : start + head.clusters[i]]
+        return self.network.logits(head.projections[1], self.deviations[i], biases, head.member_shift, y)
+
+    def read(self, rans: Rans, ys: list[Vector]) -> Vector:
+        """The index of each of the anchors with these y."""
+        def symbol(logits: Vector) -> int:
+            return rans.symbol(Table(range(len(logits)), frequencies(logits)))
+
+        first = [symbol(self.top(y)) for y in ys]
+        if not self.head.clusters:
+            return first
+        index = [0] * len(ys)
+        for i, start in enumerate(self.starts):
+            for e, y in enumerate(ys):
+                if first[e] == i:
+                    index[e] = start + symbol(self.members(i, y))
+        return index

@@ -1,0 +1,84 @@
+"""The scene a decoder will give for what was decided, before anything is coded (encoder side of SPEC §9).
+
+To the rounding of binary32, which no picture shows: the encoder looks at it, nobody else does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reference_encoder.decide.decision import Decision
+from reference_encoder.decide.plans import Plans
+from reference_encoder.decide.problem import Problem
+from scarfmt.codecs.channels import cell_widths
+from scarfmt.container.schema import Stream
+from scarfmt.scene.activation import activated
+from scarfmt.scene.gaussians import GaussianScene
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+
+
+def reconstructed(problem: Problem, decision: Decision) -> GaussianScene:
+    """The Gaussians of the last layer of an explicit file, in the order of the problem's anchors."""
+    model, last = decision.model, decision.model.layers[-1]
+    steps, classes = np.array(last.steps), decision.classes
+    values = {
+        channel.stream: decision.finals[channel.stream] * cell_widths(channel.first_width, steps[:, index])[classes]
+        for index, channel in enumerate(model.channels)
+    }
+    return _scene(problem, values, np.array(last.stages)[classes], np.arange(len(classes)))
+
+
+def rough(problem: Problem, plans: Plans, entries: Sequence[Sequence[int]], part: float = 1.0) -> GaussianScene:
+    """About the Gaussians of a layer in which the first classes have received `entries`, values simply rounded.
+
+    Args:
+        problem, plans: what there is to decide, and first steps of all channels.
+        entries: of each class that is there, stages, steps of each channel, and LATENT steps.
+        part: of the last of these classes, the most important anchors.
+    """
+    last, classes = len(entries) - 1, problem.classes
+    here = np.flatnonzero((classes.of < last) | classes.leading(last, part))
+    received, of, values = np.array(entries), classes.of[here], {}
+    for index, plan in enumerate([*plans.channels, plans.latent], start=1):
+        if received[:, index].any():
+            true = plans.left if plan.stream == Stream.LATENT else problem.channels.values[plan.stream]
+            width = cell_widths(plan.step, received[:, index])
+            values[plan.stream] = np.rint(true[here] * np.divide(1, width, where=width > 0, out=width * 0)[of])
+            values[plan.stream] *= width[of]
+    return _scene(problem, values, received[of, 0], here)
+
+
+def _scene(problem: Problem, values: Mapping[Stream, F64], stages: I64, here: I64) -> GaussianScene:
+    """The Gaussians of the anchors `here`; `values` and `stages` are theirs, what is not among `values` is 0."""
+    geometry, count = problem.geometry, len(here)
+    place, degree = geometry.placement, geometry.sh_degree
+    moved = values.get(Stream.POSITION_RESIDUAL, 0.0) - place.residual[here]
+    rotations, logits, colours = activated(values, count, np.float64)
+    sh = np.zeros((count, (degree + 1) ** 2, 3), np.float32)
+    sh[:, 0] = colours
+    if problem.fitted is not None and (stages.any() or Stream.LATENT in values):
+        sh[:, 1:] = _rest(problem, values.get(Stream.LATENT), stages, here).reshape(count, -1, 3)
+    return GaussianScene(
+        geometry.positions[here] + moved * place.cell[here, None],
+        values.get(Stream.SCALE, np.zeros((count, 3))).astype(np.float32),
+        rotations.astype(np.float32),
+        logits.astype(np.float32),
+        sh,
+    )
+
+
+def _rest(problem: Problem, refined: F64 | None, stages: I64, here: I64) -> F64:
+    """(n, outputs) of the latent decoder for the anchors `here`; those of a latent of 0 are computed once."""
+    assert problem.fitted is not None
+    decoder = problem.fitted.latent.decoder
+    summed = problem.fitted.books.latents(problem.fitted.rvq.indices[here], stages)
+    z = summed + (np.float64(0) if refined is None else refined)
+    told = z.any(axis=1)
+    rest = np.repeat(decoder.apply(np.zeros((1, z.shape[1]))), len(here), axis=0)
+    rest[told] = decoder.apply(z[told])
+    return np.asarray(rest)

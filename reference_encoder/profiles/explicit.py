@@ -1,0 +1,117 @@
+"""The explicit profile: any trained 3D Gaussian scene (SPEC §9; encoder side)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from reference_encoder.decide.allocate import classify
+from reference_encoder.decide.assemble import Quantised, assembled
+from reference_encoder.decide.decision import Decision
+from reference_encoder.decide.lagrangian import best_width, lambda_for
+from reference_encoder.decide.lattice import Placement, place
+from reference_encoder.decide.plans import position_bits
+from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem
+from reference_encoder.judge.calibrate import Judge
+from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
+from reference_encoder.measure.attributes import Attributes, from_scene
+from reference_encoder.measure.sensitivity import Sensitivity, measure, survey
+from reference_encoder.options import EncodeOptions
+from reference_encoder.tuning import (
+    GAUSSIAN_BASE_SHARE,
+    GAUSSIAN_BITS,
+    GAUSSIAN_COARSEST,
+    MOST_GAUSSIAN_CLASSES,
+    REST_SHARE,
+    SHAPE_SHARE,
+)
+from scarfmt.coding.writer import Report, silent
+from scarfmt.container import schema
+from scarfmt.container.schema import Stream
+from scarfmt.scene.gaussians import GaussianScene
+
+I64 = NDArray[np.int64]
+
+_CHANNELS = (Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR)
+
+
+@dataclass(frozen=True)
+class ExplicitProfile:
+    """A Gaussian scene, and what is known of it whatever the quality; a :class:`Profile`.
+
+    Attributes:
+        scene: the source.
+        attributes: of all its Gaussians, in the terms of SPEC §9.
+        sensitivity: what errors in them show.
+        options, report: of the encoder.
+    """
+
+    scene: GaussianScene
+    attributes: Attributes
+    sensitivity: Sensitivity
+    options: EncodeOptions
+    report: Report
+
+    @classmethod
+    def measured(cls, scene: GaussianScene, options: EncodeOptions, report: Report = silent) -> ExplicitProfile:
+        """A scene without NaN or infinity, looked at from the views that matter."""
+        report("visibility", 0.0)
+        attributes = from_scene(scene)
+        sensitivity = measure(scene, attributes, survey(scene, options))
+        report("visibility", 1.0)
+        return cls(scene, attributes, sensitivity, options, report)
+
+    @property
+    def source_count(self) -> int:
+        """Gaussians of the source."""
+        return len(self.scene)
+
+    @cached_property
+    def judge(self) -> Judge:
+        """Pictures of the source, drawn when they are first wanted."""
+        return Judge.of(self.scene, self.options)
+
+    def problem(self, quality: float) -> Problem:
+        """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted."""
+        absence, lambda_ = self.sensitivity.absence, lambda_for(quality, len(self.scene))
+        every, count = classify(absence, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
+        kept = np.flatnonzero(every >= 0)
+        classes, seen, attributes = every[kept], self.sensitivity.take(kept), self.attributes.take(kept)
+        weights = {stream: SHAPE_SHARE.get(stream, 1.0) * s for stream, s in seen.channels.items()}
+        wanted = best_width(weights[Stream.POSITION_RESIDUAL][:, 0], lambda_)
+        placement = place(attributes.positions, wanted, self.options.tile_anchors)
+        weights[Stream.POSITION_RESIDUAL] = weights[Stream.POSITION_RESIDUAL] * (placement.cell**2)[:, None]
+        values = {Stream.POSITION_RESIDUAL: placement.residual, **{s: attributes.channel(s) for s in _CHANNELS}}
+        fixed = position_bits(classes, count)
+        return Problem(
+            geometry=self._geometry(attributes, placement),
+            channels=Channels(values=values, weights=weights, coarsest=GAUSSIAN_COARSEST),
+            fitted=self._fitted(attributes, seen, classes, lambda_),
+            classes=Classes(of=classes, count=count, importance=seen.absence, presence_bits=lambda _: fixed),
+            budget=Budget(lambda_=lambda_, lost=float(absence[every < 0].sum()), base_share=GAUSSIAN_BASE_SHARE),
+        )
+
+    def _geometry(self, attributes: Attributes, placement: Placement) -> Geometry:
+        return Geometry(
+            profile=schema.Profile.EXPLICIT,
+            slots=1,
+            sh_degree=self.scene.sh_degree,
+            source_count=len(self.scene),
+            positions=attributes.positions,
+            placement=placement,
+        )
+
+    def _fitted(self, attributes: Attributes, seen: Sensitivity, classes: I64, lambda_: float) -> FittedLatent | None:
+        """The latent of view-dependent colour; None at degree 0."""
+        if not self.scene.sh_degree:
+            return None
+        weight = seen.colour * REST_SHARE
+        wanted = Wanted(vectors=attributes.rest, weight=weight, classes=classes, lambda_=lambda_)
+        return fit_latent(wanted, self.options, self.report)
+
+    def finish(self, problem: Problem, decision: Decision) -> Quantised:
+        """All integers of the file that `decision` says."""
+        return assembled(problem, decision, self.options.metadata)

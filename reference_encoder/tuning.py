@@ -1,0 +1,254 @@
+"""Every number of the encoder that was measured or chosen, in one place, with its unit and the decision that has it.
+
+Numbers in brackets are decision records (docs/decisions). A change of any of them changes files, never the format.
+Sizes of chunks, mathematical constants and bounds of the format stay with the code that needs them; what an effort
+level switches on is `reference_encoder.options.EFFORTS`.
+"""
+
+from __future__ import annotations
+
+from scarfmt.container.schema import Stream
+from scarfmt.scene.model import DecodedContext
+
+# --- What an error shows: measure/ ---
+
+BLUR_PX2 = 0.4
+"""Pixels^2: the rasteriser's 0.3 px dilation and the pixel itself blur every splat; below this variance an axis hardly
+shows its own length [0003]."""
+SCALE_SHARE = (1.0, 0.8, 0.25)
+"""Share of the longest, middle and shortest axis in the picture error of a log-scale error [0003]."""
+ASPECT_CAP = 9.0
+"""A needle seen from its side reacts to rotation like the square of its aspect ratio, up to about a radian; beyond this
+ratio of variances the linear model overestimates [0003]."""
+OPACITY_SHARE = 1.1
+"""Picture error of a squared error of log opacity, in that of a relative change of the splat [0003]."""
+GAUSSIAN_ABSENCE = 5.6
+"""Leaving a Gaussian out is so many times worse than the sum of single errors says: neighbours left out err together
+[0003]."""
+SLOT_ABSENCE = 8.0
+"""As much worse is leaving out a slot of an anchor [0003]."""
+SIZE_SHARE = 0.7
+"""Picture error of a squared error of the log sizes of an anchor's slots, in that of their shape [0003]."""
+METRIC_ANCHORS = 1500
+"""Anchors, drawn by visibility, whose Jacobians say which feature errors matter [0003]."""
+SURVEY_RINGS = ((0.0625, 20.0, 1.0, 5), (0.02, 38.0, 1.25, 3), (0.09, 5.0, 0.8, 4), (0.045, 15.0, 1.9, 2))
+"""Views of the survey: where a ring starts (turns), elevation (degrees), radius (of the scene's), cameras [0003]."""
+SURVEY_VIEWS = 24
+"""Most cameras looked from, of those given [0003]."""
+
+# --- Reaching the quality asked for: measure/calibrate.py ---
+
+TOLERANCE_DB = 0.4
+"""Close enough, dB: other views differ by as much [0017]."""
+JUDGED_TURN, JUDGED_ELEVATION_DEG = 0.03125, 20.0
+"""Where between the survey's views the ring is from which results are judged: turns, degrees [0017]."""
+LEAST_SLOPE, GREATEST_SLOPE = 0.5, 2.0
+"""dB found per dB aimed at, at least and at most [0017]."""
+MOST_UP_DB, MOST_DOWN_DB = 6.0, 15.0
+"""dB between aim and wish: an error that no lambda takes away, such as clamped values, must not buy bits without end
+[0017]."""
+
+# --- Lambda: decide/lagrangian.py ---
+
+LAMBDA_OFFSET_DB, LAMBDA_QUALITY_DB, LAMBDA_SLOPE = 60.0, 42.0, 0.82
+"""At this quality lambda times the number of Gaussians is this many dB below 1; dB found per dB of lambda [0004]."""
+
+# --- Classes and what they receive: decide/ ---
+
+IMPORTANCE_RATIO = 9.0
+"""Squared-error ratio between neighbouring classes: one ternary step [0007]."""
+MOST_GAUSSIAN_CLASSES, MOST_ANCHOR_CLASSES = 8, 7
+"""Classes of a file, explicit and anchor profile [0007]."""
+GAUSSIAN_BITS, ANCHOR_BITS = 40.0, 60.0
+"""Bits of the cheapest Gaussian or anchor: a position, a class and first steps [0007]."""
+SLOT_BITS = 14.0
+"""Bits that turning a slot of an anchor on costs: its place in the mask and an offset [0007]."""
+POSITION_BITS = 10.0
+"""Bits of a base position and its label: about what the split coder spends on a dense surface [0002]."""
+FINEST_STEP = 9
+"""Ternary steps looked at: beyond these nothing ever paid (3^8 = 6561 cells across the first one) [0004]."""
+TABLE_ENTRY_BITS = 8.0
+"""Bits of an entry of a static table [0001]."""
+PLANNED_ANCHORS = 12_000
+"""Anchors of a class that stand for all of it when steps are priced [0014]."""
+STAGGER = 3.0**0.5
+"""Factor of lambda, up or down, by which channels and classes refine in different layers [0007]."""
+CONTEXT_ANCHORS = 200_000
+"""Anchors that stand for all when contexts are chosen [0014]."""
+ROUNDING_ROUNDS = 2
+"""How often prices and choices of rounded values are made to agree [0004]."""
+REST_SHARE = 1.3
+"""Errors of view-dependent colour agree between neighbours more than others do: so much more they count [0003]."""
+SHAPE_SHARE = {Stream.SCALE: 1.5, Stream.ROTATION: 1.5}
+"""So do errors of shape [0003]."""
+GAUSSIAN_COARSEST: dict[Stream, tuple[float, ...]] = {
+    Stream.POSITION_RESIDUAL: (1 / 3, 1 / 3, 1 / 3),
+    Stream.SCALE: (0.55, 0.6, 1.0),
+    Stream.ROTATION: (0.6, 0.6, 0.9),
+    Stream.OPACITY: (1.0,),
+    Stream.COLOUR: (1.5, 1.5, 1.8),
+}
+"""Coarsest useful first cell of each component, in the units of SPEC §9 [0003]."""
+ANCHOR_COARSEST: dict[Stream, tuple[float, ...]] = {
+    Stream.POSITION_RESIDUAL: (1 / 3,) * 3,
+    Stream.SCALE: (0.9,) * 6,
+}
+"""Those of the anchor profile [0003]."""
+COARSEST_LATENT = 81.0
+"""That of the latent channel, in codeword lattice units, before it is multiplied by the number of dimensions [0005]."""
+MLP_BITS = 10
+"""Bits of a weight of an anchor model's networks [0003]."""
+
+# --- Tiles: decide/lattice.py ---
+
+TILE_ANCHORS, LARGE_SCENE_TILE_ANCHORS = 32768, 16384
+"""Most anchors of a tile unless asked otherwise; the second in scenes of more than `LARGE_SCENE` anchors.
+
+Only there a region is a small part of a file [0015]."""
+LARGE_SCENE = 1 << 18
+"""Anchors [0015]."""
+CELL_FACTOR, CELL_PERCENTILE = 1.5, 70
+"""A leaf cell is this many times the step that pays for this percentile of a tile's anchors; those who need more get it
+from the position residual [0002]."""
+
+# --- Layers: decide/layering.py ---
+
+GAUSSIAN_BASE_SHARE, ANCHOR_BASE_SHARE = 0.265, 0.28
+"""Share of the bits that the first layer may take. An anchor model's networks travel in it besides [0007]."""
+COARSE_ABSENCE = 3.0
+"""How much worse than predicted leaving out a whole class is in early layers: holes, where one Gaussian leaves none
+[0007]."""
+LAYER_VIEWS = 3
+"""Pictures that decide what a layer holds [0018]."""
+PICTURE_DB = 25.4
+"""A first picture, dB: one recognises everything, and nobody takes it for the last [0018]."""
+WORTH_DB = 0.5
+"""A layer in between that gains fewer dB is left out [0018]."""
+BELOW_DB = 8.0
+"""dB that the first picture is at least worse than the last layer [0018]."""
+LARGEST_SHARE = 0.4
+"""Of the bits: a first layer with more is no preview [0018]."""
+LARGEST_LAMBDA_RATIO, LAMBDAS = 1e7, 80
+"""Lambdas a layer may have: the largest over that of the last layer, and how many [0018]."""
+LOOKS, DB_A_LAMBDA = 3, 0.3
+"""To find how coarse a layer may be: how often to look, and about how many dB the next lambda costs [0018]."""
+PARTS = (0.75, 0.5, 0.25)
+"""Parts of the last class of the first layer that are tried [0018]."""
+
+# --- Latents and codewords: latent/ ---
+
+MAX_DIMENSIONS = 48
+"""Of a linear latent [0005]."""
+CODEWORD_RANGE = 120.0
+"""Lattice units that 99.9 % of the latents' coordinates stay within: fine against what the most visible anchors can
+show, coarse enough for short codewords [0005]."""
+DECODER_BITS = 12
+"""Bits of a weight of the latent decoder [0005]."""
+ANCHORS_PER_CODEWORD, FEWEST_CODEWORDS_LOG2, MOST_CODEWORDS_LOG2 = 150, 4, 10
+"""A codeword pays for itself about every so many anchors; powers of two that a codebook's size is between [0005]."""
+ANCHOR_EXTRA_STAGES = 1
+"""RVQ stages that features of anchors get beyond the effort's [0005]."""
+CODEWORD_BITS, DECODER_WEIGHT_BITS = 6.0, 12.0
+"""About what a coordinate of a codeword and a weight of the decoder take in a file [0005]."""
+RVQ_DECAY = 0.8
+"""What a codeword keeps of its moving sums from epoch to epoch [0005]."""
+RVQ_STALE_USES = 1.0
+"""A code used less often in an epoch restarts at a badly served vector [0005]."""
+RVQ_PRIOR_USES = 0.02
+"""A code that nobody uses is not free: this many virtual uses keep its price finite [0005]."""
+INJECT_SHARE, HARD_SHARE = 0.25, 0.5
+"""Shares of an autoencoder's steps after which soft injection starts, and quantisation is hard (paper: 10k and 30k of
+40k) [0005]."""
+LEARNED_DECAY = 0.99
+"""What a codeword of an autoencoder keeps of its moving sums from step to step [0005]."""
+LEARNED_STALE_SHARE = 0.1
+"""A code with less than this share of the mean use is stale and restarts at a vector of the batch [0005]."""
+KMEANS_ROUNDS, KMEANS_VECTORS_PER_CODE = 8, 16
+"""Of the start of an autoencoder's codebooks [0005]."""
+METRIC_VECTORS = 8192
+"""Vectors over which a learned decoder is made an isometry on average [0005]."""
+SEARCH_ROUNDS = 4
+"""Gauss-Newton rounds to the latents that a learned decoder maps closest to the vectors [0005]."""
+LEAST_GAIN, DAMPING = 1e-9, 1e-6
+"""Directions a learned decoder hardly reacts to hold nothing: their least share of the largest gain; damping of a
+Gauss-Newton step, of the mean curvature [0005]."""
+FINEST_UNIT = 1e-5
+"""Finer lattices than this share of the vectors' own size only store noise [0005]."""
+PREVIEW = 0.05
+"""What an error counts that the LATENT channel repairs in the end: earlier layers show it [0011]."""
+BEAM, FINALISTS = 4, 16
+"""Partial choices of codewords kept from stage to stage; whole ones compared by what they really cost [0011]."""
+LEAST_INSIDE = 0.4
+"""Share of a cluster's evenly split bits that the codewords wanted cost in it at least, nearly always [0014]."""
+
+# --- Networks: networks/ ---
+
+CONTEXT = DecodedContext(passes_log2=2, occupancies=(32, 4))
+"""Passes of a group, and anchors of a cell at either depth: finer contexts save a little more and cost a decoder more
+runs [0009]."""
+CONTEXT_LATENTS = 16
+"""Latent dimensions whose cell means are inputs of the index network [0010]."""
+NARROWEST_HIDDEN, WIDEST_HIDDEN, INDICES_OF_EIGHT = 6, 64, 75_000
+"""Width of the index network: it grows with the square root of the number of indices, 8 for so many [0010]."""
+CODEWORD_DIMS = 24
+"""Latent dimensions of a codeword that the index network sees at most [0010]."""
+FINE_WEIGHTS_FROM = 20
+"""Networks of at least this width get a fifth bit of weight [0010]."""
+SMALLEST_BATCH, LARGEST_BATCH = 64, 1024
+"""Rows of a step [0010]."""
+INDEX_LEARNING_RATE, ROUND_LEARNING_RATE = 0.018, 0.01
+"""Of the index network's first training, and of its training in a round of choosing again [0010, 0011]."""
+ROUND_EPOCHS = 0.25
+"""Epochs of a round, of the first training's [0011]."""
+MEASURED_ROWS = 16384
+"""Rows on which the progress of a training is measured [0014]."""
+SETTLED_EPOCHS = 3
+"""Epochs compared with as many before to see whether training still pays [0014]."""
+STEEPEST = 2.0
+"""Longest gradient of a step [0010]."""
+BIAS_BITS = 10.0
+"""Bits that a bias of the index network is taken to cost in the file [0010]."""
+LOGIT_REACH_BITS = 3.0
+"""Bits by which an output vector of one unit moves the logit of a typical codeword [0010]."""
+FEWEST_CLUSTERED = 48
+"""Codewords: smaller books are coded flat, because a second symbol costs more time than it saves [0010]."""
+GRID_INNER_SHARE = 0.98
+"""Share of the anchors, along each axis, that a hash grid's box holds: a few far away must not take its resolution
+[0010]."""
+AXIS_RESOLUTIONS, WAVE_RESOLUTIONS = (16, 64, 8, 32), (4, 8, 16, 32, 64)
+"""Cells along an axis, per level, of learned and of given one-dimensional grids [0010]."""
+GRID_FEATURES = 4
+"""Of a vertex of a learned grid [0010]."""
+ANCHORS_PER_CELL = 128
+"""Finest 3D cells of a learned grid hold about as many anchors: with fewer, a cell's bits cost more than they save
+[0010]."""
+
+# --- Predictors: networks/predict.py, predictor_net.py, predictor_descent.py ---
+
+PREDICTOR_SAMPLE, PREDICTOR_ANCHORS = 40_000, 160_000
+"""Symbols a predictor is trained on, and anchors of the tiles looked at for them [0009]."""
+PREDICTOR_LEAST_SYMBOLS = 4000
+"""Fewer symbols never pay for a network [0009]."""
+PREDICTOR_TABLE_BITS, PREDICTOR_ENTRY_BITS = 24.0, 6.0
+"""What a table and an entry cost after Zstandard [0009]."""
+RUN_BITS = 0.1
+"""What a run of symbols in one context is worth: it costs a decoder about 4 microseconds [0009]."""
+LEAST_DEVIATION = 4.0
+"""Inputs that hardly vary are not blown up: their weights would not fit in 8 bits beside the others [0009]."""
+WEIGHT_PENALTY_BITS, NEGLIGIBLE_WEIGHT = 24.0, 0.03
+"""Weights are driven to 0 as far as the bits of one are worth more than what it saves over all symbols; below the
+second number they are 0 [0009]."""
+TOP_WEIGHTS = (127, 63, 31)
+"""Largest magnitudes worth trying: fewer values take fewer bytes [0009]."""
+LEAST_RANGE = 1e-3
+"""An output that hardly varies says nothing: its buckets would only ask for large weights [0009]."""
+BUCKET_PERCENTS = (1.0, 2.0)
+"""Percentiles of either output beyond which the first and last bucket reach on [0009]."""
+PREDICTOR_BATCH, PREDICTOR_LEARNING_RATE = 1024, 0.03
+"""Rows of a step; highest learning rate [0009]."""
+RISE_SHARE = 0.15
+"""Share of the iterations in which the learning rate rises [0009]."""
+SLOWEST, LAST_SLOWER = 25.0, 1e4
+"""The learning rate starts at a 25th of its highest value and ends at a ten-thousandth of that [0009]."""
+MOMENTA = (0.95, 0.85)
+"""While the learning rate is low, and where it is highest [0009]."""
