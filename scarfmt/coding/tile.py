@@ -279,19 +279,13 @@ def get_layer(
         counters: of their multiply-adds.
         engine: what computes.
     """
-    known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
     classes = content.classes
     if new:
         with _opened(open_stream, Stream.POSITIONS) as reader:
             content.codes[-new:] = engine.get_positions(reader, new, frame.bits)
-        with _opened(open_stream, Stream.CLASSES) as reader:
-            classes[-new:] = get_classes(reader, new, known, past)
-    turned_on = np.zeros(content.slot_layers.shape, np.bool_)
-    if model.profile == Profile.ANCHOR:
-        before = content.slot_layers > 0
-        with _opened(open_stream, Stream.MASKS) as reader:
-            turned_on = get_masks(reader, before) & ~before
-        content.slot_layers[turned_on] = layer
+        classes[-new:] = _get_new_classes(model, layer, new, open_stream)
+    turned_on = _get_turned_on(model, content, open_stream)
+    content.slot_layers[turned_on] = layer
     need = needed_streams(model, wanted, neural)
     coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
     context = _context(model, frame, content, neural.sets, coder, engine, observer, counters)
@@ -304,9 +298,7 @@ def get_layer(
                 continue
             steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)
             values, first = content.values[index], content.first[: index + 1]
-            predicted = None
-            if context is not None:
-                predicted = _predicted(context, index, neural.sets, values, steps)
+            predicted = None if context is None else _predicted(context, index, neural.sets, values, steps)
             engine.get_channel(reader, channel, classes, steps, values, first, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, content.values[index], steps[1])
@@ -316,10 +308,25 @@ def get_layer(
     if Stream.INDICES in wanted:
         with _opened(open_stream, Stream.INDICES) as reader:
             stages = model.stages(layer - 1, classes), model.stages(layer, classes)
-            if coder is not None and context is not None:
+            if coder is None or context is None:
+                get_indices(reader, content.indices, classes, *stages, book_sizes)
+            else:
                 engine.get_neural_indices(reader, coder, context, content.indices, stages)
-                return
-            get_indices(reader, content.indices, classes, *stages, book_sizes)
+
+
+def _get_new_classes(model: SceneModel, layer: int, new: int, open_stream: OpenStream) -> I64:
+    """(new,) classes of the anchors that first appear in a layer."""
+    with _opened(open_stream, Stream.CLASSES) as reader:
+        return get_classes(reader, new, model.first_new_class(layer), model.layers[layer - 1].class_count)
+
+
+def _get_turned_on(model: SceneModel, content: TileContent, open_stream: OpenStream) -> NDArray[np.bool_]:
+    """(n, K) slots that a layer turns on; none without masks."""
+    before = content.slot_layers > 0
+    if model.profile != Profile.ANCHOR:
+        return np.zeros(before.shape, np.bool_)
+    with _opened(open_stream, Stream.MASKS) as reader:
+        return get_masks(reader, before) & ~before
 
 
 @contextmanager
