@@ -23,10 +23,10 @@ from benchmarks.scenes import SCENES, chosen
 from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.cli.scenes import load_subject
 from scarfmt.codecs.positions import get_positions, put_positions
+from scarfmt.container.morton import interleave
 from scarfmt.entropy.emitters import SymbolCounter, SymbolWriter
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.limits import MAX_LOCAL_BITS
-from scarfmt.scene.morton import interleave
 
 NAME = "positions"
 CORE_BITS = (12, 14)

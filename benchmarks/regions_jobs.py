@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from benchmarks.child import timed
 from reference_decoder.decode import decode
 from reference_decoder.dequantise import tile_boxes
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.schema import BlockKind
 from scarfmt.container.source import open_source
+from scarfmt.counters import Counters
 
 F64 = NDArray[np.float64]
 Job = dict[str, Any]

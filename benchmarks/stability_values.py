@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from conformance.decoders.python.arithmetic import exp2w
 from reference_decoder.dequantise import latents, positions
 from scarfmt.container.directory import Tile
+from scarfmt.container.morton import interleave
 from scarfmt.engines import absence, best_engine
 from scarfmt.entropy.rans import (
     MAX_ALPHABET,
@@ -30,7 +31,6 @@ from scarfmt.neural.operations import NUMPY
 from scarfmt.neural.tables import EXP2_LAST, SIGMOID, TANH, exp2_table
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import MAX_STEPS, Lattice
-from scarfmt.scene.morton import interleave
 
 Edge = dict[str, Any]
 

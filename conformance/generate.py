@@ -18,19 +18,21 @@ from typing import Any
 
 import numpy as np
 
-from conformance.cases import Case
 from conformance.expect.document import BITSTREAM, FORMAT, expectation
+from conformance.expect.json_text import json_text
 from conformance.expect.schemas import LICENCE, expect_schema, manifest_schema
 from conformance.faults.catalogue import invalid_files
 from conformance.faults.container_faults import container_faults
 from conformance.faults.either_cases import either_cases
+from conformance.faults.huffman_cases import huffman_cases
 from conformance.faults.limit_faults import limit_faults
 from conformance.faults.metadata_faults import metadata_faults
 from conformance.faults.model_faults import model_faults
 from conformance.faults.stream_faults import stream_faults
 from conformance.faults.truncated_cases import truncated_cases
 from conformance.faults.work_cases import work_cases
-from conformance.json_text import json_text
+from conformance.faults.work_pairs import work_pairs
+from conformance.scenes.cases import Case
 from conformance.scenes.edge_scenes import edge_cases
 from conformance.scenes.valid_cases import named, valid_cases, with_origin
 
@@ -69,7 +71,9 @@ def _all_cases() -> Iterator[Case]:
     yield from limit_faults()
     yield from metadata_faults()
     yield from work_cases()
+    yield from work_pairs()
     yield from either_cases(files)
+    yield from huffman_cases()
     yield from (with_origin(case, by_name) for case in truncated_cases(files))
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from reference_decoder.explicit import CHUNK, network_outputs
 from scarfmt.blocks.mlp import QuantisedMlp
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.reader import SceneModels
 from scarfmt.container.schema import Stream
+from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.activation import opacity_logits
 from scarfmt.scene.gaussians import F32, F64, AnchorModel, GaussianScene, Mlp

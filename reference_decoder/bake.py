@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.anchors import NETWORKS, log_sigmoid, outlook, run, sigmoid, slot_centres, unit_quaternions
-from scarfmt.coding.counters import Counters, Part
+from scarfmt.counters import Counters, Part
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.activation import opacity_logits
 from scarfmt.scene.gaussians import F64, AnchorModel, GaussianScene, Mlp

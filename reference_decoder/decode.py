@@ -14,11 +14,11 @@ from reference_decoder.backends import backend as engine_of
 from reference_decoder.decoded import Decoded, joined, tile_part
 from reference_decoder.dequantise import tile_boxes
 from reference_decoder.request import DecodeRequest, RequestFields, requested
-from scarfmt.coding.counters import Counters, transfers
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.source import ByteSource, Origin, opened
+from scarfmt.counters import Counters, transfers
 from scarfmt.scene.streams import ATTRIBUTES
 
 

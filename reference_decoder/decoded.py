@@ -17,11 +17,11 @@ from reference_decoder import explicit
 from reference_decoder.anchors import decoded_model
 from reference_decoder.dequantise import latents, offset_values, positions
 from scarfmt.codecs.channels import cell_widths
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.reader import ALL_STREAMS, SceneModels, SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.schema import Profile, Stream
+from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.gaussians import F32, F64, AnchorModel, GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES

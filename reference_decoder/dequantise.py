@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from scarfmt.codecs.channels import REACH, in_binary32
 from scarfmt.container.directory import Table, Tile
+from scarfmt.container.morton import deinterleave
 from scarfmt.errors import Malformed
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Lattice
-from scarfmt.scene.morton import deinterleave
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]

@@ -18,11 +18,11 @@ from reference_decoder.decode import iter_tiles
 from reference_decoder.decoded import Decoded
 from reference_decoder.request import DecodeRequest, RequestFields, requested
 from scarfmt.atomic import atomic_write
-from scarfmt.coding.counters import Counters, transfers
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import Origin, opened
+from scarfmt.counters import Counters, transfers
 from scarfmt.formats.export_ply import ply_header, ply_rows, property_names
 from scarfmt.scene.gaussians import F64, GaussianScene
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import scarfmt
+from fuzz.testing.scenes import random_scene
 from reference_decoder.decoded import Decoded
 from reference_decoder.request import RequestFields, requested
 from scarfmt.coding.writer import write_scene
@@ -21,7 +22,6 @@ from scarfmt.tools import inspection
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
 from tests.conftest import REPOSITORY
-from tests.samples.scene_samples import random_scene
 
 DATA = write_scene(random_scene(3, anchors=300, tiles=4))
 

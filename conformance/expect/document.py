@@ -6,7 +6,6 @@ import hashlib
 import json
 from typing import Any
 
-from conformance.cases import Case
 from conformance.decoders.python.answers import Answers
 from conformance.decoders.python.container import METADATA_KIND, blocks_of_kind, container_fields, profile_of
 from conformance.decoders.python.decoder import Decoder
@@ -14,6 +13,7 @@ from conformance.expect.activated import Activated, activated
 from conformance.expect.expectations import Arrays, expected_layers, expected_metadata
 from conformance.expect.features import exercised, features_of
 from conformance.expect.stages import pinned, pinned_stages, traced_arrays
+from conformance.scenes.cases import Case
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Profile
 
@@ -78,7 +78,7 @@ def _origin(case: Case) -> dict[str, Any]:
 
 def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, set[str]]:
     """``layers`` and ``metadata``, the files of activated values, the features."""
-    decoder = Decoder(case.data)
+    decoder = Decoder(case.data, case.layers)
     answers = Answers(decoder)
     states = [
         {**arrays, **traced_arrays(trace)}

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from conformance.faults.table_records import Record, Records, number, packed, unpacked, with_tables
-from conformance.files import blocks_of, changed, content_of, rebuilt, stored_frame, without
+from conformance.surgery.files import blocks_of, changed, content_of, rebuilt, stored_frame, without
 from conformance.writer.fields import rice, svarint, varint
 from conformance.writer.models import codebooks_block
 from scarfmt.blocks.codebooks import unpack_codebooks
@@ -123,11 +123,15 @@ def _book_places(static: bytes, refined: bytes, words: np.ndarray) -> Iterator[F
            changed(static, BlockKind.CODEBOOKS, 1, lambda _: both, 1))
     yield ("book-late", "codebook 1 is first needed in layer 2, but absent", rule, "missing-block",
            without(refined, BlockKind.CODEBOOKS, 2))
+    later = next(b.payload for b in blocks_of(refined) if (b.kind, b.layer) == (BlockKind.CODEBOOKS, 2))
+    first = next(b.payload for b in blocks_of(refined) if (b.kind, b.layer) == (BlockKind.CODEBOOKS, 1))
+    again = codebooks_block({**unpack_codebooks(first), **unpack_codebooks(later)})
+    yield ("book-again", "codebook 0 again, beside codebook 1 in the layer that first needs that", rule, "bad-codebook",
+           changed(refined, BlockKind.CODEBOOKS, 2, lambda _: again, 1))
     narrow = codebooks_block({0: words[:, :1]})
     yield ("book-narrow", "codewords of a dimension less than DECODER_MLP takes", "R-7.8-3", "bad-mlp",
            changed(static, BlockKind.CODEBOOKS, 1, lambda _: narrow))
-    second = next(b.payload for b in blocks_of(refined) if (b.kind, b.layer) == (BlockKind.CODEBOOKS, 2))
-    wide = {n: np.pad(book, ((0, 0), (0, 1))) for n, book in unpack_codebooks(second).items()}
+    wide = {n: np.pad(book, ((0, 0), (0, 1))) for n, book in unpack_codebooks(later).items()}
     yield ("book-wide", "codebook 1 of a dimension more than codebook 0", "R-7.8-3", "bad-mlp",
            changed(refined, BlockKind.CODEBOOKS, 2, lambda _: codebooks_block(wide)))
 

@@ -6,10 +6,10 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from conformance.cases import Case, refused
 from conformance.faults.neural_faults import neural_faults
 from conformance.faults.rice_faults import rice_faults
-from conformance.files import (
+from conformance.scenes.cases import Case, refused
+from conformance.surgery.files import (
     blocks_of,
     changed,
     patched,

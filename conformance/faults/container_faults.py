@@ -10,10 +10,12 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from conformance.cases import Case, refused
 from conformance.faults.precedence import precedence_cases
 from conformance.faults.zstd_faults import zstd_faults
-from conformance.parts import (
+from conformance.scenes.cases import Case, refused
+from conformance.scenes.container_scenes import anchor_file, plain_file, root_file
+from conformance.spec.spec_text import size_of
+from conformance.surgery.parts import (
     NO_TILE,
     TILE_KIND,
     Change,
@@ -27,8 +29,6 @@ from conformance.parts import (
     remade,
     taken_apart,
 )
-from conformance.scenes.container_scenes import anchor_file, plain_file, root_file
-from conformance.spec.spec_text import size_of
 
 _LAYER, _TABLES, _METADATA = 1, 2, 64
 _TOP = (1 << 64) - 1
@@ -181,6 +181,9 @@ def _count_faults() -> Iterator[Case]:
     plain, anchors = plain_file(), anchor_file()
     yield _case("anchors-fall", "layer 2 has fewer anchors than layer 1", "R-5.3-1", "layer-counts",
                 broken(plain, lambda p: _counts(p, 1, p.layers[0]["anchor_count"] - 1)))
+    yield _case("anchors-fall-alone", "layer 2 has fewer anchors than layer 1, but not fewer Gaussians", "R-5.3-1",
+                "layer-counts", broken(anchors, lambda p: p.layers[0].update(
+                    anchor_count=p.layers[1]["anchor_count"] + 1)))
     yield _case("gaussians-fall", "layer 2 has fewer Gaussians than layer 1, but more anchors", "R-5.3-1",
                 "layer-counts", broken(anchors, lambda p: _gaussians(p, 1, p.layers[0]["gaussian_count"] - 1)))
     yield _case("gaussians-more", "more Gaussians than anchors in the explicit profile", "R-5.3-2", "layer-counts",

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from conformance.cases import Case
-from conformance.parts import Change, Parts, block_added, block_with, broken, remade, taken_apart
+from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import anchor_file, anchor_scene, plain_file, plain_scene
+from conformance.surgery.parts import Change, Parts, block_added, block_with, broken, remade, taken_apart
 from scarfmt.coding.writer import QuantisedScene
 
 _METADATA = 64

@@ -7,9 +7,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from conformance.files import changed
+from conformance.scenes.made import Plan, build, steady
+from conformance.surgery.files import changed, vector_file
 from conformance.writer.models import layer_block
 from scarfmt.coding.writer import QuantisedScene
+from scarfmt.container.file import Tile
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
@@ -90,9 +92,35 @@ def _channel_faults(explicit: File, anchor: File) -> Iterator[Fault]:
            _with_channels(explicit, three, _of(opacity, 2)))
     yield ("scale-three-anchor", "SCALE of three components in the anchor profile", "R-6.4-2", "bad-channel",
            _with_channels(anchor, _of(scale, 3), plain[Stream.LATENT], offsets))
-    wide = latent.components + 1
-    yield ("latent-wide", "LATENT of a component more than DECODER_MLP takes", "R-6.4-4", "bad-mlp",
-           _with_channels(explicit, three, _of(latent, wide)))
+    for name, channel in (("residual-two", _of(residual, 2)), ("rotation-four", _of(rotation, 4)),
+                          ("colour-two", _of(colour, 2))):
+        others = (channel, three) if channel.stream < Stream.SCALE else (three, channel)
+        yield (name, f"{channel.stream.name} of {channel.components} components", "R-6.4-2", "bad-channel",
+               _with_channels(explicit, *others))
+    yield ("offsets-two", "OFFSETS of two components", "R-6.4-2", "bad-channel",
+           _with_channels(anchor, scales, plain[Stream.LATENT], _of(offsets, 2)))
+    for name, channel in (("opacity", _of(opacity, 1)), ("colour", _of(colour, 3))):
+        yield (f"channel-{name}", f"{channel.stream.name} in the anchor profile", *_CHANNELS,
+               _with_channels(anchor, scales, channel, plain[Stream.LATENT], offsets))
+    yield from _latent_faults(explicit, anchor, three)
+
+
+def _latent_faults(explicit: File, anchor: File, three: Channel) -> Iterator[Fault]:
+    """LATENT of another size than DECODER_MLP takes, with codebooks of the right size and without any."""
+    rule = "R-6.4-4", "bad-mlp"
+    latent = next(c for c in explicit[1].model.channels if c.stream == Stream.LATENT)
+    *others, offsets = (_of(c, c.components) for c in anchor[1].model.channels if c.stream != Stream.POSITION_RESIDUAL)
+    scales, features = others
+    scene = build(Plan("latent alone", (three, _of(latent, 3)), steady(1, 0, (1, 1)), (Tile(0, 0, 0),), (4,), bits=5,
+                       dimension=3))  # fmt: skip
+    alone = vector_file(scene), scene
+    for name, more in (("wide", 1), ("narrow", -1)):
+        purpose = f"LATENT of a component {'more' if more > 0 else 'less'} than DECODER_MLP takes"
+        yield (f"latent-{name}", purpose, *rule, _with_channels(explicit, three, _of(latent, latent.components + more)))
+        yield (f"latent-{name}-anchor", f"{purpose}, anchor profile", *rule,
+               _with_channels(anchor, scales, _of(features, features.components + more), offsets))
+        yield (f"latent-{name}-alone", f"{purpose}, no codebooks", *rule,
+               _with_channels(alone, three, _of(latent, 3 + more)))
 
 
 def _step_faults(static: File) -> Iterator[Fault]:

@@ -8,9 +8,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterator
 
-from conformance.cases import Case
-from conformance.files import vector_file
-from conformance.parts import TILE_KIND, Parts, broken, header_with, remade, taken_apart
+from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import (
     anchor_file,
     crowd_scene,
@@ -20,6 +18,8 @@ from conformance.scenes.container_scenes import (
     root_file,
 )
 from conformance.spec.spec_text import size_of
+from conformance.surgery.files import vector_file
+from conformance.surgery.parts import TILE_KIND, Parts, broken, header_with, remade, taken_apart
 
 _MAX_TILES, _MAX_ENTRIES = 1 << 20, 1 << 22
 _MAX_ANCHORS, _READER_ANCHORS, _READER_GAUSSIANS = 1 << 31, 1 << 26, 1 << 28

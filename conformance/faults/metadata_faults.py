@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from conformance.cases import Case
 from conformance.faults.limit_faults import long_last_block
-from conformance.parts import block_added, broken, remade
+from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import root_file
+from conformance.surgery.parts import block_added, broken, remade
 
 _METADATA = 64
 _MAX_BYTES, _MAX_DEPTH = 1 << 24, 64

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from conformance.cases import Case, refused
 from conformance.faults.block_faults import codebook_faults, decoder_faults, idle_faults, scene_faults, table_faults
 from conformance.faults.layer_faults import layer_faults
 from conformance.faults.network_faults import grid_faults, network_faults, predictor_faults
+from conformance.scenes.cases import Case, refused
 from scarfmt.coding.writer import QuantisedScene
 
 Files = dict[str, tuple[bytes, QuantisedScene]]

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from conformance.files import blocks_of, changed, rebuilt
+from conformance.surgery.files import blocks_of, changed, rebuilt
 from conformance.writer.fields import rice, shifted, varint
 from conformance.writer.networks import network_block, predictors_block
 from scarfmt.blocks.index_network import unpack_network
@@ -84,6 +84,13 @@ def _width_faults(flat: bytes) -> Iterator[Fault]:
     yield ("network-no-head", "no head", *_RANGE,
            _with_network(flat, replace(network, gru=(replace(gru, inputs=(), biases=gru.biases[:0]),), heads=())))
     yield "network-no-recurrence", "no recurrent layer", *_RANGE, _without_recurrence(flat)
+    rested = tuple(replace(layer, start=0 * layer.start) for layer in network.gru)
+    yield ("network-7-bits-alone", "7 activation bits, start states of 0", *_RANGE,
+           _with_network(flat, replace(network, activation_bits=7, gru=rested)))
+    alone = 0 * network.mixer.weights
+    alone[0, 0] = -32768
+    yield ("weight-low-alone", "a weight of -32768 among zeros", "R-10.5-1", "bad-network",
+           _with_network(flat, replace(network, mixer=Linear(alone, 0 * network.mixer.biases, 0))))
     yield ("network-7-bits", "7 activation bits", *_RANGE, changed(flat, _NETWORK, 1, lambda p: bytes([7]) + p[1:]))
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from conformance.cases import Case, refused
-from conformance.files import blocks_of, changed, rebuilt, tile_parts, without
+from conformance.scenes.cases import Case, refused
+from conformance.surgery.files import blocks_of, changed, rebuilt, tile_parts, without
 from conformance.writer.fields import varint
 from conformance.writer.networks import network_block, predictors_block
 from conformance.writer.tile import tile_block
@@ -229,14 +230,37 @@ def _predictor_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
 
     yield ("predictor-reach", "an accumulator that can reach 2^24", "R-10.1-1", "bad-predictor", edited(reaching, edge))
 
-    def heavy(predictors: tuple[Predictor, ...]) -> tuple[Predictor, ...]:
-        output = predictors[0].output
-        weights = 0 * output.weights
-        weights[0, MAX_CLASSES] = MAX_WEIGHT + 1
-        return first(output=Linear(weights, 0 * output.biases, 8))(predictors)
+    for name, weight in (("", MAX_WEIGHT + 1), ("-low", -MAX_WEIGHT - 1)):
+        yield (f"predictor-weight{name}", f"a weight of {weight} in a row that stays in reach", "R-10.1-1",
+               "bad-predictor", edited(partial(_heavy, weight)))
+    yield from _record_order_faults(base, edge)
 
-    yield ("predictor-weight", "a weight of 32768 in a row that stays in reach", "R-10.1-1", "bad-predictor",
-           edited(heavy))
+
+def _heavy(weight: int, predictors: tuple[Predictor, ...]) -> tuple[Predictor, ...]:
+    """The first predictor with this weight in its output layer, and no other."""
+    output = predictors[0].output
+    weights = 0 * output.weights
+    weights[0, MAX_CLASSES] = weight
+    return (replace(predictors[0], output=Linear(weights, 0 * output.biases, 8)), *predictors[1:])
+
+
+def _record_order_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
+    """R-10.3-2 is applied after the bytes of the record, and before those of the next."""
+
+    def cut_after(**fields: Any) -> Callable[[bytes], bytes]:
+        return lambda p: predictors_block((replace(unpack_predictors(p)[0], **fields),))[:-1]
+
+    for name, fields in (("step-zero", {"step": 0}), ("buckets", {"buckets": (129, 2)})):
+        yield (f"predictor-{name}-cut", "a record that breaks R-10.3-2, and ends early", "R-5.7-2", "payload-short",
+               changed(base, BlockKind.PREDICTORS, 1, cut_after(**fields)))
+
+    def reaching(payload: bytes) -> bytes:
+        one, *others = unpack_predictors(payload)
+        output = replace(one.output, biases=_one_more(one.output.biases, 0))
+        return predictors_block((replace(one, output=output), *others)) + b"\0"
+
+    yield ("predictor-reach-long", "an accumulator that can reach 2^24, and a byte after the last record", "R-10.1-1",
+           "bad-predictor", changed(edge, BlockKind.PREDICTORS, 1, reaching))
 
 
 def _moved(data: bytes) -> bytes:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from conformance.cases import Case
-from conformance.files import stored_frame
-from conformance.parts import (
+from conformance.scenes.cases import Case
+from conformance.spec.spec_text import size_of
+from conformance.surgery.files import stored_frame
+from conformance.surgery.parts import (
     TILE_KIND,
     Change,
     Parts,
@@ -18,7 +19,6 @@ from conformance.parts import (
     remade,
     taken_apart,
 )
-from conformance.spec.spec_text import size_of
 
 _LAYER, _TABLES, _CODEBOOKS = 1, 2, 3
 

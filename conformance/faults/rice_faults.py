@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from conformance.cases import Case, refused
-from conformance.files import blocks_of, changed
+from conformance.scenes.cases import Case, refused
+from conformance.surgery.files import blocks_of, changed
 from conformance.writer.fields import rice, shifted
 from conformance.writer.models import codebooks_block
 from scarfmt.blocks.codebooks import unpack_codebooks
@@ -99,3 +99,5 @@ def _shift_faults(equal: bytes) -> Iterator[Fault]:
     yield ("shift-32", "zeros shifted by 32", *_SHIFT_RULE, ending(bytes([MAX_PARAMETER + 1]) + tail[1:]))
     yield ("shift-wide", "1 shifted by 31", *_SHIFT_RULE,
            ending(bytes([MAX_PARAMETER]) + rice(np.ones(len(biases), np.int64).tolist())))
+    yield ("shift-low", "-1 shifted by 31: -2^31, which 32 bits hold", *_SHIFT_RULE,
+           ending(bytes([MAX_PARAMETER]) + rice((-np.ones(len(biases), np.int64)).tolist())))

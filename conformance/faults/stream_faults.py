@@ -9,11 +9,11 @@ import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
-from conformance.cases import Case, refused
 from conformance.faults.table_records import Record, Records, number, rans_words, uniform, valued, with_tables
-from conformance.files import blocks_of, rebuilt, tile_parts, vector_file
+from conformance.scenes.cases import Case, refused
 from conformance.scenes.made import PLAIN, Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
+from conformance.surgery.files import blocks_of, rebuilt, tile_parts, vector_file
 from conformance.writer.container import write_container
 from conformance.writer.tile import tile_block
 from scarfmt.coding.writer import QuantisedScene
@@ -120,6 +120,8 @@ def _table_faults(base: bytes) -> Iterator[Fault]:
     yield ("record-empty", "a record of no bytes", *order,
            tile(lambda r, p: _framed([(r[0][0], 0, 0), *r[1:]], p[r[0][1] :])))
     yield "record-odd", "a sub-stream of six bytes", *order, tile(_six_bytes)
+    yield ("offsets-explicit-crc", "OFFSETS in the explicit profile, with a wrong CRC", "R-7.1-4", _TABLE,
+           tile(lambda r, p: _framed([*r, (11, 4, zlib.crc32(word) ^ 1)], p + word)))
     yield "substreams-gap", "four bytes after the last sub-stream", *order, tile(lambda r, p: _framed(r, p + word))
     yield ("substreams-beyond", "the last sub-stream ends past the block", *order,
            tile(lambda r, p: _framed([*r[:-1], (r[-1][0], r[-1][1] + 4, r[-1][2])], p)))
@@ -149,6 +151,8 @@ def _idle_faults(base: bytes, constant: bytes) -> Iterator[Fault]:
            _with_part(base, 1, Stream.OFFSETS, lambda _: word))
     yield ("anchors-without-class", "an anchor appears in a layer in which no class does", "R-7.3-1", "bad-class",
            _second_block(constant, {}, 1))
+    yield ("anchors-without-class-seal", "the same, and POSITIONS, which comes first, does not end in the empty state",
+           *_SEAL, _second_block(constant, {Stream.POSITIONS: word}, 1))
 
 
 def _second_block(constant: bytes, parts: dict[Stream, bytes], new: int) -> bytes:
@@ -276,6 +280,12 @@ def _anchor_faults(data: dict[str, bytes]) -> Iterator[Fault]:
            _with_value(base, 3, classes, None, 2))
     yield ("class-before", "a class that appeared in an earlier layer", "R-7.3-1", "bad-class",
            _with_value(base, 3, classes, None, -1))
+    word = bytes([1, 0, 0, 0])
+    above = _with_value(base, 3, classes, None, 2)
+    yield ("class-above-positions", "a class that does not appear yet, after POSITIONS with a word too many", *_SEAL,
+           _with_part(above, 3, Stream.POSITIONS, lambda part: word + part))
+    yield ("class-above-seal", "a class that does not appear yet, in CLASSES with a word too many", "R-7.3-1",
+           "bad-class", _with_part(above, 3, Stream.CLASSES, lambda part: word + part))
     yield "mask-two", "a mask symbol of 2", "R-7.4-1", "bad-mask", _with_value(anchors, 1, masks, 1, 2)
     yield "mask-negative", "a mask symbol of -1", "R-7.4-1", "bad-mask", _with_value(anchors, 1, masks, 0, -1)
     yield ("mask-two-later", "a mask symbol of 2 in layer 2", "R-7.4-1", "bad-mask",
@@ -331,6 +341,16 @@ def _range_faults() -> Iterator[Fault]:
     yield ("value-beyond-predicted", "-2^31 after the second step, which has a predictor", *_RANGE,
            overflowing(predicted, 2, 1))
 
+    def above(data: bytes, context: int) -> bytes:
+        """3 * 715827883 - 1; the record of the refinement is for the context of values above 1."""
+        first = _with_value(data, 1, lambda r: (r.component, r.step) == (1, 1), -5, 715827883)
+        return with_tables(first, 2, lambda records: [
+            Record(r.key + context, (-1,), (1,)) if (r.component, r.step) == (1, 2) else r for r in records
+        ])
+
+    yield "value-above", "2^31 after the second step", *_RANGE, above(plain, 4)
+    yield "value-above-predicted", "2^31 after the second step, which has a predictor", *_RANGE, above(predicted, 0)
+
 
 def _reach_faults() -> Iterator[Fault]:
     """Of residuals that are -5 fifths of a cell."""
@@ -344,6 +364,7 @@ def _reach_faults() -> Iterator[Fault]:
         return lambda record: (record.stream, record.component, record.step) == (Stream.POSITION_RESIDUAL, 2, step)
 
     yield "residual-beyond", "a position residual of -1.2", *_REACH, _with_value(data, 1, residual(1), -5, -6)
+    yield "residual-above", "a position residual of 1.2", *_REACH, _with_value(data, 1, residual(1), -5, 6)
     yield ("residual-beyond-later", "a position residual that leaves -1 in its second step, in layer 3", *_REACH,
            _with_value(data, 3, residual(2), 0, -1))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from conformance.files import changed
+from conformance.surgery.files import changed
 from conformance.writer.fields import svarint, varint
 from scarfmt.container.bytefields import ByteReader
 from scarfmt.container.schema import BlockKind

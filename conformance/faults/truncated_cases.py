@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from conformance.cases import Case
 from conformance.faults.limit_faults import long_last_block
-from conformance.parts import Parts, taken_apart
+from conformance.scenes.cases import Case
 from conformance.scenes.container_scenes import plain_file
 from conformance.spec.spec_text import size_of
+from conformance.surgery.parts import Parts, broken, remade, taken_apart
 from scarfmt.coding.writer import QuantisedScene
 
 # Among them files cut where the index network is there, but not the residual codebook that one of its heads is for.
@@ -33,7 +33,7 @@ _CUTS: tuple[tuple[str, tuple[int, ...]], ...] = (
 )
 _KNOWN = frozenset({*range(1, 9), 16, 64})
 _SAFE_TO_COPY = 2
-_PRIVATE = 200
+_LAYER, _PRIVATE = 1, 200
 
 
 def truncated_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterator[Case]:
@@ -48,7 +48,20 @@ def truncated_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterat
             purpose = f"{name} truncated to layer {layers}: equals what an editor makes of it (SPEC §14)"
             yield Case(f"truncated/{name}-{layers}", purpose, cut_to_layers(whole, layers), ("R-14-1", "R-14-2"),
                        scene=scene, layers=layers, origin=f"valid/{name}")
+    yield from _later_faults(*files["explicit-refined"])
     yield from _short_files(plain_file())
+
+
+def _later_faults(data: bytes, scene: QuantisedScene) -> Iterator[Case]:
+    """Files whose third layer cannot be decoded, and whose first two are as good as ever."""
+    absent = remade(data, lambda p: p.remove(p.row(_LAYER, 3)))
+    damaged = broken(data, lambda p: [entry.update(crc32=0) for entry in p.entries if entry["layer"] == 3])
+    for name, purpose, rule, file in (
+        ("absent", "no LAYER block in layer 3: a decoder to layer 2 needs none", "R-6.5-1", absent),
+        ("damaged", "every block of layer 3 has a wrong CRC: a decoder to layer 2 has no need of them", "R-12.3-2",
+         damaged),
+    ):
+        yield Case(f"edge/later-layer-{name}", purpose, file, (rule, "R-12.2-2"), scene=scene, layers=2)
 
 
 def cut_to_layers(data: bytes, layers: int) -> bytes:

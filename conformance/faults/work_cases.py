@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from conformance.cases import Case
-from conformance.files import vector_file
+from conformance.scenes.cases import Case
 from conformance.scenes.made import PLAIN, Plan, build, channel
+from conformance.surgery.files import vector_file
 from conformance.writer import FrameStyle, Table, WriteOptions
 from conformance.writer.frames import BlockForm
 from scarfmt.blocks.mlp import Linear, QuantisedMlp

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from conformance.cases import Case, refused
-from conformance.files import stored_frame
-from conformance.parts import block_with, remade, taken_apart
+from conformance.scenes.cases import Case, refused
+from conformance.surgery.files import stored_frame
+from conformance.surgery.parts import block_with, remade, taken_apart
 
 MAGIC = bytes.fromhex("28b52ffd")
 _SKIPPABLE = bytes.fromhex("502a4d18")
@@ -97,6 +97,8 @@ def _head_faults(content: bytes) -> Iterator[Fault]:
     yield ("checksum", "a content checksum", "R-5.8-1", "bad-zstd", zstd_frame(size, body + bytes(4), flags=4))
     yield ("reserved-bit", "the reserved bit of the frame header descriptor", "R-5.8-4", "bad-zstd",
            zstd_frame(size, body, flags=8))
+    yield ("reserved-bit-large", "the reserved bit, and more content stated than there may be: the bit comes first",
+           "R-5.8-4", "bad-zstd", zstd_frame(64 * _MIB + 1, body, flags=8))
     yield ("magic", "the magic number of the frames before version 0.8", "R-5.8-4", "bad-zstd",
            bytes.fromhex("27b52ffd") + zstd_frame(size, body)[4:])
 

@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 
-from conformance.files import vector_file
 from conformance.scenes.made import ANCHOR_CHANNELS, PLAIN, Plan, build, channel
+from conformance.surgery.files import vector_file
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import Profile, Stream

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from conformance.cases import Case
-from conformance.files import vector_file
+from conformance.scenes.cases import Case
 from conformance.scenes.made import ANCHOR_CHANNELS, FEATURES, PLAIN, Plan, build, channel, mlp, steady
 from conformance.scenes.prng import Prng
+from conformance.surgery.files import vector_file
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.tile import first_values
 from scarfmt.coding.writer import QuantisedScene

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from conformance.cases import Case
-from conformance.files import vector_file
+from conformance.scenes.cases import Case
 from conformance.scenes.made import ANCHOR_CHANNELS, BY_CLASS, EVERY_CHANNEL, PLAIN, Plan, build, channel
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
+from conformance.surgery.files import vector_file
 from conformance.writer import RiceStyle, WriteOptions
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile

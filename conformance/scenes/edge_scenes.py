@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from conformance.cases import Case
 from conformance.faults.table_records import number
-from conformance.files import vector_file
+from conformance.scenes.cases import Case
 from conformance.scenes.edge_activations import activation_cases
 from conformance.scenes.edge_networks import network_cases, predictor_cases
 from conformance.scenes.made import (
@@ -29,6 +28,7 @@ from conformance.scenes.made import (
     steady,
 )
 from conformance.scenes.prng import Prng
+from conformance.surgery.files import vector_file
 from conformance.writer import BlockForm, FrameStyle, Renewal, RiceStyle, Table, Weights, WriteOptions, kept_frame
 from scarfmt.coding.tile import first_values
 from scarfmt.coding.writer import QuantisedScene

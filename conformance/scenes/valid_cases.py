@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from dataclasses import replace
 
-from conformance.cases import Case
-from conformance.files import vector_file
+from conformance.scenes.cases import Case
 from conformance.scenes.made import build, static_plans, worked_scene
 from conformance.scenes.neural_scenes import neural_plans
+from conformance.surgery.files import vector_file
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockFlag
 

@@ -19,7 +19,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from conformance.json_text import json_text
+from conformance.expect.json_text import json_text
 from conformance.spec.spec_text import RULE_ID, refusal_classes, rules, text
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,6 +13,8 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from conformance.decoders.python.decoder import Decoder
+from conformance.expect.work import Work
 from conformance.spec.worked import field_table_text, hex_dump, rans_text, value_text, worked_file
 from conformance.spec.worked_network import evaluation_rows, network_rows, table_text
 from scarfmt.container.schema import STRUCTURES, markdown_table
@@ -25,6 +27,7 @@ CODE = ("scarfmt", "reference_decoder", "reference_encoder")
 ERRORS = {"Malformed", "Truncated", "Unsupported", "LimitExceeded", "InvalidInput"}
 # Prefixes, and two ids of calls and sources that promised too much: no bytes of a file can cause them.
 _TOOL_IDS = ("input-", "output-", "inexact-", "block-range", "truncated-source")
+_WORK_OF = ("worked", "valid/explicit-refined", "valid/predictors", "valid/index-two-level", "valid/anchors-neural")
 _PART = re.compile(r"<!-- table:([\w-]+) -->\n(.*?)<!-- end -->\n", re.DOTALL)
 _REFUSAL = re.compile(r"[a-z]+(-[a-z]+)+")
 
@@ -71,6 +74,15 @@ def _tool_ids() -> str:
     return "\n".join(lines) + "\n"
 
 
+def _work_values() -> str:
+    """work(k) of §13.2 at the last layer of some vectors."""
+    lines = ["| vector | k | work(k) |", "|---|---:|---:|"]
+    for id_ in _WORK_OF:
+        work = Work(Decoder((ROOT / "conformance" / "vectors" / id_ / "input.scar").read_bytes()))
+        lines.append(f"| `{id_}` | {work.k} | {work.total()} |")
+    return "\n".join(lines) + "\n"
+
+
 def _numbers(values: tuple[int, ...]) -> str:
     """Sixteen numbers a line, in a code block."""
     lines = [" ".join(f"{v:5}" for v in values[start : start + 16]) for start in range(0, len(values), 16)]
@@ -83,6 +95,7 @@ def _parts() -> dict[str, Callable[[], str]]:
         **structures,
         "channels": channel_table,
         "tool-ids": _tool_ids,
+        "work": _work_values,
         "worked-hex": lambda: hex_dump(worked_file()),
         "worked-fields": lambda: field_table_text(worked_file()),
         "worked-rans": lambda: rans_text(worked_file()),

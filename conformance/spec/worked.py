@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from conformance.expect.expectations import expected_layers
-from conformance.files import substream_bytes, vector_file
 from conformance.scenes.made import worked_scene
+from conformance.surgery.files import substream_bytes, vector_file
 from scarfmt.blocks.tables import unpack_tables
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.file import Container, Entry

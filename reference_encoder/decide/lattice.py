@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from reference_encoder.tuning import CELL_FACTOR, CELL_PERCENTILE, LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
 from scarfmt.container.file import Tile
+from scarfmt.container.morton import deinterleave, interleave
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH
 from scarfmt.scene.model import Lattice
-from scarfmt.scene.morton import deinterleave, interleave
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import TileFrame
+from scarfmt.container.morton import deinterleave
 from scarfmt.engines import best_engine
 from scarfmt.neural.context import CellMeans, count_features, depth_shifts, passes
 from scarfmt.neural.context_operations import fine
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
-from scarfmt.scene.morton import deinterleave
 
 I64 = NDArray[np.int64]
 I32 = NDArray[np.int32]

@@ -14,8 +14,8 @@ from scarfmt.scene.streams import ATTRIBUTES
 if TYPE_CHECKING:
     from reference_decoder.decoded import Decoded
     from reference_decoder.request import DecodeRequest
-    from scarfmt.coding.counters import Counters
     from scarfmt.container.source import ByteSource
+    from scarfmt.counters import Counters
     from scarfmt.scene.gaussians import F64
 
 ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTES)}."
@@ -123,7 +123,7 @@ def decode(
     if as_json and output == STANDARD:
         raise click.UsageError("--json needs standard output for itself: give OUTPUT a name")
     from reference_decoder.request import DecodeRequest
-    from scarfmt.coding.counters import Counters
+    from scarfmt.counters import Counters
 
     request = DecodeRequest(**wanted)
     counters = Counters()

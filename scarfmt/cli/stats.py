@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scarfmt.coding.counters import Counters
     from scarfmt.container.source import ByteSource
+    from scarfmt.counters import Counters
 
 _TOTALS = (("bytes", "bytes_read"), ("blocks", "blocks"), ("tiles", "tiles"), ("anchors", "anchors"))
 _DETAILS = {"symbols": "symbols_by_coding", "multiply_adds": "multiply_adds_by_part"}
@@ -22,7 +22,7 @@ def decode_stats(source: ByteSource, counters: Counters, seconds: float, engine:
         engine: that computed.
 
     Returns:
-        ``seconds``, ``engine``, ``decoded`` (:meth:`scarfmt.coding.counters.Counters.report`), and of the ``file``
+        ``seconds``, ``engine``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`), and of the ``file``
         the ``bytes``, ``blocks``, ``tiles``, ``anchors`` and ``layers``.
     """
     from scarfmt.container.file import read_header

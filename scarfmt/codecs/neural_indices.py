@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.coding.counters import Part
+from scarfmt.counters import Part
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.neural.context import Sums, count_features

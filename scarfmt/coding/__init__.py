@@ -6,7 +6,9 @@
     engine      who computes: NumPy, which is the definition, or another engine that gives the same
     checks_of_models, checks_of_scene   what blocks must have of one another; what a scene must be to be written
     work        how much a file asks a decoder to do, before it is done (SPEC §13.2)
-    counters, observe   what was done; what was computed on the way, for the conformance protocol
+
+Beside it, since networks count and are watched too: `scarfmt.counters`, what a decode did, and `scarfmt.observe`, what
+it computed on the way, for the conformance protocol.
 
 Decoding to integers happens here. `reference_decoder` makes Gaussians of them.
 """

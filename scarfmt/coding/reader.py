@@ -26,9 +26,7 @@ from scarfmt.blocks.predictors import unpack_predictors
 from scarfmt.blocks.tables import unpack_tables
 from scarfmt.codecs.neural_indices import index_coder
 from scarfmt.coding.checks_of_models import check_index_network, check_networks
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
-from scarfmt.coding.observe import LayerObserver, Observe, ObservedReader
 from scarfmt.coding.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
 from scarfmt.coding.work import Contents, DeclaredWork, check_work, extent
 from scarfmt.container.directory import block_name, tile_frame
@@ -36,6 +34,7 @@ from scarfmt.container.file import COALESCE_BYTES, Container, Entry, check_crc
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE, Substream, check_substream, unpack_table
+from scarfmt.counters import Counters
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
@@ -45,6 +44,7 @@ from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor, check_predictors
 from scarfmt.neural.products import NetworkWork
+from scarfmt.observe import LayerObserver, Observe, ObservedReader
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import DecodedContext, Lattice, LayerRow, SceneModel, first_layers, first_neural_layer
 

@@ -21,15 +21,15 @@ from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
 from scarfmt.codecs.neural_indices import IndexCoder
 from scarfmt.codecs.positions import put_positions
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
-from scarfmt.coding.observe import LayerObserver
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
+from scarfmt.counters import Counters
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predicted import PredictedChannel, Predictors, PredictorSet
+from scarfmt.observe import LayerObserver
 from scarfmt.scene.model import SceneModel
 
 I64 = NDArray[np.int64]
@@ -279,13 +279,9 @@ def get_layer(
         counters: of their multiply-adds.
         engine: what computes.
     """
-    classes = content.classes
     if new:
-        with _opened(open_stream, Stream.POSITIONS) as reader:
-            content.codes[-new:] = engine.get_positions(reader, new, frame.bits)
-        classes[-new:] = _get_new_classes(model, layer, new, open_stream)
-    turned_on = _get_turned_on(model, content, open_stream)
-    content.slot_layers[turned_on] = layer
+        _get_new(model, layer, frame, content, new, open_stream, engine)
+    classes, turned_on = content.classes, _turned_on(model, layer, content, open_stream)
     need = needed_streams(model, wanted, neural)
     coder = neural.coder(model, layer) if Stream.INDICES in wanted else None
     context = _context(model, frame, content, neural.sets, coder, engine, observer, counters)
@@ -298,7 +294,9 @@ def get_layer(
                 continue
             steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)
             values, first = content.values[index], content.first[: index + 1]
-            predicted = None if context is None else _predicted(context, index, neural.sets, values, steps)
+            predicted = None
+            if context is not None:
+                predicted = _predicted(context, index, neural.sets, values, steps)
             engine.get_channel(reader, channel, classes, steps, values, first, predicted)
         if context is not None and index in model.attributes:
             context.settle(index, content.values[index], steps[1])
@@ -308,25 +306,38 @@ def get_layer(
     if Stream.INDICES in wanted:
         with _opened(open_stream, Stream.INDICES) as reader:
             stages = model.stages(layer - 1, classes), model.stages(layer, classes)
-            if coder is None or context is None:
-                get_indices(reader, content.indices, classes, *stages, book_sizes)
-            else:
+            if coder is not None and context is not None:
                 engine.get_neural_indices(reader, coder, context, content.indices, stages)
+                return
+            get_indices(reader, content.indices, classes, *stages, book_sizes)
 
 
-def _get_new_classes(model: SceneModel, layer: int, new: int, open_stream: OpenStream) -> I64:
-    """(new,) classes of the anchors that first appear in a layer."""
+def _get_new(
+    model: SceneModel,
+    layer: int,
+    frame: TileFrame,
+    content: TileContent,
+    new: int,
+    open_stream: OpenStream,
+    engine: Engine,
+) -> None:
+    """Positions and classes of the last `new` anchors."""
+    with _opened(open_stream, Stream.POSITIONS) as reader:
+        content.codes[-new:] = engine.get_positions(reader, new, frame.bits)
     with _opened(open_stream, Stream.CLASSES) as reader:
-        return get_classes(reader, new, model.first_new_class(layer), model.layers[layer - 1].class_count)
+        known, past = model.first_new_class(layer), model.layers[layer - 1].class_count
+        content.classes[-new:] = get_classes(reader, new, known, past)
 
 
-def _get_turned_on(model: SceneModel, content: TileContent, open_stream: OpenStream) -> NDArray[np.bool_]:
-    """(n, K) slots that a layer turns on; none without masks."""
-    before = content.slot_layers > 0
+def _turned_on(model: SceneModel, layer: int, content: TileContent, open_stream: OpenStream) -> NDArray[np.bool_]:
+    """(n, K) bool: Gaussian slots that this layer turns on, noted in `content`."""
     if model.profile != Profile.ANCHOR:
-        return np.zeros(before.shape, np.bool_)
+        return np.zeros(content.slot_layers.shape, np.bool_)
+    before = content.slot_layers > 0
     with _opened(open_stream, Stream.MASKS) as reader:
-        return get_masks(reader, before) & ~before
+        turned_on = get_masks(reader, before) & ~before
+    content.slot_layers[turned_on] = layer
+    return np.asarray(turned_on)
 
 
 @contextmanager

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.container.header import Header, HeaderFields
+from scarfmt.container.morton import deinterleave
 from scarfmt.container.schema import (
     FILE_HEADER_SIZE,
     LAYER_SUMMARY_SIZE,
@@ -24,7 +25,6 @@ from scarfmt.container.schema import (
 )
 from scarfmt.errors import LimitExceeded, Malformed, ScarError, Unsupported
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH, Limits
-from scarfmt.scene.morton import deinterleave
 
 Table = NDArray[np.void]
 Mask = NDArray[np.bool_]

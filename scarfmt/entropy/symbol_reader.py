@@ -32,7 +32,7 @@ class SymbolReader:
         source: decodes `data` in place of :class:`RansDecoder`.
 
     Attributes:
-        static, uniform, modelled: symbols read so far, by what coded them (:class:`scarfmt.coding.counters.Coding`).
+        static, uniform, modelled: symbols read so far, by what coded them (:class:`scarfmt.counters.Coding`).
     """
 
     def __init__(self, data: bytes, tables: Mapping[TableKey, SymbolTable], source: SymbolSource | None = None) -> None:

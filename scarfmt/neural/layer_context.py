@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.coding.counters import Counters
-from scarfmt.coding.observe import LayerObserver
 from scarfmt.container.directory import TileFrame
+from scarfmt.container.morton import deinterleave
+from scarfmt.counters import Counters
 from scarfmt.kept import Keeper
 from scarfmt.neural.context import CellMeans, Sums, depth_shifts, passes
 from scarfmt.neural.context_operations import NUMPY_CONTEXT, ContextOperations
 from scarfmt.neural.grid import HashGrid
+from scarfmt.observe import LayerObserver
 from scarfmt.scene.model import SceneModel
-from scarfmt.scene.morton import deinterleave
 
 I16 = NDArray[np.int16]
 I32 = NDArray[np.int32]

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.coding.counters import Part
 from scarfmt.container.schema import Stream
+from scarfmt.counters import Part
 from scarfmt.kept import Keeper
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predictor_group import PredictorGroup

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.coding.counters import Counters, Part
+from scarfmt.counters import Counters, Part
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.scene.codebooks import Codebooks

@@ -3,5 +3,5 @@
     gaussians   a scene of 3D Gaussians, or an anchor model, in float arrays: what users give and get
     model       channels, classes, layer table: what a file says of its integers (SPEC §6.4, §6.5)
     codebooks   the codewords of residual vector quantisation
-    morton, rotation, activation   the small formulas that encoder, decoder and renderer share
+    rotation, activation   the small formulas that encoder, decoder and renderer share
 """

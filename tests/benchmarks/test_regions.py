@@ -11,14 +11,14 @@ import pytest
 from benchmarks.regions import TILES, markdown, shares, spread
 from benchmarks.regions_jobs import CORE, PLACES, boxes, choose, sizes, times
 from benchmarks.scaling_scenes import recut
+from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode
 from reference_encoder.tuning import LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.header import header_length
 from scarfmt.container.source import BytesSource, FileSource
-from tests.samples.scene_samples import random_scene
+from scarfmt.counters import Counters
 
 COUNTS = [(0.01, 5), (0.1, 3)]
 

@@ -14,6 +14,8 @@ from hypothesis import strategies as st
 from benchmarks.scaling import CODED, SERIES, markdown, points, slope
 from benchmarks.scaling_jobs import arrays, rewrite, stream
 from benchmarks.scaling_scenes import copies, read_scene, recut, summary, without_networks
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode
 from reference_decoder.decoded import Decoded
 from scarfmt.coding.reader import SceneReader
@@ -21,8 +23,6 @@ from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import BytesSource
 from scarfmt.limits import MAX_TILE_DEPTH
-from tests.samples.neural_scenes import neural_scene
-from tests.samples.scene_samples import random_scene
 
 
 def _sorted(decoded: Decoded) -> np.ndarray:

@@ -14,16 +14,16 @@ from benchmarks import gain, time_error_limit, time_error_precision
 from benchmarks.time_error import PAGE, SECTIONS, texts
 from benchmarks.time_error_decoding import ways
 from benchmarks.time_error_files import at_equal_error
+from fuzz.testing.neural_scenes import neural_scene
 from reference_decoder.decode import decode
 from reference_encoder.decide import lattice
 from reference_encoder.networks import candidates as neural
 from reference_encoder.networks import defaults
-from scarfmt.coding.counters import Coding, Counters, Part
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
+from scarfmt.counters import Coding, Counters, Part
 from scarfmt.engines import absence
 from scarfmt.scene.codebooks import Codebooks
-from tests.samples.neural_scenes import neural_scene
 
 DECODE = {"min": 0.5, "median": 0.6, "cpu": 0.4, "peak_bytes": 1 << 20, "runs": 3}
 

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
+from fuzz.testing.scenes import random_scene
 from scarfmt.cli import cli
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.formats.export_ply import write_inria_ply
 from scarfmt.scene.gaussians import GaussianScene
-from tests.samples.scene_samples import random_scene
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode as decode_file
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import HEAD_BYTES
+from scarfmt.counters import Counters
 from scarfmt.formats import load
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from tests.cli.conftest import Run
-from tests.samples.scene_samples import random_scene
 
 
 def test_a_ply_holds_what_the_decoder_gives(run: Run, encoded: Path, tmp_path: Path) -> None:

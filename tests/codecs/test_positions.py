@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from scarfmt.codecs.positions import LARGEST_OWN_TABLE, get_positions, put_positions
+from scarfmt.container.morton import interleave
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import TableKey
@@ -21,7 +22,6 @@ from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import ScarError
 from scarfmt.formats import load
 from scarfmt.scene.gaussians import GaussianScene
-from scarfmt.scene.morton import interleave
 from tests.samples.codec_samples import coded, cost_bits, emitting, reader_of, refuses
 
 U64 = NDArray[np.uint64]

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fuzz.testing.scenes import random_scene
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene, write_scene
@@ -16,7 +17,6 @@ from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
-from tests.samples.scene_samples import random_scene
 
 
 def sample() -> QuantisedScene:

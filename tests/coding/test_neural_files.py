@@ -9,6 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conformance.surgery.files import blocks_of, rebuilt
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.strategies import neural_scenes
 from reference_decoder.backends import backend as engine_of
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.tile import TileContent
@@ -18,8 +21,6 @@ from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, Malformed, ScarError
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
-from tests.samples.file_surgery import blocks_of, rebuilt
-from tests.samples.neural_scenes import neural_scene, neural_scenes
 
 SUBSETS = st.sets(st.sampled_from(sorted(ALL_STREAMS)))
 

@@ -11,6 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conformance.surgery.files import blocks_of, rebuilt, without
+from fuzz.testing.scenes import random_scene
+from fuzz.testing.strategies import quantised_scenes
 from scarfmt.blocks.codebooks import pack_codebooks
 from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
@@ -22,8 +25,7 @@ from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import pack_substreams, unpack_table
 from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
 from scarfmt.tools.truncate import truncate
-from tests.samples.file_surgery import ATTRIBUTES, blocks_of, read_everything, rebuilt, same_content, without
-from tests.samples.scene_samples import quantised_scenes, random_scene
+from tests.samples.contents import ATTRIBUTES, read_everything, same_content
 
 
 def opened(data: bytes, *, allow_truncated: bool = False) -> SceneReader:
@@ -209,7 +211,7 @@ def refusal_of(data: bytes) -> ScarError:
 )
 def test_a_missing_model_block_is_named(kind: BlockKind, layer: int, refusal: str) -> None:
     """A well-formed container that lacks what its layers need."""
-    error = refusal_of(without(DATA, lambda block: (block.kind, block.layer) == (kind, layer)))
+    error = refusal_of(without(DATA, kind, layer))
     assert isinstance(error, Malformed)
     assert error.refusal == refusal
     if refusal == "missing-block":
@@ -218,7 +220,7 @@ def test_a_missing_model_block_is_named(kind: BlockKind, layer: int, refusal: st
 
 def test_a_missing_second_codebook_is_refused() -> None:
     """Only when the layer that needs it is asked for."""
-    data = without(DATA, lambda block: block.kind == BlockKind.CODEBOOKS and block.layer > 1)
+    data = rebuilt(DATA, [b for b in blocks_of(DATA) if b.kind != BlockKind.CODEBOOKS or b.layer == 1])
     assert refusal_of(data).refusal == "missing-block"
     opened(data).models(1)
 

@@ -10,6 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fuzz.testing.scenes import random_scene
+from fuzz.testing.strategies import quantised_scenes
 from scarfmt.blocks.tables import fit_table
 from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.tile import TileContent, first_values, get_layer, needed_streams, put_layer
@@ -22,8 +24,7 @@ from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 from tests.samples.codec_samples import refuses
-from tests.samples.file_surgery import ATTRIBUTES, arrays_of, same_content
-from tests.samples.scene_samples import quantised_scenes, random_scene
+from tests.samples.contents import ATTRIBUTES, arrays_of, same_content
 
 Tables = dict[TableKey, SymbolTable]
 Coded = tuple[int, dict[Stream, bytes], Tables]

@@ -9,6 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conformance.surgery.files import blocks_of
+from fuzz.testing.scenes import random_scene
+from fuzz.testing.strategies import quantised_scenes
 from scarfmt.blocks.tables import unpack_tables
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene, keep_layers, layer_counts, write_scene
@@ -19,8 +22,7 @@ from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel, first_layers
 from scarfmt.tools.truncate import truncate
-from tests.samples.file_surgery import blocks_of, read_everything, same_content
-from tests.samples.scene_samples import quantised_scenes, random_scene
+from tests.samples.contents import read_everything, same_content
 
 
 @settings(deadline=None, max_examples=40)

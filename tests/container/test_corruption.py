@@ -14,6 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.random import Generator
 
+from conformance.surgery.files import blocks_of, rebuilt
+from fuzz.testing.parts import resealed, resealed_tile
+from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode
 from scarfmt.blocks.layer import pack_layer
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
@@ -30,8 +33,7 @@ from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 from scarfmt.tools.truncate import truncate
-from tests.samples.file_surgery import blocks_of, read_everything, rebuilt, resealed, resealed_tile, same_content
-from tests.samples.scene_samples import random_scene
+from tests.samples.contents import read_everything, same_content
 
 
 def tiny_scene(profile: Profile) -> QuantisedScene:
@@ -184,9 +186,10 @@ def forged_file(data: bytes, rng: Generator) -> bytes:
         alike = [other for other in blocks if other.kind == block.kind]
         how = rng.random()
         if how < 0.75:
-            blocks[row] = replace(block, payload=_forged_payload(block, rng))
+            blocks[row] = replace(block, payload=_forged_payload(block, rng), stream_bytes={})
         elif how < 0.9:
-            blocks[row] = replace(block, payload=alike[int(rng.integers(len(alike)))].payload)
+            other = alike[int(rng.integers(len(alike)))]
+            blocks[row] = replace(block, payload=other.payload, stream_bytes={})
         elif block.kind != BlockKind.TILE and len(blocks) > 1:
             del blocks[row]
     return rebuilt(data, blocks)

@@ -19,7 +19,7 @@ from scarfmt_conformance.reference.answers import Manner
 
 from conformance.decoders.python import answers as minimal_answers
 from conformance.decoders.python.fields import Rans, Refused, Table, cumulative
-from conformance.files import vector_file
+from conformance.surgery.files import vector_file
 from fuzz.corpus import corpus
 from fuzz.target import decoded
 from fuzz.testing.mutators import mutate

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scarfmt.codecs.channels import coarsen
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.engine import Engine
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
+from scarfmt.counters import Counters
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable

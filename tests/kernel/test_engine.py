@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from conformance.generate import VECTORS
 from fuzz.testing.mutators import Mutant
 from fuzz.testing.strategies import files, mutants
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.engine import Engine
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.source import BytesSource, open_source
+from scarfmt.counters import Counters
 from tests.conformance.vector_files import FOLDERS, expectation_of, name_of
 from tests.kernel.samples import both, needs_kernel, same
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from fuzz.testing.networks import random_books, random_network
 from scarfmt.codecs.neural_indices import IndexCoder, index_coder
-from scarfmt.coding.counters import Counters
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
+from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel import index_layer
 from scarfmt.kernel.cells import cell_names

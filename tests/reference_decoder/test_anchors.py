@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fuzz.testing.scenes import random_scene
 from reference_decoder.anchors import SH_C0, gaussians, outlook, unit_quaternions
 from reference_decoder.bake import bake, default_eyes, sh_basis
 from reference_decoder.decode import decode
@@ -17,7 +18,6 @@ from scarfmt.container.schema import Profile
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import load
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
-from tests.samples.scene_samples import random_scene
 
 EYE = np.array([0.5, -2.0, 3.0])
 

@@ -9,6 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conformance.surgery.files import blocks_of, rebuilt
+from fuzz.testing.scenes import random_scene
+from fuzz.testing.strategies import quantised_scenes
 from reference_decoder.decode import decode, iter_tiles
 from reference_decoder.decoded import Decoded
 from scarfmt.blocks.layer import pack_layer
@@ -20,8 +23,6 @@ from scarfmt.container.substreams import MAX_TABLE_SIZE
 from scarfmt.errors import InvalidInput, Malformed, Truncated
 from scarfmt.scene.streams import ATTRIBUTES
 from scarfmt.tools.truncate import truncate
-from tests.samples.file_surgery import blocks_of, rebuilt
-from tests.samples.scene_samples import quantised_scenes, random_scene
 
 
 def assert_equal(a: Decoded, b: Decoded) -> None:

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from reference_decoder.dequantise import latents, offset_values, positions, tile_boxes
 from scarfmt.codecs.channels import cell_widths, channel_values
 from scarfmt.container.directory import Tile, tile_table
+from scarfmt.container.morton import interleave
 from scarfmt.errors import Malformed
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Lattice
-from scarfmt.scene.morton import interleave
 
 
 @given(st.integers(-(2**31) + 1, 2**31 - 1), st.floats(1e-30, 1e6), st.integers(1, 20))

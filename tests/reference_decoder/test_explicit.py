@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode
 from scarfmt.coding.writer import write_scene
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.rotation import axes_from, matrix_from_quaternion, quaternion_from
-from tests.samples.scene_samples import random_scene
 
 TOLERANCE = 1e-5
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fuzz.testing.scenes import random_scene
 from reference_decoder import decode as decode_module
 from reference_decoder.decode import decode
 from reference_decoder.stream_ply import export_ply
@@ -15,7 +16,6 @@ from scarfmt.coding.writer import write_scene
 from scarfmt.errors import InvalidInput, Malformed
 from scarfmt.formats.export_ply import write_inria_ply
 from scarfmt.scene.gaussians import GaussianScene
-from tests.samples.scene_samples import random_scene
 
 CORNERS = np.array([-1.5, 0.25, 3.0]), np.array([-1.0, 0.75, 3.5])
 

@@ -7,6 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.scenes import random_scene
 from reference_encoder import pipeline
 from reference_encoder.decide.assemble import Quantised
 from reference_encoder.encode import EncodeOptions, encode
@@ -22,8 +24,6 @@ from scarfmt.limits import Limits
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.tools.inspection import inspect
 from scarfmt.tools.models_report import describe_models
-from tests.samples.neural_scenes import neural_scene
-from tests.samples.scene_samples import random_scene
 
 OPTIONS = EncodeOptions(effort=2, layers=3, quality=38)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from fuzz.testing.strategies import quantised_scenes
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.scene.model import (
@@ -24,7 +25,6 @@ from scarfmt.scene.model import (
     check_row,
 )
 from tests.samples.codec_samples import refuses
-from tests.samples.scene_samples import quantised_scenes
 
 PLAIN = ContextRule()
 

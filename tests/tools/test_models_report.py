@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import BytesSource
 from scarfmt.tools.models_report import describe_models, format_models
-from tests.samples.neural_scenes import neural_scene
-from tests.samples.scene_samples import random_scene
 
 
 def test_a_static_file_says_so() -> None:

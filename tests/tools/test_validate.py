@@ -13,6 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fuzz.testing.parts import put_together, take_apart
+from fuzz.testing.scenes import random_scene
+from fuzz.testing.strategies import quantised_scenes
 from scarfmt.blocks.mlp import Linear, QuantisedMlp, pack_networks
 from scarfmt.blocks.tables import pack_tables
 from scarfmt.coding.reader import SceneReader
@@ -28,7 +30,6 @@ from scarfmt.errors import InvalidInput
 from scarfmt.limits import Limits
 from scarfmt.tools.validate import Validation, validate
 from tests.samples.container_samples import edit, get
-from tests.samples.scene_samples import quantised_scenes, random_scene
 
 SEED = 1
 

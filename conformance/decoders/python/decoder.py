@@ -46,6 +46,7 @@ class Decoder:
         (crc,) = struct.unpack("<I", data[length - 4 : length])
         require(zlib.crc32(data[: length - 4]) == crc, "header-crc-mismatch")
         self.profile, self.degree, layer_count, self.slots, self.lattice_bits, _, _, _ = head.fields("8B")
+        self.k = layers or layer_count
         tile_count, entry_count, _, _ = head.fields("IIQQ")
         *self.origin, self.voxel = head.fields("4d")
         tables = Payload(data)
@@ -57,9 +58,8 @@ class Decoder:
             require(kind in (*range(1, 9), 16, 64) or not flags & 1, "unknown-critical-block")
             block = data[offset : offset + size]
             # A block it has no need of is no reason to refuse (R-5.6-3): neither METADATA nor an unknown one.
-            require(kind > 16 or zlib.crc32(block) == crc, "crc-mismatch")
+            require(kind > 16 or layer > self.k or zlib.crc32(block) == crc, "crc-mismatch")
             self.blocks[layer, kind, tile] = block, count
-        self.k = layers or layer_count
         self.traces = [Trace() for _ in range(self.k)]
         self._models()
 

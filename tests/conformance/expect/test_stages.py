@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from conformance.expect.expectations import expected_layers
+from conformance.expect.json_text import json_text
 from conformance.expect.stages import pinned, pinned_stages, stage_of
-from conformance.json_text import json_text
 from conformance.scenes.made import worked_scene
 from scarfmt.coding.writer import keep_layers
 from tests.conformance.vector_files import VECTORS, expectation_of

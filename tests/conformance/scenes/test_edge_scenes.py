@@ -6,12 +6,12 @@ from functools import cache
 
 import pytest
 
-from conformance.cases import Case
 from conformance.decoders.python.answers import Answers
 from conformance.decoders.python.decoder import Decoder
 from conformance.faults.table_records import Record, unpacked
-from conformance.files import blocks_of, content_of, tile_parts
+from conformance.scenes.cases import Case
 from conformance.scenes.edge_scenes import edge_cases
+from conformance.surgery.files import blocks_of, content_of, tile_parts
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import BlockKind, Stream
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from conformance.json_text import json_text
+from conformance.expect.json_text import json_text
 from conformance.spec import rules as coverage_of
 from conformance.spec.rules import RULES, Vector, coverage, faults, unruled, vectors
 from conformance.spec.spec_text import refusal_classes, rules, text

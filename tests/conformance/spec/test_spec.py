@@ -331,3 +331,15 @@ def test_the_worked_file_decodes_to_the_values_printed() -> None:
             assert numbers[3] == content.values[1][anchor].tolist()
             assert struct.pack("<f", numbers[4][0]) == whole.values[Stream.OPACITY][anchor].tobytes()
     assert next(wanted, None) is None
+
+
+def test_the_work_of_real_scenes_is_the_same_number_everywhere() -> None:
+    """SPEC §15, SECURITY.md and the limit itself say how far real scenes are from it."""
+    pages = {
+        "SPEC.md": r"Real scenes have up to ([\d,]+) per byte, the 2\^32",
+        "SECURITY.md": r"30,000 to ([\d,]+) multiply-adds a byte",
+        "scarfmt/limits.py": r"Real scenes need up to ([\d,]+)\.",
+    }
+    found = {re.search(pattern, (ROOT / page).read_text())[1] for page, pattern in pages.items()}  # type: ignore[index]
+    assert found == {"56,000"}
+    assert limits.DEFAULT_LIMITS.work_per_byte > 2 * 56_000

@@ -22,16 +22,16 @@ from conformance.decoders.python.container import container_fields
 from conformance.expect.activated import activated
 from conformance.expect.expectations import expected
 from conformance.generate import VECTORS
+from conformance.surgery.files import blocks_of, rebuilt
 from conformance.writer import write_file
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.scenes import random_scene
 from reference_decoder.backends import backend
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.file import Container, Entry
 from scarfmt.container.schema import BlockKind, Profile
 from scarfmt.container.source import BytesSource, FileSource
 from scarfmt.errors import InvalidInput, Truncated
-from tests.samples.file_surgery import blocks_of, rebuilt
-from tests.samples.neural_scenes import neural_scene
-from tests.samples.scene_samples import random_scene
 
 BEST = backend("auto")
 WHOLE, RANGE = Manner(BEST), Manner(BEST, tile_by_tile=True)

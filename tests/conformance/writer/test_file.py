@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from conformance.decoders.python.decoder import Decoder
-from conformance.files import COMPRESSED, blocks_of, content_of
 from conformance.scenes.made import build, static_plans, worked_scene
 from conformance.scenes.neural_scenes import neural_plans
+from conformance.surgery.files import COMPRESSED, blocks_of, content_of
 from conformance.writer import (
     BlockForm,
     FrameStyle,
@@ -26,6 +26,8 @@ from conformance.writer import (
     write_file,
 )
 from conformance.writer.substream import MissingTable
+from fuzz.testing.scenes import random_scene
+from fuzz.testing.strategies import neural_scenes, quantised_scenes
 from scarfmt.blocks.tables import unpack_tables
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
@@ -38,9 +40,7 @@ from scarfmt.errors import Malformed
 from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
-from tests.samples.file_surgery import read_everything
-from tests.samples.neural_scenes import neural_scenes
-from tests.samples.scene_samples import quantised_scenes, random_scene
+from tests.samples.contents import read_everything
 
 PLANS = {**static_plans(), **neural_plans()}
 UNKNOWN_KEYS = {0: Table((0,), (1,)), 0xFFFFFFFF: Table((-(2**31) + 1, 2**31 - 1), (2**24 - 1, 1))}

@@ -13,8 +13,8 @@ from reference_encoder.decide.lattice import (
     split,
 )
 from reference_encoder.tuning import LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
+from scarfmt.container.morton import deinterleave
 from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LOCAL_BITS
-from scarfmt.scene.morton import deinterleave
 
 
 def rebuilt(placement: Placement) -> np.ndarray:

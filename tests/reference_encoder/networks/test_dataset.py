@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from fuzz.testing.scenes import random_scene
 from reference_encoder.networks.dataset import ContextOptions, IndexRows, index_rows, input_width, lattice_positions
 from scarfmt.codecs.channels import coarsen
 from scarfmt.codecs.neural_indices import IndexCoder, put_neural_indices
@@ -19,7 +20,6 @@ from scarfmt.container.schema import Profile, Stream
 from scarfmt.neural.layer_context import LayerContext, cell_centres
 from scarfmt.neural.network import Inputs
 from scarfmt.scene.model import DecodedContext, SceneModel
-from tests.samples.scene_samples import random_scene
 
 OPTIONS = ContextOptions(passes_log2=2, occupancies=(16, 2), latents=3, latent_shift=1)
 

@@ -13,11 +13,11 @@ from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.coding.tile import NeuralModels, TileContent, first_values, put_layer
 from scarfmt.container.directory import TileFrame
+from scarfmt.container.morton import deinterleave
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.emitters import SymbolCounter
 from scarfmt.neural.predictors import Predictor, check_predictors
 from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
-from scarfmt.scene.morton import deinterleave
 
 BITS = 6
 

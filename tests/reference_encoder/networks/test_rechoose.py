@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import torch
 
+from fuzz.testing.neural_scenes import neural_scene
+from fuzz.testing.scenes import random_scene
 from reference_encoder import pipeline
 from reference_encoder.decide.targets import Targets, joined_classes
 from reference_encoder.networks import candidates as neural
@@ -25,8 +27,6 @@ from scarfmt.container.source import BytesSource
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.model import LayerRow
-from tests.samples.neural_scenes import neural_scene
-from tests.samples.scene_samples import random_scene
 
 OPTIONS = EncodeOptions(effort=1)
 CASES = [

@@ -1,0 +1,52 @@
+"""What a vector is before it is written: the bytes, and what a decoder must make of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scarfmt.coding.writer import QuantisedScene
+
+
+@dataclass(frozen=True)
+class Case:
+    """One vector.
+
+    Attributes:
+        id: folder below ``vectors/``: class, slash, name.
+        purpose: what it is there for, one sentence.
+        data: the file.
+        rules: rules of SPEC.md that it exercises; of a file to be refused, the one it breaks.
+        features: words to select vectors by, such as ``two-level``; those that follow from the file are added.
+        scene: what the file holds; None if it must be refused.
+        layers: decoded are the first so many layers of `scene`, None for all; the file has no more that is sound.
+        refusals: the ids it may be refused with; one for a file that must be refused.
+        stage: where the refusal comes at the latest: ``container``, ``models``, ``tiles`` or ``metadata``.
+        extend_to: length up to which zeros follow the file, 0 for none.
+        camera: centre for which the Gaussians of the anchor profile are pinned; None: `origin` of the header.
+        origin: the vector an editor made this from, with `layers`.
+    """
+
+    id: str
+    purpose: str
+    data: bytes
+    rules: tuple[str, ...] = ()
+    features: tuple[str, ...] = ()
+    scene: QuantisedScene | None = None
+    layers: int | None = None
+    refusals: tuple[str, ...] = ()
+    stage: str = "tiles"
+    extend_to: int = 0
+    camera: tuple[float, float, float] | None = None
+    origin: str | None = None
+
+    @property
+    def result(self) -> str:
+        """``decoded``, ``refused`` or ``either``."""
+        if self.id.startswith("either/"):
+            return "either"
+        return "refused" if self.refusals else "decoded"
+
+
+def refused(id_: str, purpose: str, rule: str, refusal: str, data: bytes, stage: str = "tiles") -> Case:
+    """A file that breaks exactly one rule."""
+    return Case(f"invalid/{id_}", purpose, data, (rule,), refusals=(refusal,), stage=stage)

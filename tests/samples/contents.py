@@ -1,0 +1,37 @@
+"""What tiles hold, to compare it: for tests of files that are written, damaged or read."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.coding.reader import SceneReader
+from scarfmt.coding.tile import TileContent
+from scarfmt.container.schema import Stream
+from scarfmt.container.source import BytesSource
+from scarfmt.limits import DEFAULT_LIMITS, Limits
+from scarfmt.tools.inspection import read_metadata
+
+Contents = list[TileContent]
+
+ATTRIBUTES = frozenset(Stream) - {Stream.MODELS, Stream.FRAMING, Stream.POSITIONS, Stream.CLASSES, Stream.MASKS}
+"""Streams a caller may leave out."""
+
+
+def same_content(a: TileContent, b: TileContent) -> bool:
+    """Whether two tiles hold the same integers, in the same types."""
+    return all(
+        x.dtype == y.dtype and np.array_equal(x, y) for x, y in zip(arrays_of(a), arrays_of(b), strict=True)
+    )
+
+
+def arrays_of(tile: TileContent) -> list[NDArray[np.generic]]:
+    """All arrays of a tile."""
+    return [tile.codes, tile.classes, tile.indices, tile.slot_layers, *tile.values, *tile.first]
+
+
+def read_everything(data: bytes, limits: Limits = DEFAULT_LIMITS) -> Contents:
+    """All a reader can read of a file: metadata, models, tiles."""
+    reader = SceneReader(BytesSource(data), limits=limits)
+    read_metadata(reader.container)
+    return [content for _, content in reader.tiles(reader.models())]

@@ -1,0 +1,81 @@
+"""What every file of the repository keeps to, so that any of them can be read in one sitting."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+
+from tests.conftest import REPOSITORY
+
+MOST_LINES_OF_A_FUNCTION = 60
+MOST_LINES_OF_A_FILE = 500
+GENERATED = {"conformance/kaitai/kaitai_scar.py"}
+"""Made by a compiler from conformance/kaitai/scar.ksy."""
+LANGUAGES = (".py", ".c", ".h", ".js", ".mjs", ".sh")
+_MARKS = {True: ("#",), False: ("//", "/*", "*")}
+SHIPPED = ("scarfmt", "reference_decoder", "reference_encoder", "conformance", "fuzz", "benchmarks")
+
+
+def _sources() -> list[str]:
+    try:
+        done = subprocess.run(["git", "ls-files"], cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        found = [str(path.relative_to(REPOSITORY)) for path in REPOSITORY.rglob("*") if ".venv" not in path.parts]
+    else:
+        found = done.stdout.splitlines()
+    chosen = [name for name in found if name.endswith(LANGUAGES) and name not in GENERATED]
+    return [name for name in chosen if (REPOSITORY / name).is_file()]
+
+
+SOURCES = _sources()
+PYTHON = [name for name in SOURCES if name.endswith(".py")]
+
+
+def _text(name: str) -> str:
+    return (REPOSITORY / name).read_text(encoding="utf-8")
+
+
+def lines_of_code(text: str, python: bool) -> int:
+    """Lines that are neither empty nor comment nor, in Python, docstring."""
+    lines = [line.strip() for line in text.splitlines()]
+    kept = {number for number, line in enumerate(lines, 1) if line and not line.startswith(_MARKS[python])}
+    for node in ast.walk(ast.parse(text)) if python else ():
+        match node:
+            case ast.Expr(value=ast.Constant(value=str())):
+                kept -= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    return len(kept)
+
+
+def functions(text: str) -> list[tuple[str, int]]:
+    """(name, lines) of every function, decorators and docstring included."""
+    kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
+    return [
+        (node.name, (node.end_lineno or node.lineno) - node.lineno + 1)
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, kinds)
+    ]
+
+
+def test_lines_are_counted() -> None:
+    """The two tests below say nothing if nothing is counted."""
+    text = '"""Title."""\n\nimport os  # why\n\n# alone\ndef f():\n    """Docs\n\n    more.\n    """\n    return 1\n'
+    assert lines_of_code(text, True) == 3
+    assert functions(text) == [("f", 6)]
+    assert lines_of_code("/* a\n * b */\nint x; // c\n\n// d\n", False) == 1
+    assert len(PYTHON) > 300
+
+
+def test_no_file_is_long() -> None:
+    counted = [(name, lines_of_code(_text(name), name.endswith(".py"))) for name in SOURCES]
+    assert not [one for one in counted if one[1] > MOST_LINES_OF_A_FILE]
+
+
+def test_no_function_is_long() -> None:
+    long = [(name, *one) for name in PYTHON for one in functions(_text(name)) if one[1] > MOST_LINES_OF_A_FUNCTION]
+    assert not long
+
+
+def test_every_package_says_what_is_in_it() -> None:
+    packages = [name for name in PYTHON if name.endswith("__init__.py") and name.startswith(SHIPPED)]
+    assert len(packages) > 20
+    assert not [name for name in packages if not (ast.get_docstring(ast.parse(_text(name))) or "").strip()]
