@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from scarfmt.cli.failures import requires_extra
-from scarfmt.cli.files import print_json, timeout_option
+from scarfmt.cli.files import check_stdout, print_json, timeout_option
 from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
 
@@ -73,6 +73,7 @@ def compare(
         raise click.UsageError("--photos brings its own cameras: leave out --cameras, --views and --size")
     from scarfmt.cli.scenes import scene_origin
 
+    check_stdout()
     first, second = scene_origin(a), scene_origin(b)
     with progress(as_json) as report:
         if all_layers:

@@ -74,7 +74,7 @@ def _refuse_constant(name: str) -> Any:
     "--latent",
     type=click.Choice(["linear", "learned"]),
     help="Basis of the latents: linear (Karhunen-Loève), or learned (an autoencoder with residual vector quantisation,"
-    " trained by squared error after the scene is finished, unlike the paper's; slower) [default: linear].",
+    " trained by squared error after the scene is finished, unlike the paper's) [default: linear].",
 )
 @click.option(
     "--estimator",

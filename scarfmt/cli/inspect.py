@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from scarfmt.cli.files import open_input, print_json, timeout_option
+from scarfmt.cli.files import check_stdout, open_input, print_json, timeout_option
 
 _HEAD_BYTES = 4096
 """First request to a URL: more than the longest header."""
@@ -32,6 +32,7 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool) -> None:
     """
     from scarfmt.tools import inspection
 
+    check_stdout()
     head_bytes = None if metadata or models else _HEAD_BYTES
     with open_input(file, head_bytes=head_bytes) as source:
         report = inspection.inspect(source, metadata=metadata)

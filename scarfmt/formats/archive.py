@@ -63,7 +63,7 @@ class Archive:
             raise self.source.corrupt("the archive lacks this member", field=name)
         self._left -= info.file_size
         if self._left < 0:
-            message = f"{self.source.name}: unpacks to more than {self.source.size} bytes of a scene could"
+            message = f"{self.source.name}: {self.source.size} bytes that unpack to more than those of a scene would"
             raise LimitExceeded("input-limit", message, field=name)
         if info.compress_type not in _METHODS or info.flag_bits & 0x1:
             raise self.source.corrupt("encrypted, or neither stored nor deflated", field=name)

@@ -90,6 +90,8 @@ def test_shells_pass_pipes_as_names(explicit_scar: Path, tmp_path: Path) -> None
     ("script", "refusal"),
     [
         ("$S decode FILE - >&-", "output-stream: standard output is closed"),
+        ("$S inspect FILE >&-", "output-stream: standard output is closed"),
+        ("$S compare FILE FILE >&-", "output-stream: standard output is closed"),
         ("$S inspect FILE --json >&-", "output-stream: standard output is closed"),
         ("$S validate FILE --json >&-", "output-stream: standard output is closed"),
         ("$S decode - out.ply <&-", "input-stream: standard input is closed"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from pathlib import Path
 
 import pytest
@@ -20,6 +22,17 @@ def test_content_decides_over_a_wrong_file_name(name: str, tmp_path: Path) -> No
     path = tmp_path / "scene.splat"
     path.write_bytes(MARKED[name])
     assert detect(Source(path)).id == name.split()[0]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="POSIX pipes")
+@pytest.mark.parametrize("name", ["ply", "sog", "spz v4"])
+def test_a_pipe_is_read_once_and_by_its_content(name: str, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = threading.Thread(target=pipe.write_bytes, args=(EXAMPLES[name],))
+    writer.start()
+    assert len(load(pipe)) == len(load(EXAMPLES[name]))
+    writer.join()
 
 
 def test_file_name_decides_where_content_has_no_mark(tmp_path: Path) -> None:
