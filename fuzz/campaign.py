@@ -32,7 +32,7 @@ from typing import Any
 from benchmarks.provenance import stamped
 from fuzz.corpus import Seed, corpus, digest
 from fuzz.inputs import KINDS, Input
-from fuzz.target import decoded, dumped, truncated, validated
+from fuzz.target import decoded, decoded_by, dumped, truncated, validated
 
 SECONDS = 5.0
 """Per input and question."""
