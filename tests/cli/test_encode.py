@@ -103,7 +103,7 @@ def test_choices_and_defaults_told_are_those_of_the_encoder() -> None:
     quality = options["quality"].type
     assert isinstance(quality, click.FloatRange)
     assert (quality.min, quality.max) == (MIN_QUALITY, MAX_QUALITY)
-    assert f"{TILE_ANCHORS}, in scenes of more than {LARGE_SCENE:,} Gaussians {LARGE_SCENE_TILE_ANCHORS}" in (
+    assert f"{TILE_ANCHORS}; {LARGE_SCENE_TILE_ANCHORS} in scenes of more than {LARGE_SCENE:,} Gaussians" in (
         options["tile_anchors"].help or ""
     )
     size = options["tile_anchors"].type
