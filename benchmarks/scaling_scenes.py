@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.decide.lattice import split
-from scarfmt.coding.reader import SceneModels, SceneReader
+from scarfmt.coding.models import SceneModels
+from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import local_bits

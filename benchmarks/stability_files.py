@@ -17,7 +17,8 @@ from scarfmt_conformance.reference.stages import EXACT, Decoding, models
 from benchmarks.entropy_operations import DoubleOperations, IntegerOperations, PermutedOperations
 from benchmarks.scenes import REPOSITORY
 from reference_decoder.backends import operations
-from scarfmt.coding.reader import SceneModels, SceneReader
+from scarfmt.coding.models import SceneModels
+from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import NeuralModels, TileContent
 from scarfmt.container.source import open_source
 from scarfmt.engines import choice, engine_named

@@ -14,7 +14,7 @@ from random import Random
 import atheris
 
 with atheris.instrument_imports(include=["scarfmt", "reference_decoder"]):
-    from fuzz.target import decoded, truncated, validated
+    from fuzz.target import decoded, dumped, truncated, validated
 
 from fuzz.corpus import corpus
 from fuzz.testing.mutators import mutate
@@ -28,6 +28,7 @@ def one_input(data: bytes) -> None:
     """What libFuzzer calls: anything but a return is a finding."""
     decoded(data)
     validated(data)
+    dumped(data)
     truncated(data)
 
 

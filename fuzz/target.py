@@ -13,6 +13,7 @@ from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import ScarError
 from scarfmt.scene.gaussians import AnchorModel
+from scarfmt.tools.dump import Dump
 from scarfmt.tools.inspection import read_metadata
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
@@ -53,6 +54,22 @@ def validated(data: bytes) -> str:
     """The first error that validation finds, or ``""``."""
     result = validate(BytesSource(data))
     return "" if result.valid else next(f.refusal for f in result.findings if f.severity == "error")
+
+
+def dumped(data: bytes) -> str:
+    """Annotate every byte; the id of the first refusal, or ``""``.
+
+    Raises:
+        AssertionError: a byte has no row, or two.
+    """
+    annotated = Dump(BytesSource(data))
+    past = 0
+    for row in annotated.rows():
+        if not row.content:
+            assert row.offset == past, (row, past)
+            past += row.length
+    assert past == len(data), (past, len(data))
+    return annotated.refusals[0].refusal if annotated.refusals else ""
 
 
 def truncated(data: bytes) -> str:

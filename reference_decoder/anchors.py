@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from reference_decoder.explicit import CHUNK, network_outputs
 from scarfmt.blocks.mlp import QuantisedMlp
-from scarfmt.coding.reader import SceneModels
+from scarfmt.coding.models import SceneModels
 from scarfmt.container.schema import Stream
 from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput

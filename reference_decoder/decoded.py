@@ -17,7 +17,8 @@ from reference_decoder import explicit
 from reference_decoder.anchors import decoded_model
 from reference_decoder.dequantise import latents, offset_values, positions
 from scarfmt.codecs.channels import cell_widths
-from scarfmt.coding.reader import ALL_STREAMS, SceneModels, SceneReader
+from scarfmt.coding.models import SceneModels
+from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.schema import Profile, Stream

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from reference_decoder.dequantise import latents
 from scarfmt.coding.checks_of_models import network_coefficients
-from scarfmt.coding.reader import SceneModels
+from scarfmt.coding.models import SceneModels
 from scarfmt.container.schema import Stream
 from scarfmt.counters import Counters, Part
 from scarfmt.scene.activation import activated

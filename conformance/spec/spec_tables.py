@@ -11,12 +11,23 @@ import re
 import sys
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from conformance.decoders.python.decoder import Decoder
 from conformance.expect.work import Work
 from conformance.spec.worked import field_table_text, hex_dump, rans_text, value_text, worked_file
 from conformance.spec.worked_network import evaluation_rows, network_rows, table_text
+from scarfmt.blocks.codebooks import CODEBOOKS
+from scarfmt.blocks.declare import Record
+from scarfmt.blocks.hash_grid import HASH_GRID
+from scarfmt.blocks.index_network import ENTROPY_NETWORK, LINEAR, MATRIX
+from scarfmt.blocks.layer import LAYER
+from scarfmt.blocks.listing import listing
+from scarfmt.blocks.mlp import NETWORKS
+from scarfmt.blocks.predictors import LAYER_OF_PREDICTOR, PREDICTORS
+from scarfmt.blocks.registry import element_table
+from scarfmt.blocks.tables import TABLES
 from scarfmt.container.schema import STRUCTURES, markdown_table
 from scarfmt.neural import tables
 from scarfmt.scene.streams import channel_table
@@ -89,11 +100,35 @@ def _numbers(values: tuple[int, ...]) -> str:
     return "\n".join(["```", *lines, "```", ""])
 
 
+def _layouts() -> dict[str, Callable[[], str]]:
+    """The layouts of model blocks, from their declarations."""
+    declared: dict[str, list[tuple[str, Record]]] = {
+        "CODEBOOKS": [("codebooks_block()", CODEBOOKS)],
+        "NETWORKS": [("networks()", NETWORKS)],
+        "LAYER": [("layer_block(layer)", LAYER)],
+        "TABLES": [("tables()", TABLES)],
+        "PREDICTORS": [("predictors_block()", PREDICTORS), ("layer(rows, columns)", LAYER_OF_PREDICTOR)],
+        "ENTROPY_NETWORK": [
+            ("entropy_network_block()", ENTROPY_NETWORK),
+            ("linear(rows, columns)", LINEAR),
+            ("matrix(rows, columns)", MATRIX),
+        ],
+        "HASH_GRID": [("hash_grid_block()", HASH_GRID)],
+    }
+    return {name: partial(_listings, rows) for name, rows in declared.items()}
+
+
+def _listings(declared: list[tuple[str, Record]]) -> str:
+    return "```\n" + "\n".join(listing(title, record) for title, record in declared) + "```\n"
+
+
 def _parts() -> dict[str, Callable[[], str]]:
     structures = {name: (lambda name=name: markdown_table(name)) for name in STRUCTURES}
     return {
         **structures,
         "channels": channel_table,
+        "element-counts": element_table,
+        **_layouts(),
         "tool-ids": _tool_ids,
         "work": _work_values,
         "worked-hex": lambda: hex_dump(worked_file()),

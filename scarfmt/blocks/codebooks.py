@@ -10,8 +10,11 @@ from construct import this
 from numpy.typing import NDArray
 
 from scarfmt.blocks.declare import U8, Bits, Count, Record, Repeat, Rule, Scope, build, read
+from scarfmt.blocks.spec import BlockSpec, Writing, numbers
+from scarfmt.container.registries import BlockKind
 from scarfmt.errors import Malformed
 from scarfmt.scene.codebooks import MAX_CODEWORDS, MAX_LATENT
+from scarfmt.scene.model import first_layers
 
 I64 = NDArray[np.int64]
 
@@ -70,3 +73,26 @@ def unpack_codebooks(payload: bytes) -> dict[int, I64]:
 
 def _bad(message: str) -> Malformed:
     return Malformed("bad-codebook", f"{message} (SPEC §7.8)", field="codebooks")
+
+
+def _taken(writing: Writing) -> dict[int, I64] | None:
+    """The books first needed in a layer."""
+    books, starts = writing.parts.codebooks, first_layers(writing.parts.model)
+    if books is None:
+        return None
+    pairs = enumerate((books.coarse, books.residual))
+    return {number: words for number, words in pairs if starts[number] == writing.layer} or None
+
+
+SPEC = BlockSpec(
+    kind=BlockKind.CODEBOOKS,
+    section="7.8",
+    declaration=CODEBOOKS,
+    parse=lambda payload, reading: unpack_codebooks(payload),
+    pack=pack_codebooks,
+    taken=_taken,
+    count=len,
+    elements="codebooks",
+    layers=lambda model: numbers(*first_layers(model)[:2]),
+    required=True,
+)

@@ -18,6 +18,7 @@ import numpy as np
 from construct import Construct, Float64l, FormatField, Int8ul, Int32ul, Renamed
 
 from scarfmt.container.bytefields import ByteReader, signed_varint, unsigned_varint
+from scarfmt.container.registries import Stream
 from scarfmt.container.schema import scalar_type
 from scarfmt.entropy.rice import pack_rice, pack_shifted, unpack_rice, unpack_shifted
 from scarfmt.errors import ScarError
@@ -40,11 +41,11 @@ Values = Mapping[str, Any]
 class Trace(Protocol):
     """Hears which bytes are what, as they are read."""
 
-    def enter(self, name: str | int, member: Any) -> None:
-        """A field, or the item of this number of a repetition, begins."""
+    def enter(self, name: str | int, at: int) -> None:
+        """A field, or the item of this number of a repetition, begins at byte `at` of the payload."""
 
-    def leave(self, value: Any) -> None:
-        """It ends, and has this value."""
+    def leave(self, value: Any, at: int) -> None:
+        """It ends before byte `at`, and has this value."""
 
     def part(self, name: str, start: int, past: int, value: Any) -> None:
         """Bytes `start` to `past` of the payload are a part of the field that has begun."""
@@ -72,6 +73,10 @@ class Element(Construct):  # type: ignore[misc]
         """The bytes of a value."""
         raise NotImplementedError
 
+    def shown(self, value: Any) -> Any:
+        """A value as people are told it."""
+        return value
+
 
 def evaluated(expression: Any, scope: Values) -> Any:
     """The value of an expression of construct, or of a constant."""
@@ -81,9 +86,9 @@ def evaluated(expression: Any, scope: Values) -> Any:
 class Scalar(Element):
     """An integer or float of a fixed size, little-endian."""
 
-    def __init__(self, field: FormatField) -> None:
+    def __init__(self, field: FormatField, shown: Callable[[Any], Any] | None = None) -> None:
         super().__init__()
-        self.code = field.fmtstr[1:]
+        self.code, self._shown = field.fmtstr[1:], shown
         self.spelled, self.dtype = scalar_type(field)
         self._struct = struct.Struct(field.fmtstr)
 
@@ -93,22 +98,35 @@ class Scalar(Element):
     def put(self, value: Any, scope: Values) -> bytes:
         return self._struct.pack(value)
 
+    def shown(self, value: Any) -> Any:
+        return value if self._shown is None else self._shown(value)
+
+
+def stream_name(number: int) -> str:
+    """A stream kind as people are told it."""
+    return f"{number} {Stream(number).name}" if number in set(Stream) else str(number)
+
 
 U8, U32, F64 = Scalar(Int8ul), Scalar(Int32ul), Scalar(Float64l)
+STREAM = Scalar(Int8ul, stream_name)
+"""A stream kind, u8."""
 
 
 class Varint(Element):
     """An unsigned LEB128 integer below 2^bits (SPEC §5.7)."""
 
-    def __init__(self, bits: int) -> None:
+    def __init__(self, bits: int, shown: Callable[[int], Any] | None = None) -> None:
         super().__init__()
-        self.bits, self.spelled = bits, f"varint({bits})"
+        self.bits, self.spelled, self._shown = bits, f"varint({bits})", shown
 
     def take(self, reader: Cursor, scope: Scope) -> int:
         return reader.unsigned(self.bits)
 
     def put(self, value: int, scope: Values) -> bytes:
         return unsigned_varint(value)
+
+    def shown(self, value: int) -> Any:
+        return value if self._shown is None else self._shown(value)
 
 
 class SignedVarint(Element):
@@ -303,7 +321,7 @@ class Record(Element):
     def __init__(self, *members: Any) -> None:
         super().__init__()
         self.members = members
-        self._steps = [(member.name, unnamed(member), member) for member in members]
+        self._steps = [(member.name, unnamed(member)) for member in members]
         self._runs = _fused(self._steps)
 
     def take(self, reader: Cursor, scope: Scope) -> Scope:
@@ -325,13 +343,13 @@ class Record(Element):
                 values[name] = element.take(reader, values)
 
     def _fill_watched(self, reader: Cursor, trace: Trace, values: Scope) -> None:
-        for name, element, member in self._steps:
+        for name, element in self._steps:
             if name is None:
                 element.take(reader, values)
                 continue
-            trace.enter(name, member)
+            trace.enter(name, reader.position)
             values[name] = element.take(reader, values)
-            trace.leave(values[name])
+            trace.leave(element.shown(values[name]), reader.position)
 
     def put(self, value: Values, scope: Values) -> bytes:
         values = Scope(scope)
@@ -342,7 +360,7 @@ class Record(Element):
         """The bytes of the fields, whose values are in scope."""
         return b"".join(
             element.put(None if name is None or isinstance(element, Derived) else values[name], values)
-            for name, element, _ in self._steps
+            for name, element in self._steps
         )
 
 
@@ -353,12 +371,12 @@ def unnamed(member: Any) -> Any:
     return member
 
 
-def _fused(steps: Sequence[tuple[str | None, Any, Any]]) -> list[tuple[Any, Any]]:
+def _fused(steps: Sequence[tuple[str | None, Any]]) -> list[tuple[Any, Any]]:
     """The steps, those of neighbouring scalars in one: they are read at once."""
     out: list[tuple[Any, Any]] = []
     names: list[str | None] = []
     codes = ""
-    for name, element, _ in [*steps, (None, None, None)]:
+    for name, element in [*steps, (None, None)]:
         if isinstance(element, Scalar):
             names.append(name)
             codes += element.code
@@ -400,10 +418,10 @@ class Repeat(Element):
         for index in range(evaluated(self.count, scope)):
             around["index"] = index
             if reader.trace is not None:
-                reader.trace.enter(index, self.item)
+                reader.trace.enter(index, reader.position)
             value = self.item.take(reader, around)
             if reader.trace is not None:
-                reader.trace.leave(value)
+                reader.trace.leave(self.item.shown(value), reader.position)
             out.append(value)
         return out
 

@@ -10,10 +10,13 @@ import numpy as np
 from construct import this
 
 from scarfmt.blocks.declare import U8, U32, Blob, Count, Derived, Record, Repeat, Rule, Scope, Varint, build, read
+from scarfmt.blocks.spec import BlockSpec, Writing, numbers
+from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, RansEncoder
 from scarfmt.errors import Malformed
 from scarfmt.neural.grid import MAX_LEVELS, GridBox, GridLevel, HashGrid, check_grid
 from scarfmt.neural.grid import U8 as Bits
+from scarfmt.scene.model import first_neural_layer
 
 _PROBABILITY_ONE = 256
 
@@ -101,3 +104,21 @@ def unpack_grid(payload: bytes) -> HashGrid:
     fields = read(HASH_GRID, payload, "grid")
     bits = tuple(table["bits"] for table in fields["tables"])
     return HashGrid(tuple(fields["origin"]), fields["extent_bits"], fields["shapes"], bits)
+
+
+def _taken(writing: Writing) -> HashGrid | None:
+    here = writing.parts.network is not None and first_neural_layer(writing.parts.model) == writing.layer
+    return writing.parts.grid if here else None
+
+
+SPEC = BlockSpec(
+    kind=BlockKind.HASH_GRID,
+    section="10.6",
+    declaration=HASH_GRID,
+    parse=lambda payload, reading: unpack_grid(payload),
+    pack=pack_grid,
+    taken=_taken,
+    count=lambda grid: len(grid.levels),
+    elements="levels",
+    layers=lambda model: numbers(first_neural_layer(model)),
+)

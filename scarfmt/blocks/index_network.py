@@ -14,6 +14,8 @@ from construct import this
 from numpy.typing import NDArray
 
 from scarfmt.blocks.declare import U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
+from scarfmt.blocks.spec import BlockSpec, Writing, numbers
+from scarfmt.container.registries import BlockKind
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.network import (
@@ -31,6 +33,7 @@ from scarfmt.neural.network import (
     Inputs,
 )
 from scarfmt.scene.codebooks import MAX_CODEWORDS
+from scarfmt.scene.model import first_neural_layer
 
 I32 = NDArray[np.int32]
 Ints = NDArray[np.integer[Any]]
@@ -38,11 +41,11 @@ Ints = NDArray[np.integer[Any]]
 _OWN, _ATTENTION = 1, 2
 
 MATRIX = Record(
-    "weights" / Bits(this.rows * this.columns) * "row by row",
+    "numbers" / Bits(this.rows * this.columns) * "row by row",
     # Here, as int32 would wrap a weight that the network's own check must see.
     Rule(
         "R-10.5-1",
-        lambda at: int(np.abs(at["weights"]).max(initial=0)) <= MAX_WEIGHT,
+        lambda at: int(np.abs(at["numbers"]).max(initial=0)) <= MAX_WEIGHT,
         lambda at: Malformed("bad-network", f"a weight above {MAX_WEIGHT} (SPEC §10.1)", field="network"),
     ),
 )
@@ -50,7 +53,7 @@ MATRIX = Record(
 
 LINEAR = Record(
     "shift" / U8,
-    "matrix" / Use("matrix", MATRIX, rows=this.rows, columns=this.columns),
+    "weights" / Use("matrix", MATRIX, rows=this.rows, columns=this.columns),
     "biases" / Bits(this.rows, shifted=True),
 )
 """Parameters: `rows` and `columns`."""
@@ -63,14 +66,13 @@ def _linear(rows: Any, columns: Any) -> Use:
 # The first layer is fed a codeword, each of the others the state of the one before.
 _GRU = Record(
     "shift" / U8,
-    "first" / Derived(lambda at: at["index"] == 0, "1 in the first recurrent layer, 0 in others"),
     When(
-        this.first,
+        this.index == 0,
         "Wi" / Repeat(this.head_count, Use("matrix", MATRIX, rows=3 * this.hidden, columns=this.codeword_dims + 1)),
     ),
     When(this.index > 0, "Wi" / Repeat(1, Use("matrix", MATRIX, rows=3 * this.hidden, columns=this.hidden))),
     "Wh" / Use("matrix", MATRIX, rows=3 * this.hidden, columns=this.hidden),
-    When(this.first, "bi" / Bits(this.tokens * 3 * this.hidden, shifted=True)),
+    When(this.index == 0, "bi" / Bits(this.tokens * 3 * this.hidden, shifted=True)),
     When(this.index > 0, "bi" / Bits(3 * this.hidden, shifted=True)),
     "bh" / Bits(3 * this.hidden, shifted=True),
     "start" / Bits(this.hidden, shifted=True),
@@ -154,7 +156,7 @@ def pack_network(network: IndexNetwork) -> bytes:
         "head_count": len(network.heads),
         "embed1": _linear_fields(network.embed[0]),
         "embed2": _linear_fields(network.embed[1]),
-        "gru": [_gru_fields(layer, number == 0) for number, layer in enumerate(network.gru)],
+        "gru": [_gru_fields(layer) for layer in network.gru],
         "mixer": _linear_fields(network.mixer),
         "heads": [_head_fields(head) for head in network.heads],
     }
@@ -165,17 +167,16 @@ def pack_network(network: IndexNetwork) -> bytes:
 
 
 def _matrix_fields(matrix: Ints) -> dict[str, Any]:
-    return {"weights": matrix.ravel()}
+    return {"numbers": matrix.ravel()}
 
 
 def _linear_fields(layer: Linear) -> dict[str, Any]:
-    return {"shift": layer.shift, "matrix": _matrix_fields(layer.weights), "biases": layer.biases}
+    return {"shift": layer.shift, "weights": _matrix_fields(layer.weights), "biases": layer.biases}
 
 
-def _gru_fields(layer: GruLayer, first: bool) -> dict[str, Any]:
+def _gru_fields(layer: GruLayer) -> dict[str, Any]:
     return {
         "shift": layer.shift,
-        "first": first,
         "Wi": [_matrix_fields(matrix) for matrix in layer.inputs],
         "Wh": _matrix_fields(layer.recurrent),
         "bi": layer.biases,
@@ -212,7 +213,7 @@ def unpack_network(payload: bytes) -> IndexNetwork:
         codeword_dims=at["codeword_dims"],
         codeword_shift=at["codeword_shift"],
         embed=(_layer(at["embed1"]), _layer(at["embed2"])),
-        gru=tuple(_gru(layer, at["tokens"]) for layer in at["gru"]),
+        gru=tuple(_gru(layer, 1 if number else at["tokens"]) for number, layer in enumerate(at["gru"])),
         attention=_attention(at) if at["flags"] & _ATTENTION else None,
         mixer=_layer(at["mixer"]),
         heads=tuple(_head(head) for head in at["heads"]),
@@ -228,16 +229,16 @@ def _inputs(at: Mapping[str, Any]) -> Inputs:
 
 
 def _matrix(at: Scope) -> I32:
-    return np.asarray(at["weights"].reshape(at["rows"], at["columns"]).astype(np.int32))
+    return np.asarray(at["numbers"].reshape(at["rows"], at["columns"]).astype(np.int32))
 
 
 def _layer(at: Scope) -> Linear:
-    return Linear(_matrix(at["matrix"]), at["biases"], at["shift"])
+    return Linear(_matrix(at["weights"]), at["biases"], at["shift"])
 
 
 def _gru(at: Scope, tokens: int) -> GruLayer:
     rows = 3 * at["hidden"]
-    biases = at["bi"].reshape(tokens if at["first"] else 1, rows)
+    biases = at["bi"].reshape(tokens, rows)
     matrices = tuple(_matrix(matrix) for matrix in at["Wi"])
     return GruLayer(matrices, _matrix(at["Wh"]), biases, at["bh"], at["start"], at["shift"])
 
@@ -250,3 +251,21 @@ def _head(at: Scope) -> Head:
     projections = [at["project1"], *([at["project2"]] if at["cluster_count"] else [])]
     layers, clusters = tuple(_layer(layer) for layer in projections), tuple(at["clusters"])
     return Head(layers, clusters, at["cluster_biases"], at["biases"], at["shift"], at["member_shift"])
+
+
+def _taken(writing: Writing) -> IndexNetwork | None:
+    return writing.parts.network if first_neural_layer(writing.parts.model) == writing.layer else None
+
+
+SPEC = BlockSpec(
+    kind=BlockKind.ENTROPY_NETWORK,
+    section="10.5",
+    declaration=ENTROPY_NETWORK,
+    parse=lambda payload, reading: unpack_network(payload),
+    pack=pack_network,
+    taken=_taken,
+    count=lambda network: 1,
+    elements="1",
+    layers=lambda model: numbers(first_neural_layer(model)),
+    required=True,
+)

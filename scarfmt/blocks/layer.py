@@ -9,6 +9,7 @@ from construct import this
 
 from scarfmt.blocks.declare import (
     F64,
+    STREAM,
     U8,
     Count,
     Numbers,
@@ -21,7 +22,8 @@ from scarfmt.blocks.declare import (
     build,
     read,
 )
-from scarfmt.container.schema import Stream
+from scarfmt.blocks.spec import BlockSpec, Reading, Writing
+from scarfmt.container.registries import BlockKind, Stream
 from scarfmt.errors import Malformed, Unsupported
 from scarfmt.scene.model import (
     MAX_CHANNELS,
@@ -56,7 +58,7 @@ _COMPONENT = Record(
 )
 
 _CHANNEL = Record(
-    "stream" / U8,
+    "stream" / STREAM,
     "components" / U8,
     Rule(
         "R-7.11-2",
@@ -154,3 +156,27 @@ def _channel(fields: Mapping[str, Any]) -> Channel:
         for at in fields["rules"]
     )
     return Channel(Stream(fields["stream"]), tuple(at["first_width"] for at in fields["rules"]), rules)
+
+
+def _taken(writing: Writing) -> tuple[LayerRow, Opening | None]:
+    model = writing.parts.model
+    return model.layers[writing.layer - 1], (model.channels, model.context) if writing.layer == 1 else None
+
+
+def _parameters(payload: bytes, reading: Reading) -> dict[str, Any]:
+    return {"layer": reading.layer, "channel_count": len(reading.opening[0])}
+
+
+SPEC = BlockSpec(
+    kind=BlockKind.LAYER,
+    section="7.11",
+    declaration=LAYER,
+    parse=lambda payload, reading: unpack_layer(payload, reading.layer, reading.opening),
+    pack=lambda value: pack_layer(*value),
+    taken=_taken,
+    count=lambda value: int(value[0].class_count),
+    elements="classes in its row",
+    layers=lambda model: range(1, len(model.layers) + 1),
+    required=True,
+    parameters=_parameters,
+)

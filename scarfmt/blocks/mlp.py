@@ -15,8 +15,11 @@ from construct import this
 from numpy.typing import NDArray
 
 from scarfmt.blocks.declare import U8, Count, Numbers, Record, Repeat, Rule, Scope, build, read
+from scarfmt.blocks.spec import BlockSpec, Frame, Reading, Writing, numbers
 from scarfmt.container.bytefields import compress, decompress
+from scarfmt.container.registries import BlockKind, Profile
 from scarfmt.errors import Malformed
+from scarfmt.scene.model import SceneModel, first_layers
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -155,3 +158,46 @@ def unpack_networks(payload: bytes, limit: int = MAX_MLP_BYTES) -> tuple[Quantis
 def _linear(at: Scope) -> Linear:
     weights = at["weights"].reshape(at["rows"], at["columns"]).astype(np.int16)
     return Linear(weights, at["scales"].astype(np.float32), at["biases"].astype(np.float32))
+
+
+def _parsed(payload: bytes, reading: Reading) -> tuple[QuantisedMlp, ...]:
+    return unpack_networks(payload)
+
+
+def _decoder_taken(writing: Writing) -> tuple[QuantisedMlp] | None:
+    decoder = writing.parts.decoder
+    here = first_layers(writing.parts.model)[2] == writing.layer
+    return (decoder,) if decoder is not None and here else None
+
+
+def _scene_layers(model: SceneModel) -> frozenset[int]:
+    return frozenset({1} if model.profile == Profile.ANCHOR else ())
+
+
+DECODER_SPEC = BlockSpec(
+    kind=BlockKind.DECODER_MLP,
+    section="7.9",
+    declaration=NETWORKS,
+    parse=_parsed,
+    pack=pack_networks,
+    taken=_decoder_taken,
+    count=len,
+    elements="networks",
+    layers=lambda model: numbers(first_layers(model)[2]),
+    required=True,
+    frame=Frame(MAX_MLP_BYTES, "mlp"),
+)
+
+# Where the block is absent, the networks that are not there are refused (R-7.9-4).
+SCENE_SPEC = BlockSpec(
+    kind=BlockKind.SCENE_MLP,
+    section="7.9",
+    declaration=NETWORKS,
+    parse=_parsed,
+    pack=pack_networks,
+    taken=lambda writing: (writing.parts.scene_mlps or None) if writing.layer == 1 else None,
+    count=len,
+    elements="networks",
+    layers=_scene_layers,
+    frame=Frame(MAX_MLP_BYTES, "mlp"),
+)

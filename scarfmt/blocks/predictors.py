@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from construct import this
 
-from scarfmt.blocks.declare import U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
-from scarfmt.container.schema import Stream
+from scarfmt.blocks.declare import STREAM, U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
+from scarfmt.blocks.spec import BlockSpec
+from scarfmt.container.registries import BlockKind, Stream
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.predictors import MAX_HIDDEN, Predictor, bad_predictor
 from scarfmt.scene.model import MAX_CLASSES
@@ -21,7 +22,7 @@ MAX_INPUTS = 255
 
 LAYER_OF_PREDICTOR = Record(
     "shift" / U8,
-    "weights" / Bits(this.rows * (this.columns - MAX_CLASSES + this.classes)) * "row by row",
+    "weights" / Bits(this.rows * (this.columns + this.classes - MAX_CLASSES)) * "row by row",
     # Here, as int32 would wrap a weight that the layer's own check must see.
     Rule(
         "R-10.3-2",
@@ -33,7 +34,7 @@ LAYER_OF_PREDICTOR = Record(
 """Parameters: `rows` and `columns`."""
 
 _PREDICTOR = Record(
-    "stream" / U8,
+    "stream" / STREAM,
     "component" / U8,
     "step" / U8,
     "b1" / U8 * "B1 - 1",
@@ -111,3 +112,15 @@ def unpack_predictors(payload: bytes) -> tuple[Predictor, ...]:
     """
     fields = read(PREDICTORS, payload, "predictors")
     return tuple(record["predictor"] for record in fields["predictors"])
+
+
+SPEC = BlockSpec(
+    kind=BlockKind.PREDICTORS,
+    section="10.3",
+    declaration=PREDICTORS,
+    parse=lambda payload, reading: unpack_predictors(payload),
+    pack=pack_predictors,
+    taken=lambda writing: writing.parts.predictors.get(writing.layer) or None,
+    count=len,
+    elements="predictors",
+)

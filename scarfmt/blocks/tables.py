@@ -3,11 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from construct import this
 from numpy.typing import NDArray
 
-from scarfmt.container.bytefields import ByteReader, signed_varint, unsigned_varint, varints
+from scarfmt.blocks.columns import ColumnReader
+from scarfmt.blocks.declare import (
+    Count,
+    Record,
+    Repeat,
+    Rule,
+    Scope,
+    SignedVarint,
+    Varint,
+    Varints,
+    build,
+    read,
+    stream_name,
+)
+from scarfmt.blocks.spec import BlockSpec, Frame, Reading
+from scarfmt.container.bytefields import compress, unsigned_varint
+from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.rans import MAX_ALPHABET
 from scarfmt.entropy.symbol_tables import SymbolTable
@@ -16,8 +34,56 @@ from scarfmt.errors import Malformed
 I64 = NDArray[np.int64]
 
 MAX_TABLES = 1 << 16
+MAX_TABLES_BYTES = 64 << 20
+_VALUE = 1 << 31
 # Weight precisions tried for a table; the cheapest of table bytes + coding loss wins.
 _WEIGHT_BITS = (3, 5, 7, 9, 11, 13)
+
+
+_TABLE = Record(
+    "key" / Varint(32, lambda number: _key_text(number)),
+    Rule("R-8.3-1", lambda at: _ascends(at), lambda at: _bad_table("table keys must ascend strictly")),
+    "size" / Count(MAX_ALPHABET) * "symbols",
+    Rule("R-8.3-1", lambda at: at["size"] > 0, lambda at: _bad_table("a table needs at least one symbol")),
+    "first" / SignedVarint(33) * "first value of the alphabet",
+    Rule("R-8.3-1", lambda at: abs(at["first"]) < _VALUE, lambda at: _beyond()),
+    "gaps"
+    / Varints(32, this.size - 1, lambda gaps, at: _refused_gaps(gaps, at))
+    * "each value is the one before + gap + 1",
+    "weights" / Varints(24, this.size, lambda weights, at: _refused_weights(weights)),
+)
+
+_COUNT = Count(MAX_TABLES)
+
+TABLES = Record("table_count" / _COUNT, "tables" / Repeat(this.table_count, _TABLE))
+"""The content of the frame of a TABLES block."""
+
+_READER = ColumnReader(_COUNT, _TABLE)
+
+
+def _key_text(number: int) -> str:
+    stream, *others = TableKey.from_number(number)
+    return f"({stream_name(stream)}, {', '.join(map(str, others))})"
+
+
+def _ascends(at: Scope) -> bool:
+    return not at["earlier"] or at["key"] > at["earlier"][-1]["key"]
+
+
+def _refused_gaps(gaps: I64, at: Scope) -> Malformed | None:
+    return _beyond() if at["first"] + int(gaps.sum()) + len(gaps) >= _VALUE else None
+
+
+def _refused_weights(weights: I64) -> Malformed | None:
+    return _bad_table("weights must be 1 or more") if not weights.all() else None
+
+
+def _beyond() -> Malformed:
+    return _bad_table("alphabet values must fit 32 bits")
+
+
+def _bad_table(message: str) -> Malformed:
+    return Malformed("bad-table", f"{message} (SPEC §8.3)", field="tables")
 
 
 def fit_table(alphabet: I64, counts: I64) -> SymbolTable:
@@ -38,127 +104,75 @@ def _pack_weights(weights: I64) -> bytes:
     return b"".join(unsigned_varint(int(weight)) for weight in weights)
 
 
+def _fields(key: TableKey, table: SymbolTable) -> dict[str, Any]:
+    gaps = np.diff(table.alphabet) - 1
+    first = int(table.alphabet[0])
+    return {"key": key.number, "size": len(gaps) + 1, "first": first, "gaps": gaps, "weights": table.weights}
+
+
 def pack_table(key: TableKey, table: SymbolTable) -> bytes:
     """One table record of a TABLES block (SPEC §8.3)."""
-    parts = [unsigned_varint(key.number), unsigned_varint(len(table.alphabet)), signed_varint(int(table.alphabet[0]))]
-    parts += [unsigned_varint(int(gap) - 1) for gap in np.diff(table.alphabet)]
-    parts.append(_pack_weights(table.weights))
-    return b"".join(parts)
+    return build(_TABLE, _fields(key, table))
 
 
 def pack_tables(tables: Mapping[TableKey, SymbolTable]) -> bytes:
-    """The payload of a TABLES block before zstd (SPEC §8.3), records by ascending key."""
-    records = [pack_table(key, tables[key]) for key in sorted(tables)]
-    return unsigned_varint(len(records)) + b"".join(records)
+    """The content of a TABLES block's frame (SPEC §8.3), records by ascending key."""
+    records = [_fields(key, tables[key]) for key in sorted(tables)]
+    return build(TABLES, {"table_count": len(records), "tables": records})
 
 
-def unpack_tables(payload: bytes) -> dict[TableKey, SymbolTable]:
-    """The inverse of :func:`pack_tables`.
+def unpack_tables(content: bytes) -> dict[TableKey, SymbolTable]:
+    """The tables of the content of a frame.
 
     Raises:
         Malformed: ``bad-table`` for a record that breaks SPEC §8.3.
     """
-    found = _unpack_sound(payload)
+    found = _unpack_sound(content)
     if found is not None:
         return found
-    reader = ByteReader(payload, "tables")
-    tables: dict[TableKey, SymbolTable] = {}
-    previous = -1
-    for _ in range(reader.count(MAX_TABLES)):
-        number = reader.unsigned(32)
-        if number <= previous:
-            raise _bad_table("table keys must ascend strictly")
-        previous = number
-        tables[TableKey.from_number(number)] = _read_table(reader)
-    reader.finish()
-    return tables
+    tables = read(TABLES, content, "tables")["tables"]
+    return {TableKey.from_number(table["key"]): _table(table) for table in tables}
 
 
-# Fifty times as much memory is in use meanwhile; tables of real scenes take a fiftieth of this.
-_AT_ONCE = 1 << 20
+def _table(at: Scope) -> SymbolTable:
+    alphabet = np.full(at["size"], at["first"], np.int64)
+    alphabet[1:] += np.cumsum(at["gaps"] + 1)
+    return SymbolTable(alphabet, at["weights"])
 
 
-def _unpack_sound(payload: bytes) -> dict[TableKey, SymbolTable] | None:
-    """:func:`unpack_tables` of a payload that breaks no rule, all numbers at once; None of any other."""
-    numbers = varints(payload, bits=33) if len(payload) <= _AT_ONCE else None
-    if numbers is None or not numbers[0] <= MAX_TABLES:
+def _unpack_sound(content: bytes) -> dict[TableKey, SymbolTable] | None:
+    """The tables of a content that breaks no rule, all numbers at once; None of any other."""
+    columns = _READER.read(content)
+    if columns is None:
         return None
-    records = _records(numbers)
-    if records is None:
-        return None
-    keys, sizes, at = records
-    # Per record: key, size, then as many numbers that make the alphabet, and as many weights.
-    place = np.arange(int(sizes.sum())) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    start = np.repeat(at, sizes) + place
-    steps, weights = numbers[start], numbers[start + np.repeat(sizes, sizes)]
-    first = (steps >> 1) ^ -(steps & 1)
-    running = np.cumsum(np.where(place == 0, first, steps + 1))
-    begins = np.cumsum(sizes) - sizes
-    base = running[begins] - first[begins]
-    alphabet = running - np.repeat(base, sizes)
-    sound = bool(((steps < 1 << 32) | (place == 0)).all()) and bool((np.diff(keys) > 0).all())
-    sound &= bool((np.abs(alphabet) < 1 << 31).all()) and bool(((weights >= 1) & (weights < 1 << 24)).all())
+    keys, sizes, first = (columns.scalars[name] for name in ("key", "size", "first"))
+    weights, ends = columns.arrays["weights"], np.cumsum(sizes)
+    begins = ends - sizes
+    steps = np.zeros(len(weights), np.int64)
+    later = np.ones(len(weights), np.bool_)
+    later[begins] = False
+    steps[later] = columns.arrays["gaps"] + 1
+    running = np.cumsum(steps)
+    alphabet = running + np.repeat(first - running[begins], sizes)
+    sound = bool((np.diff(keys) > 0).all() and weights.all() and (np.abs(alphabet) < _VALUE).all())
     if not sound:
         return None
-    spans = zip(keys.tolist(), begins.tolist(), (begins + sizes).tolist(), strict=True)
+    spans = zip(keys.tolist(), begins.tolist(), ends.tolist(), strict=True)
     return {TableKey.from_number(key): SymbolTable(alphabet[a:b], weights[a:b]) for key, a, b in spans}
 
 
-def _records(numbers: I64) -> tuple[I64, I64, I64] | None:
-    """Key, size and place of the first alphabet number of each record, (tables,) each; None if they do not fit."""
-    keys, sizes, places, at = [], [], [], 1
-    # One by one: where a record begins, only the one before tells.
-    plain = numbers.tolist()
-    for _ in range(plain[0]):
-        if at + 2 > len(plain) or not 1 <= plain[at + 1] <= MAX_ALPHABET or plain[at] >= 1 << 32:
-            return None
-        keys.append(plain[at])
-        sizes.append(plain[at + 1])
-        places.append(at + 2)
-        at += 2 + 2 * plain[at + 1]
-    if at != len(plain):
-        return None
-    return np.array(keys, np.int64), np.array(sizes, np.int64), np.array(places, np.int64)
+SPEC = BlockSpec(
+    kind=BlockKind.TABLES,
+    section="8.3",
+    declaration=TABLES,
+    parse=lambda payload, reading: _parsed(payload, reading),
+    pack=lambda tables: compress(pack_tables(tables)),
+    taken=lambda writing: writing.tables or None,
+    count=len,
+    elements="table records",
+    frame=Frame(MAX_TABLES_BYTES, "tables", counted=True),
+)
 
 
-def _read_table(reader: ByteReader) -> SymbolTable:
-    size = reader.count(MAX_ALPHABET)
-    if size == 0:
-        raise _bad_table("a table needs at least one symbol")
-    start = reader.position
-    try:
-        return _read_rows(reader, size)
-    except Malformed:
-        reader.rewind(start)
-        _refuse_first_fault(reader, size)
-        raise
-
-
-def _read_rows(reader: ByteReader, size: int) -> SymbolTable:
-    """Alphabet and weights, many numbers at once: which of several faults is refused is left open."""
-    first = reader.signed(33)
-    alphabet = np.full(size, first, np.int64)
-    alphabet[1:] += np.cumsum(reader.unsigned_array(32, size - 1) + 1)
-    if abs(first) >= 1 << 31 or int(alphabet[-1]) >= 1 << 31:
-        raise _bad_table("alphabet values must fit 32 bits")
-    weights = reader.unsigned_array(24, size)
-    if int(weights.min()) < 1:
-        raise _bad_table("weights must be 1 or more")
-    # Sums of weights so small need no further check.
-    return SymbolTable(alphabet, weights)
-
-
-def _refuse_first_fault(reader: ByteReader, size: int) -> None:
-    """The same numbers one by one: content is refused for what comes first in it (SPEC §12.2)."""
-    value = reader.signed(33)
-    for place in range(size):
-        value += reader.unsigned(32) + 1 if place else 0
-        if abs(value) >= 1 << 31:
-            raise _bad_table("alphabet values must fit 32 bits")
-    for _ in range(size):
-        if not reader.unsigned(24):
-            raise _bad_table("weights must be 1 or more")
-
-
-def _bad_table(message: str) -> Malformed:
-    return Malformed("bad-table", f"{message} (SPEC §8.3)", field="tables")
+def _parsed(payload: bytes, reading: Reading) -> dict[TableKey, SymbolTable]:
+    return unpack_tables(reading.inflate(payload, MAX_TABLES_BYTES, "tables"))

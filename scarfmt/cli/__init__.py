@@ -19,6 +19,7 @@ from scarfmt.cli.compare import compare
 from scarfmt.cli.completion import completion
 from scarfmt.cli.conformance import conformance
 from scarfmt.cli.decode import decode
+from scarfmt.cli.dump import dump
 from scarfmt.cli.encode import encode
 from scarfmt.cli.failures import FailureGroup
 from scarfmt.cli.inspect import inspect
@@ -46,7 +47,7 @@ def cli() -> None:
     """
 
 
-for _command in (encode, decode, inspect, truncate, validate, compare, render, conformance, completion):
+for _command in (encode, decode, inspect, truncate, validate, dump, compare, render, conformance, completion):
     cli.add_command(_command)
 
 

@@ -8,143 +8,38 @@ from __future__ import annotations
 
 import zlib
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from scarfmt.blocks.codebooks import unpack_codebooks
-from scarfmt.blocks.hash_grid import unpack_grid
-from scarfmt.blocks.index_network import unpack_network
-from scarfmt.blocks.layer import Opening, unpack_layer
-from scarfmt.blocks.mlp import QuantisedMlp, unpack_networks
-from scarfmt.blocks.predictors import unpack_predictors
-from scarfmt.blocks.tables import unpack_tables
-from scarfmt.codecs.neural_indices import index_coder
-from scarfmt.coding.checks_of_models import check_index_network, check_networks
+from scarfmt.blocks.registry import MODEL_BLOCKS
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
+from scarfmt.coding.models import ModelBlocks, SceneModels, load_models, placed
 from scarfmt.coding.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
-from scarfmt.coding.work import Contents, DeclaredWork, check_work, extent
-from scarfmt.container.directory import block_name, tile_frame
+from scarfmt.coding.work import Contents, check_work, extent
+from scarfmt.container.directory import tile_frame
 from scarfmt.container.file import COALESCE_BYTES, Container, Entry, check_crc
-from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.schema import Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE, Substream, check_substream, unpack_table
 from scarfmt.counters import Counters
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
-from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
-from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
+from scarfmt.entropy.symbol_tables import SymbolTable
+from scarfmt.errors import InvalidInput, Malformed, Truncated
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-from scarfmt.neural.grid import HashGrid
-from scarfmt.neural.network import IndexNetwork
-from scarfmt.neural.predictors import Predictor, check_predictors
 from scarfmt.neural.products import NetworkWork
 from scarfmt.observe import LayerObserver, Observe, ObservedReader
-from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import DecodedContext, Lattice, LayerRow, SceneModel, first_layers, first_neural_layer
+from scarfmt.scene.model import Lattice, SceneModel
 
 ALL_STREAMS = frozenset(Stream) - {Stream.MODELS, Stream.FRAMING}
-MAX_TABLES_BYTES = 64 << 20
 PREFETCH_BYTES = COALESCE_BYTES
 """Tiles are read ahead, all their layers, up to this size: few requests, and bounded memory."""
 
 T = TypeVar("T")
 # Per layer, a tile's block, if it has one, and its bytes, if they were read ahead.
 TileBlocks = Sequence[tuple[Entry | None, bytes | None]]
-
-
-_MODEL_KINDS = (
-    BlockKind.LAYER,
-    BlockKind.TABLES,
-    BlockKind.CODEBOOKS,
-    BlockKind.DECODER_MLP,
-    BlockKind.SCENE_MLP,
-    BlockKind.HASH_GRID,
-    BlockKind.ENTROPY_NETWORK,
-    BlockKind.PREDICTORS,
-)
-
-
-# Kinds that come once, in the layer that first needs them.
-_ONCE = (
-    BlockKind.CODEBOOKS,
-    BlockKind.DECODER_MLP,
-    BlockKind.SCENE_MLP,
-    BlockKind.HASH_GRID,
-    BlockKind.ENTROPY_NETWORK,
-)
-
-
-class _ModelBlocks:
-    """Verified payloads of model blocks, to be parsed."""
-
-    def __init__(self, payloads: dict[Entry, bytes]) -> None:
-        self._blocks = {(entry.kind, entry.layer): (entry, payload) for entry, payload in payloads.items()}
-
-    def __len__(self) -> int:
-        return len(self._blocks)
-
-    def optional(self, kind: BlockKind, layer: int, parse: Callable[[bytes], T]) -> T | None:
-        """What `parse` makes of a block, None where the file has none."""
-        if (kind, layer) not in self._blocks:
-            return None
-        entry, payload = self._blocks[kind, layer]
-        return _placed(entry, lambda: parse(payload))
-
-    def required(self, kind: BlockKind, layer: int, parse: Callable[[bytes], T]) -> T:
-        """The same, where a file without the block is refused."""
-        parsed = self.optional(kind, layer, parse)
-        if parsed is None:
-            raise Malformed("missing-block", f"layer {layer} needs a {kind.name} block (SPEC §6.5)", field=kind.name)
-        return parsed
-
-
-@dataclass(frozen=True)
-class SceneModels:
-    """Everything of a file's first `layers` layers that belongs to no tile.
-
-    Attributes:
-        model: channels, classes and layer rows.
-        tables: static tables in force in each layer.
-        codebooks: with empty books where none is sent; None when no stage is used.
-        decoder: latent to SH or feature, or None.
-        scene_mlps: networks of the anchor profile.
-        predictors: context predictors in force in each layer, by key.
-        network: the index network, None where no layer is of entropy mode 1.
-        grid: the hash grid it reads, or None.
-    """
-
-    model: SceneModel
-    tables: tuple[StaticTables, ...]
-    codebooks: Codebooks | None
-    decoder: QuantisedMlp | None
-    scene_mlps: tuple[QuantisedMlp, ...]
-    predictors: tuple[dict[tuple[int, int, int], Predictor], ...] = ()
-    network: IndexNetwork | None = None
-    grid: HashGrid | None = None
-
-    @property
-    def work(self) -> DeclaredWork:
-        """What decoding with these models takes."""
-        networks = (*(() if self.decoder is None else (self.decoder,)), *self.scene_mlps)
-        return DeclaredWork(
-            self.model, self.tables, self.predictors, self.network, self.codebooks, self.grid, networks
-        )
-
-    def neural(self, engine: Engine = NUMPY_ENGINE, *, indices: bool = True) -> tuple[NeuralModels, ...]:
-        """What codes symbols beside static tables, per layer, prepared for an engine.
-
-        Without `indices`, the index network is not prepared: none can be decoded.
-        """
-        coder = None
-        if indices and self.network is not None and self.codebooks is not None:
-            coder = index_coder(self.network, self.codebooks, self.grid, engine.operations)
-        return tuple(NeuralModels(predictors, coder) for predictors in self.predictors)
 
 
 class SceneReader:
@@ -195,10 +90,13 @@ class SceneReader:
             raise InvalidInput("input-layers", f"layer {layers} asked for, the file has 1..{self.layers}")
         return layers
 
-    def _model_blocks(self, layers: int) -> _ModelBlocks:
+    def _model_blocks(self, layers: int) -> ModelBlocks:
         """The model blocks of the first `layers` layers; those of one layer, being neighbours, in one request."""
-        entries = [self.container.find(kind, layer) for layer in range(1, layers + 1) for kind in _MODEL_KINDS]
-        return _ModelBlocks(dict(self.container.read_blocks(entry for entry in entries if entry is not None)))
+        kinds = [spec.kind for spec in MODEL_BLOCKS]
+        entries = [self.container.find(kind, layer) for layer in range(1, layers + 1) for kind in kinds]
+        payloads = dict(self.container.read_blocks(entry for entry in entries if entry is not None))
+        contents = Contents(self.header.file_length, self.container.limits)
+        return ModelBlocks(payloads, contents.decompress)
 
     def models(self, layers: int | None = None, counters: Counters | None = None) -> SceneModels:
         """All model blocks of the first `layers` layers (None: all), added to `counters`.
@@ -208,48 +106,14 @@ class SceneReader:
             LimitExceeded: ``limit-work``, ``limit-expansion`` beside the limits of blocks.
         """
         count = self.layer_number(layers)
-        fields = self.header.fields
-        rows: list[LayerRow] = []
-        opening: Opening = ((), DecodedContext())
-        tables: list[StaticTables] = []
         blocks = self._model_blocks(count)
         if counters is not None:
             counters.model_blocks += len(blocks)
-        contents = Contents(self.header.file_length, self.container.limits)
-        for layer in range(1, count + 1):
-            row, opening = blocks.required(
-                BlockKind.LAYER, layer, partial(unpack_layer, layer=layer, opening=opening)
-            )
-            rows.append(row)
-            new = blocks.optional(BlockKind.TABLES, layer, partial(_tables_from, contents))
-            tables.append(StaticTables({**(tables[-1] if tables else {}), **(new or {})}))
-        channels, context = opening
-        model = SceneModel(fields.profile, fields.slots, channels, tuple(rows), context)
-        model.check()
-        self._refuse_unexpected(model)
-        books, decoder = _latent_models(model, blocks)
-        mlps = blocks.optional(BlockKind.SCENE_MLP, 1, unpack_networks) or ()
-        check_networks(fields, model, decoder, mlps)
-        network, grid = _index_models(model, blocks, books)
-        models = SceneModels(model, tuple(tables), books, decoder, mlps, _predictors(model, blocks), network, grid)
-        declared = extent(self.container.directory, self.container.tile_table, fields.lattice_bits, count)
+        models = load_models(self.header.fields, count, blocks)
+        bits = self.header.fields.lattice_bits
+        declared = extent(self.container.directory, self.container.tile_table, bits, count)
         check_work(models.work.total(declared), self.header.file_length, self.container.limits)
         return models
-
-    def _refuse_unexpected(self, model: SceneModel) -> None:
-        """A model block no layer needs would be read by one decoder and skipped by another (SPEC §7.8-7.9)."""
-        coarse, residual, decoder = first_layers(model)
-        needed = {(BlockKind.CODEBOOKS, coarse), (BlockKind.CODEBOOKS, residual), (BlockKind.DECODER_MLP, decoder)}
-        if model.profile == Profile.ANCHOR:
-            needed.add((BlockKind.SCENE_MLP, 1))
-        neural = first_neural_layer(model)
-        needed |= {(BlockKind.HASH_GRID, neural), (BlockKind.ENTROPY_NETWORK, neural)}
-        for layer in range(1, len(model.layers) + 1):
-            for kind in _ONCE:
-                entry = self.container.find(kind, layer)
-                if entry is not None and (kind, layer) not in needed:
-                    message = "nothing first needs this block in its layer (SPEC §7.8-7.9)"
-                    raise Malformed("unexpected-block", message, offset=entry.offset, field=block_name(entry))
 
     def tiles(
         self,
@@ -388,7 +252,7 @@ class SceneReader:
             if entry is None:
                 decode()
             else:
-                _placed(entry, decode)
+                placed(entry, decode)
             if counters is not None:
                 readers.count(counters)
                 counters.tile_blocks += entry is not None
@@ -403,14 +267,14 @@ class SceneReader:
         """The bytes of the sub-streams needed: from the whole block where it was read, else by ranges."""
         if payload is not None:
             check_crc(entry, zlib.crc32(payload))
-            table = _placed(entry, lambda: _table_of(payload, entry, model))
+            table = placed(entry, lambda: _table_of(payload, entry, model))
             return {
                 kind: _checked(entry, kind, part, payload[part.start : part.start + part.length])
                 for kind, part in table.items()
             }
         wanted = streams | {Stream.POSITIONS, Stream.CLASSES, Stream.MASKS}
         head = self.container.read_range(entry, 0, min(entry.length, MAX_TABLE_SIZE))
-        table = _placed(entry, lambda: _table_of(head, entry, model))
+        table = placed(entry, lambda: _table_of(head, entry, model))
         out = {}
         for kind in wanted & set(table):
             part = table[kind]
@@ -434,54 +298,6 @@ def _batches(rows: Iterable[list[Entry | None]]) -> Iterator[list[list[Entry | N
         yield batch
 
 
-def _index_models(
-    model: SceneModel, blocks: _ModelBlocks, books: Codebooks | None
-) -> tuple[IndexNetwork | None, HashGrid | None]:
-    """Index network and hash grid, from the first layer of entropy mode 1."""
-    layer = first_neural_layer(model)
-    if layer is None or books is None:
-        return None, None
-    network = blocks.required(BlockKind.ENTROPY_NETWORK, layer, unpack_network)
-    grid = blocks.optional(BlockKind.HASH_GRID, layer, unpack_grid)
-    check_index_network(model, books, network, grid)
-    return network, grid
-
-
-def _predictors(model: SceneModel, blocks: _ModelBlocks) -> tuple[dict[tuple[int, int, int], Predictor], ...]:
-    """Predictors in force in each layer."""
-    out: list[dict[tuple[int, int, int], Predictor]] = []
-    for layer in range(1, len(model.layers) + 1):
-        new = blocks.optional(BlockKind.PREDICTORS, layer, unpack_predictors) or ()
-        check_predictors(model, layer, new)
-        out.append({**(out[-1] if out else {}), **{predictor.key: predictor for predictor in new}})
-    return tuple(out)
-
-
-def _latent_models(model: SceneModel, blocks: _ModelBlocks) -> tuple[Codebooks | None, QuantisedMlp | None]:
-    """Codebooks and latent decoder, each from the layer that first needs it."""
-    starts = first_layers(model)
-    if starts[2] is None:
-        return None, None
-    networks = blocks.required(BlockKind.DECODER_MLP, starts[2], unpack_networks)
-    dimension = networks[0].inputs if len(networks) == 1 else 0
-    for channel in model.channels:
-        if channel.stream == Stream.LATENT and channel.components != dimension:
-            raise Malformed("bad-mlp", "the decoder does not take the latent channel (SPEC §7.9)", field="decoder")
-    if starts[0] is None:
-        return None, networks[0]
-    books: dict[int, NDArray[np.int64]] = {}
-    for layer in sorted({start for start in starts[:2] if start is not None}):
-        here = blocks.required(BlockKind.CODEBOOKS, layer, unpack_codebooks)
-        # Exactly the books first needed here: else a cut file would be refused where the whole one is read.
-        if set(here) != {number for number in (0, 1) if starts[number] == layer}:
-            raise Malformed("bad-codebook", "codebooks do not match the stages used (SPEC §7.8)", field="codebooks")
-        books.update(here)
-    if {words.shape[1] for words in books.values()} != {dimension}:
-        raise Malformed("bad-mlp", "the decoder does not take the codewords (SPEC §7.9)", field="decoder")
-    residual = books.get(1, np.zeros((0, dimension), np.int64))
-    return Codebooks(books[0], residual), networks[0]
-
-
 def _table_of(head: bytes, entry: Entry, model: SceneModel) -> dict[Stream, Substream]:
     """The sub-stream table of a TILE block, of which nothing may go unread."""
     table = unpack_table(head, entry.length)
@@ -493,7 +309,7 @@ def _table_of(head: bytes, entry: Entry, model: SceneModel) -> dict[Stream, Subs
 
 
 def _checked(entry: Entry, kind: Stream, part: Substream, data: bytes) -> bytes:
-    return _placed(entry, lambda: check_substream(kind, part, data))
+    return placed(entry, lambda: check_substream(kind, part, data))
 
 
 class _Readers:
@@ -523,17 +339,3 @@ class _Readers:
         """Add the symbols read."""
         for stream, reader in self._opened:
             counters.read(stream, reader)
-
-
-def _tables_from(contents: Contents, payload: bytes) -> dict[TableKey, SymbolTable]:
-    return unpack_tables(contents.decompress(payload, MAX_TABLES_BYTES, "tables"))
-
-
-def _placed(entry: Entry, act: Callable[[], T]) -> T:
-    """Run `act`; an error without an offset gets that of the block it came from."""
-    try:
-        return act()
-    except ScarError as error:
-        if error.offset is not None:
-            raise
-        raise type(error)(error.refusal, error.message, offset=entry.offset, field=error.field) from error

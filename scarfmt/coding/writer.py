@@ -14,21 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.blocks.codebooks import pack_codebooks
-from scarfmt.blocks.hash_grid import pack_grid
-from scarfmt.blocks.index_network import pack_network
-from scarfmt.blocks.layer import pack_layer
-from scarfmt.blocks.metadata import pack_metadata
-from scarfmt.blocks.mlp import QuantisedMlp, pack_networks
-from scarfmt.blocks.predictors import pack_predictors
-from scarfmt.blocks.tables import fit_table, pack_table, pack_tables
+from scarfmt.blocks.mlp import QuantisedMlp
+from scarfmt.blocks.registry import BLOCKS
+from scarfmt.blocks.spec import Writing
+from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.codecs.channels import coarsen
 from scarfmt.codecs.neural_indices import IndexCoder, index_coder
 from scarfmt.coding.checks_of_scene import check_books, check_content
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import NeuralModels, TileContent, first_values, put_layer
-from scarfmt.container.bytefields import compress
 from scarfmt.container.directory import local_bits, tile_frame
 from scarfmt.container.file import Block, HeaderFields, Tile, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream
@@ -43,7 +38,7 @@ from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.codebooks import Codebooks
-from scarfmt.scene.model import SceneModel, first_layers, first_neural_layer
+from scarfmt.scene.model import SceneModel
 
 Report = Callable[[str, float], None]
 Ints = NDArray[np.integer[Any]]
@@ -95,29 +90,10 @@ class QuantisedScene:
 
 
 def _model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, SymbolTable]) -> Iterator[Block]:
-    model = scene.model
-    row, opening = model.layers[layer - 1], (model.channels, model.context) if layer == 1 else None
-    yield Block(BlockKind.LAYER, layer, pack_layer(row, opening), count=row.class_count)
-    if tables:
-        yield Block(BlockKind.TABLES, layer, compress(pack_tables(tables)), count=len(tables))
-    books, starts = scene.codebooks, first_layers(model)
-    if books is not None:
-        needed = {n: words for n, words in ((0, books.coarse), (1, books.residual)) if starts[n] == layer}
-        if needed:
-            yield Block(BlockKind.CODEBOOKS, layer, pack_codebooks(needed), count=len(needed))
-    if scene.decoder is not None and starts[2] == layer:
-        yield Block(BlockKind.DECODER_MLP, layer, pack_networks((scene.decoder,)), count=1)
-    if layer == 1 and scene.scene_mlps:
-        yield Block(BlockKind.SCENE_MLP, layer, pack_networks(scene.scene_mlps), count=len(scene.scene_mlps))
-    if scene.network is not None and first_neural_layer(model) == layer:
-        if scene.grid is not None:
-            yield Block(BlockKind.HASH_GRID, layer, pack_grid(scene.grid), count=len(scene.grid.levels))
-        yield Block(BlockKind.ENTROPY_NETWORK, layer, pack_network(scene.network), count=1)
-    if scene.predictors.get(layer):
-        group = scene.predictors[layer]
-        yield Block(BlockKind.PREDICTORS, layer, pack_predictors(group), count=len(group))
-    if layer == 1 and scene.metadata:
-        yield Block(BlockKind.METADATA, layer, pack_metadata(scene.metadata))
+    for spec in BLOCKS.values():
+        value = spec.taken(Writing(scene, layer, tables))
+        if value is not None:
+            yield Block(spec.kind, layer, spec.pack(value), count=spec.count(value))
 
 
 def _fit_tables(counter: SymbolCounter, known: Mapping[TableKey, SymbolTable]) -> dict[TableKey, SymbolTable]:

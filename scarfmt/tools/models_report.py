@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from scarfmt.coding.reader import SceneModels, SceneReader
+from scarfmt.coding.models import SceneModels
+from scarfmt.coding.reader import SceneReader
 from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.source import ByteSource

@@ -13,14 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from scarfmt.blocks.codebooks import unpack_codebooks
-from scarfmt.blocks.hash_grid import unpack_grid
-from scarfmt.blocks.index_network import unpack_network
-from scarfmt.blocks.layer import Opening, unpack_layer
-from scarfmt.blocks.mlp import unpack_networks
-from scarfmt.blocks.predictors import unpack_predictors
-from scarfmt.blocks.tables import unpack_tables
-from scarfmt.coding.reader import MAX_TABLES_BYTES, SceneModels, SceneReader
+from scarfmt.blocks.registry import BLOCKS
+from scarfmt.blocks.spec import Reading
+from scarfmt.coding.models import NOTHING_OPENED, SceneModels
+from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.work import Contents
 from scarfmt.coding.writer import Report, silent
@@ -43,7 +39,6 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.errors import InvalidInput, Malformed, ScarError
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-from scarfmt.scene.model import DecodedContext
 from scarfmt.tools.inspection import read_metadata
 
 ERROR, WARNING = "error", "warning"
@@ -184,7 +179,7 @@ class _Check:
         self._places = {_place(finding) for finding in result.findings}
         self._broken: list[Entry] = []
         self._miscounted: list[ScarError] = []
-        self._opening: Opening = ((), DecodedContext())
+        self._opening = NOTHING_OPENED
         self._models: dict[int, SceneModels] = {}
         self._begun = 0
         self._tables: list[dict[TableKey, SymbolTable]] = [{} for _ in range(self._last)]
@@ -243,28 +238,16 @@ class _Check:
             self._miscounted.append(Malformed("entry-count", message, offset=entry.offset, field=field))
 
     def _element_count(self, entry: Entry, payload: bytes) -> int | None:
-        """Elements of a model block, parsed; None for kinds without a count."""
+        """Elements of a model block, parsed; None for kinds that are not known, or that need what is broken."""
+        spec = BLOCKS.get(entry.kind)
+        if spec is None or (entry.kind == BlockKind.LAYER and entry.layer > 1 and not self._opening[0]):
+            return None
+        value = spec.parse(payload, Reading(entry.layer, self._opening, self._contents.decompress))
         if entry.kind == BlockKind.LAYER:
-            if entry.layer > 1 and not self._opening[0]:
-                return None
-            row, self._opening = unpack_layer(payload, entry.layer, self._opening)
-            return row.class_count
-        if entry.kind == BlockKind.TABLES:
-            tables = unpack_tables(self._contents.decompress(payload, MAX_TABLES_BYTES, "tables"))
-            self._tables[entry.layer - 1] = tables
-            return len(tables)
-        if entry.kind == BlockKind.CODEBOOKS:
-            return len(unpack_codebooks(payload))
-        if entry.kind in (BlockKind.DECODER_MLP, BlockKind.SCENE_MLP):
-            return len(unpack_networks(payload))
-        if entry.kind == BlockKind.HASH_GRID:
-            return len(unpack_grid(payload).levels)
-        if entry.kind == BlockKind.ENTROPY_NETWORK:
-            unpack_network(payload)
-            return 1
-        if entry.kind == BlockKind.PREDICTORS:
-            return len(unpack_predictors(payload))
-        return None
+            self._opening = value[1]
+        elif entry.kind == BlockKind.TABLES:
+            self._tables[entry.layer - 1] = value
+        return spec.count(value)
 
     def _check_tile_block(self, entry: Entry, payload: bytes) -> None:
         table = unpack_table(payload, len(payload))

@@ -49,6 +49,40 @@ def test_inspect_takes_a_file_cut_short(run: Run, explicit_scar: Path) -> None:
     assert "2 whole layers" in result.stdout
 
 
+def test_dump_lists_a_file_field_by_field(run: Run, explicit_scar: Path) -> None:
+    """With offset, length, section and value, and what is inside frames marked."""
+    result = run("dump", explicit_scar)
+    assert (result.exit_code, result.stderr) == (0, "")
+    lines = [line.split() for line in result.stdout.splitlines()]
+    assert lines[1][:4] == ["0", "9", "header.signature", "5.2"]
+    assert any(line[0].startswith("+") and line[4].startswith("TABLES.table_count") for line in lines)
+
+
+def test_dump_prints_one_json_document(run: Run, explicit_scar: Path) -> None:
+    """Rows cover the file; nothing is refused."""
+    report = json.loads(run("dump", explicit_scar, "--json", "--full").stdout)
+    assert sum(row["length"] for row in report["rows"] if not row["content"]) == explicit_scar.stat().st_size
+    assert report["refusals"] == []
+
+
+def test_dump_shows_only_the_blocks_asked_for(run: Run, explicit_scar: Path) -> None:
+    """Kinds may be given in any case, more than once."""
+    lines = run("dump", explicit_scar, "--block", "layer", "--block", "TILE").stdout.splitlines()[1:]
+    assert {line.split()[4].split(".")[0] for line in lines} == {"LAYER", "TILE"}
+    assert run("dump", explicit_scar, "--block", "header").exit_code == 2
+
+
+def test_dump_ends_with_what_is_refused(run: Run, explicit_scar: Path) -> None:
+    """All rows first; then a line a refusal, and exit code 1."""
+    data = explicit_scar.read_bytes()
+    result = run("dump", "-", input=data[: len(data) // 2])
+    assert result.exit_code == 1
+    assert "truncated-file" in result.stderr
+    assert len(result.stdout.splitlines()) > 50
+    report = json.loads(run("dump", "-", "--json", input=b"not a file").stdout)
+    assert [row["refusal"] for row in report["refusals"]] == ["bad-signature"]
+
+
 def test_validate_says_valid(run: Run, explicit_scar: Path) -> None:
     result = run("validate", explicit_scar)
     assert (result.exit_code, result.stdout) == (0, "")

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fuzz.corpus import corpus
-from fuzz.target import decoded, truncated, validated
+from fuzz.target import decoded, dumped, truncated, validated
 from fuzz.testing.mutators import Mutant, mutate
 from fuzz.testing.strategies import mutants, scenes
 from reference_decoder.decode import decode
@@ -27,10 +27,11 @@ WORKED = Path(__file__).resolve().parents[2] / "conformance" / "vectors" / "work
 @settings(deadline=None, max_examples=50)
 @given(mutants())
 def test_damaged_files_of_random_scenes(mutant: Mutant) -> None:
-    """Whole, partly, validated, truncated and inspected; what decoding refuses is not valid."""
+    """Whole, partly, validated, truncated, annotated and inspected; what decoding refuses is not valid."""
     refusal = decoded(mutant.data)
     assert not (refusal and not validated(mutant.data))
     truncated(mutant.data)
+    dumped(mutant.data)
     for act in (_inspect, _partly):
         try:
             act(mutant.data)
@@ -55,6 +56,7 @@ def test_damaged_files_of_the_corpus() -> None:
         data = mutate(datas[seed % len(datas)], seed, datas).data
         refusal = decoded(data)
         assert not (refusal and not validated(data)), (files[seed % len(files)].name, seed)
+        assert not (dumped(data) and not validated(data)), (files[seed % len(files)].name, seed)
 
 
 @settings(deadline=None, max_examples=300)

@@ -25,7 +25,6 @@ from scarfmt import limits
 from scarfmt.blocks import codebooks, mlp
 from scarfmt.blocks import predictors as predictor_codec
 from scarfmt.blocks import tables as tables_block
-from scarfmt.coding import reader
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container import bytefields
 from scarfmt.container.schema import (
@@ -160,7 +159,7 @@ def _constants() -> dict[str, int]:
         **found,
         "MAX_ALPHABET": rans.MAX_ALPHABET,
         "MAX_TABLES": tables_block.MAX_TABLES,
-        "MAX_TABLES_BYTES": reader.MAX_TABLES_BYTES,
+        "MAX_TABLES_BYTES": tables_block.MAX_TABLES_BYTES,
         "MAX_CODEWORDS": scene_codebooks.MAX_CODEWORDS,
         "MAX_CODEWORD_COMPONENT": codebooks.MAX_VALUE,
         "MAX_LATENT": scene_codebooks.MAX_LATENT,

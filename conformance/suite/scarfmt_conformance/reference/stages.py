@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.decoded import Decoded, joined, tile_part
-from scarfmt.coding.reader import SceneModels, SceneReader
+from scarfmt.coding.models import SceneModels
+from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import tile_frame
 from scarfmt.container.file import Container

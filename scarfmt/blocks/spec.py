@@ -1,0 +1,137 @@
+"""What a kind of model block is, for readers, writers, validators and `scarfmt dump` (SPEC §5.5, §7).
+
+Each kind's own module has its :class:`BlockSpec`; :mod:`scarfmt.blocks.registry` lists them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from scarfmt.blocks.declare import Record
+from scarfmt.container.registries import BlockKind
+from scarfmt.scene.model import SceneModel
+
+if TYPE_CHECKING:
+    from scarfmt.blocks.layer import Opening
+    from scarfmt.blocks.mlp import QuantisedMlp
+    from scarfmt.entropy.keys import TableKey
+    from scarfmt.entropy.symbol_tables import SymbolTable
+    from scarfmt.neural.grid import HashGrid
+    from scarfmt.neural.network import IndexNetwork
+    from scarfmt.neural.predictors import Predictor
+    from scarfmt.scene.codebooks import Codebooks
+
+Inflate = Callable[[bytes, int, str], bytes]
+"""Decompresses a frame: its bytes, the most bytes its content may have, and what errors call it."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What reading a block depends on beside its bytes.
+
+    Attributes:
+        layer: of the block, 1-based.
+        opening: what the LAYER block of layer 1 says.
+        inflate: reads Zstandard frames.
+    """
+
+    layer: int
+    opening: Opening
+    inflate: Inflate
+
+
+class ModelParts(Protocol):
+    """What blocks are written from; :class:`scarfmt.coding.writer.QuantisedScene` is it."""
+
+    @property
+    def model(self) -> SceneModel: ...
+    @property
+    def codebooks(self) -> Codebooks | None: ...
+    @property
+    def decoder(self) -> QuantisedMlp | None: ...
+    @property
+    def scene_mlps(self) -> tuple[QuantisedMlp, ...]: ...
+    @property
+    def metadata(self) -> Mapping[str, Any]: ...
+    @property
+    def predictors(self) -> Mapping[int, tuple[Predictor, ...]]: ...
+    @property
+    def network(self) -> IndexNetwork | None: ...
+    @property
+    def grid(self) -> HashGrid | None: ...
+
+
+@dataclass(frozen=True)
+class Writing:
+    """What is to be written of a layer.
+
+    Attributes:
+        parts: of the scene.
+        layer: 1-based.
+        tables: static tables that this layer sends.
+    """
+
+    parts: ModelParts
+    layer: int
+    tables: Mapping[TableKey, SymbolTable]
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A block that is one Zstandard frame.
+
+    Attributes:
+        limit: most bytes its content may have.
+        field: what errors call it.
+        counted: whether a reader limits what all such frames of a file unfold to together (SPEC §13.2).
+    """
+
+    limit: int
+    field: str
+    counted: bool = False
+
+
+def no_parameters(payload: bytes, reading: Reading) -> dict[str, Any]:
+    """Of declarations that depend on nothing."""
+    return {}
+
+
+@dataclass(frozen=True)
+class BlockSpec:
+    """A kind of block that belongs to no tile.
+
+    Attributes:
+        kind: its number.
+        section: of SPEC.md that describes it.
+        declaration: layout of its payload, or of the content of its frame.
+        parse: payload -> value; refuses what breaks the rules of its section.
+        pack: the inverse.
+        taken: the value to write in a layer, None for no block.
+        count: value -> what the directory's `count` must be.
+        elements: what that counts, as R-5.5-14 says it.
+        layers: model -> layers in which something first needs the block; it may stand nowhere else. None for kinds
+            that may stand in any layer.
+        required: whether it must stand in all of these.
+        frame: of blocks that are compressed.
+        parameters: what the declaration is read with.
+    """
+
+    kind: BlockKind
+    section: str
+    declaration: Record
+    parse: Callable[[bytes, Reading], Any]
+    pack: Callable[[Any], bytes]
+    taken: Callable[[Writing], Any]
+    count: Callable[[Any], int]
+    elements: str
+    layers: Callable[[SceneModel], Collection[int]] | None = None
+    required: bool = False
+    frame: Frame | None = None
+    parameters: Callable[[bytes, Reading], dict[str, Any]] = no_parameters
+
+
+def numbers(*layers: int | None) -> frozenset[int]:
+    """Those of some layers that there are."""
+    return frozenset(layer for layer in layers if layer is not None)

@@ -1,0 +1,305 @@
+"""Every byte of a file, annotated: where it lies, what it is, what it says, which section describes it.
+
+Damaged files are annotated as far as they go; what is refused on the way is kept. Symbols inside sub-streams are not
+decoded: whether those are sound is a question for :func:`scarfmt.tools.validate.validate`.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from enum import IntEnum
+from functools import partial
+from typing import Any
+
+from scarfmt.blocks.declare import read
+from scarfmt.blocks.registry import BLOCKS
+from scarfmt.blocks.spec import BlockSpec, Reading
+from scarfmt.coding.models import NOTHING_OPENED
+from scarfmt.coding.work import Contents
+from scarfmt.container.bytefields import decompress
+from scarfmt.container.directory import block_name
+from scarfmt.container.file import Container, Entry, check_crc, read_header
+from scarfmt.container.registries import BlockKind, ColourSpace, CoordinateFrame, Profile, Stream
+from scarfmt.container.schema import (
+    DIRECTORY_ENTRY,
+    FILE_HEADER,
+    FILE_HEADER_SIZE,
+    HEADER_CHECKSUM,
+    LAYER_SUMMARY,
+    NO_TILE,
+    SUBSTREAM_RECORD,
+    TILE_RECORD,
+    field_table,
+)
+from scarfmt.container.source import ByteSource, BytesSource
+from scarfmt.container.substreams import RECORD_SIZE, check_substream, unpack_table
+from scarfmt.container.zstd_frame import frame_fields
+from scarfmt.errors import ScarError
+from scarfmt.limits import DEFAULT_LIMITS, Limits
+from scarfmt.tools.fields import SHOWN_ITEMS, FieldRows, Row, moved, rest, shown
+
+_NAMED: dict[str, type[IntEnum]] = {
+    "profile": Profile,
+    "coordinate_frame": CoordinateFrame,
+    "colour_space": ColourSpace,
+    "kind": BlockKind,
+    "stream": Stream,
+}
+"""Fields of the container whose numbers have names."""
+
+_STATE_BYTES = 8
+"""A sub-stream's last two words are the state that decoding starts with."""
+
+
+class Dump:
+    """The annotation of one file.
+
+    Args:
+        source: the file, whole, cut or damaged.
+        full: every item and number, however many.
+        kinds: only blocks of these kinds, and no header; None for everything.
+        limits: what to unfold of compressed blocks.
+
+    Attributes:
+        refusals: what was refused on the way; complete when :meth:`rows` is at its end.
+    """
+
+    def __init__(
+        self,
+        source: ByteSource,
+        *,
+        full: bool = False,
+        kinds: Collection[int] | None = None,
+        limits: Limits = DEFAULT_LIMITS,
+    ) -> None:
+        self.refusals: list[ScarError] = []
+        self._source, self._full, self._kinds, self._limits = source, full, kinds, limits
+        self._opening = NOTHING_OPENED
+
+    def rows(self) -> Iterator[Row]:
+        """All rows in file order, without gaps; those of decompressed content after those of its frame."""
+        size = self._source.size
+        container = self._container()
+        past = size
+        if container is None:
+            yield from self._wanted(self._front(min(size, FILE_HEADER_SIZE)))
+            past = min(size, FILE_HEADER_SIZE)
+        else:
+            header = container.header
+            yield from self._wanted(self._front(min(size, header.header_length)))
+            past = min(size, header.header_length)
+            if self._loads(container):
+                yield from self._wanted(self._tables(container))
+                yield from self._blocks(container)
+                past = min(size, header.file_length)
+        if past < size:
+            yield from self._wanted(iter([Row(past, size - past, "not read", "", "5")]))
+
+    def _wanted(self, rows: Iterator[Row]) -> Iterator[Row]:
+        return rows if self._kinds is None else iter(())
+
+    def _container(self) -> Container | None:
+        """The file, as far as its header can be used."""
+        source = self._source
+        try:
+            read_header(source, limits=self._limits)
+        except ScarError as error:
+            self.refusals.append(error)
+            if error.refusal == "trailing-bytes" and error.offset is not None:
+                source = BytesSource(source.read(0, error.offset))
+            elif error.refusal != "truncated-file":
+                return None
+        return Container.open(source, limits=self._limits, allow_truncated=True)
+
+    def _loads(self, container: Container) -> bool:
+        try:
+            container.load()
+        except ScarError as error:
+            self.refusals.append(error)
+            return False
+        return True
+
+    def _front(self, length: int) -> Iterator[Row]:
+        """The first `length` bytes: header, layer summaries, checksum."""
+        data = self._source.read(0, length)
+        rows = list(_structure(FILE_HEADER, "header", "5.2", data, 0))
+        summaries = max(0, (length - FILE_HEADER_SIZE) // LAYER_SUMMARY.sizeof())
+        for layer in range(1, summaries + 1):
+            at = FILE_HEADER_SIZE + (layer - 1) * LAYER_SUMMARY.sizeof()
+            rows += _structure(LAYER_SUMMARY, f"summary {layer}", "5.3", data, at)
+        at = FILE_HEADER_SIZE + summaries * LAYER_SUMMARY.sizeof()
+        if length > FILE_HEADER_SIZE:
+            rows += _structure(HEADER_CHECKSUM, "header", "5.2", data, at)
+        return rest(rows, length, "header", "5.2")
+
+    def _tables(self, container: Container) -> Iterator[Row]:
+        """Tile table and directory."""
+        header = container.header
+        start, middle = header.header_length, header.directory_offset
+        tiles = self._source.read(start, middle - start)
+        yield from moved(self._table(TILE_RECORD, "tile", "5.4", tiles), start)
+        entries = self._source.read(middle, header.data_offset - middle)
+        yield from moved(self._table(DIRECTORY_ENTRY, "entry", "5.5", entries), middle)
+
+    def _table(self, structure: Any, name: str, section: str, data: bytes) -> Iterator[Row]:
+        """The records of a table, all or the first few one by one."""
+        size = structure.sizeof()
+        count = len(data) // size
+        each = count if self._full else min(count, SHOWN_ITEMS)
+        for number in range(each):
+            yield from _structure(structure, f"{name} {number}", section, data, number * size)
+        if each < count:
+            left = len(data) - each * size
+            yield Row(each * size, left, f"{name} {each}..{count - 1}", f"{count - each} more", section)
+
+    def _blocks(self, container: Container) -> Iterator[Row]:
+        contents = Contents(container.header.file_length, self._limits)
+        seen: dict[int, int] = {}
+        held: list[Row] = []
+        for entry in container.entries:
+            seen[entry.layer] = seen.get(entry.layer, 0) + (entry.kind == BlockKind.TILE)
+            rows = self._block(container, entry, contents)
+            if entry.kind == BlockKind.TILE and seen[entry.layer] > SHOWN_ITEMS and not self._full:
+                # Its rows are not shown, but what is refused is.
+                for _ in rows:
+                    pass
+                held.append(Row(entry.offset, entry.length, block_name(entry), "", "7.1"))
+                continue
+            yield from self._merged(held)
+            held = []
+            if self._kinds is None or entry.kind in self._kinds:
+                yield from rows
+            else:
+                for _ in rows:
+                    pass
+        yield from self._merged(held)
+
+    def _merged(self, held: list[Row]) -> Iterator[Row]:
+        """One row for neighbouring blocks that are not shown one by one."""
+        if held and (self._kinds is None or BlockKind.TILE in self._kinds):
+            start = held[0].offset
+            name = held[0].field if len(held) == 1 else f"{held[0].field} to {held[-1].field}"
+            length = min(sum(row.length for row in held), self._source.size - start)
+            if length > 0:
+                yield Row(start, length, name, f"{len(held)} blocks", "7.1")
+
+    def _block(self, container: Container, entry: Entry, contents: Contents) -> Iterator[Row]:
+        present = min(entry.length, self._source.size - entry.offset)
+        if present <= 0:
+            return
+        name = block_name(entry)
+        try:
+            payload = container.read_block(entry, verify=False)
+        except ScarError as error:
+            self.refusals.append(error)
+            yield Row(entry.offset, present, f"{name}: not whole", "", "5.6")
+            return
+        self._attempt(entry, lambda: check_crc(entry, zlib.crc32(payload)))
+        spec = BLOCKS.get(entry.kind)
+        if entry.kind == BlockKind.TILE:
+            rows = self._tile(entry, payload, name)
+        elif spec is None:
+            rows = iter([Row(0, len(payload), name, shown(payload, self._full), "5.6")])
+        elif spec.frame is not None:
+            rows = self._frame(entry, payload, spec, contents)
+        else:
+            rows = self._fields(entry, payload, spec, payload)
+        yield from moved(rows, entry.offset)
+
+    def _frame(self, entry: Entry, payload: bytes, spec: BlockSpec, contents: Contents) -> Iterator[Row]:
+        name = block_name(entry)
+        found = [
+            Row(start, past - start, f"{name}.frame.{part}", shown(value, self._full), "5.8")
+            for part, start, past, value in frame_fields(payload)
+        ]
+        yield from rest(found, len(payload), name, "5.8")
+        frame, content = spec.frame, b""
+        assert frame is not None
+
+        def unfold() -> None:
+            nonlocal content
+            inflate = contents.decompress if frame.counted else decompress
+            content = inflate(payload, frame.limit, frame.field)
+
+        if self._attempt(entry, unfold):
+            rows = self._fields(entry, content, spec, payload)
+            yield from (replace(row, content=True) for row in rows)
+
+    def _fields(self, entry: Entry, content: bytes, spec: BlockSpec, payload: bytes) -> Iterator[Row]:
+        """Rows of what is declared, and what reading it refuses."""
+        name = block_name(entry)
+        reading = Reading(entry.layer, self._opening, lambda payload, limit, field: content)
+        trace = FieldRows(name, spec.section, self._full)
+
+        def parse() -> None:
+            parameters = spec.parameters(content, reading)
+            read(spec.declaration, content, name, trace, **parameters)
+            value = spec.parse(payload, reading)
+            if entry.kind == BlockKind.LAYER:
+                self._opening = value[1]
+
+        self._attempt(entry, parse)
+        trace.close()
+        return rest(trace.rows, len(content), name, spec.section)
+
+    def _tile(self, entry: Entry, payload: bytes, name: str) -> Iterator[Row]:
+        """Table of sub-streams, and each as its words and the state that decoding starts with."""
+        count = payload[0]
+        end = 1 + RECORD_SIZE * count
+        rows = [Row(0, 1, f"{name}.record_count", count, "7.1")]
+        for number in range((min(len(payload), end) - 1) // RECORD_SIZE):
+            at = 1 + number * RECORD_SIZE
+            rows += _structure(SUBSTREAM_RECORD, f"{name}.record[{number}]", "7.1", payload, at)
+        if len(payload) >= end + 4:
+            crc = int.from_bytes(payload[end : end + 4], "little")
+            rows.append(Row(end, 4, f"{name}.table_crc32", f"0x{crc:08X}", "7.1"))
+        table = {}
+
+        def parse() -> None:
+            table.update(unpack_table(payload, len(payload)))
+
+        if self._attempt(entry, parse):
+            for kind, part in table.items():
+                data = payload[part.start : part.start + part.length]
+                self._attempt(entry, partial(check_substream, kind, part, data))
+                rows += moved(self._words(data, f"{name}.{kind.name}"), part.start)
+        return rest(rows, len(payload), name, "7.1")
+
+    def _words(self, data: bytes, name: str) -> Iterator[Row]:
+        state = min(_STATE_BYTES, len(data))
+        if len(data) > state:
+            yield Row(0, len(data) - state, f"{name}.words", shown(data[:-state], self._full), "8.2")
+        yield Row(len(data) - state, state, f"{name}.state", f"0x{int.from_bytes(data[-state:], 'little'):X}", "8.2")
+
+    def _attempt(self, entry: Entry, act: Any) -> bool:
+        try:
+            act()
+        except ScarError as error:
+            offset = entry.offset if error.offset is None else error.offset
+            name = error.field or block_name(entry)
+            self.refusals.append(type(error)(error.refusal, error.message, offset=offset, field=name))
+            return False
+        return True
+
+
+def _structure(structure: Any, name: str, section: str, data: bytes, at: int) -> Iterator[Row]:
+    """The fields of a structure of the container at `at`, those that are there as a whole."""
+    for row in field_table(structure):
+        start = at + row.offset
+        if start + row.size > len(data):
+            return
+        member = next(each for each in structure.subcons if each.name == row.name)
+        value = member.parse(data[start : start + row.size])
+        if isinstance(value, bytes):
+            value = value.hex(" ")
+        elif isinstance(value, list):
+            value = " ".join(map(str, value))
+        elif row.name in _NAMED and value in set(_NAMED[row.name]):
+            value = f"{value} {_NAMED[row.name](value).name}"
+        elif row.name.endswith("crc32") or (row.name == "tile" and value == NO_TILE):
+            value = f"0x{value:08X}"
+        yield Row(start, row.size, f"{name}.{row.name}", value, section)
+
+

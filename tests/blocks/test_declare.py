@@ -1,0 +1,165 @@
+"""Declarations of payloads: what is read, packed, refused and reported, and in which order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from construct import this
+from hypothesis import given
+from hypothesis import strategies as st
+
+from scarfmt.blocks.declare import (
+    F64,
+    U8,
+    Bits,
+    Blob,
+    Count,
+    Derived,
+    Numbers,
+    Record,
+    Repeat,
+    Rule,
+    Scope,
+    SignedVarint,
+    Use,
+    Varint,
+    Varints,
+    When,
+    build,
+    read,
+)
+from scarfmt.blocks.listing import listing
+from scarfmt.errors import LimitExceeded, Malformed, ScarError
+from tests.samples.codec_samples import refuses
+
+
+def refusal(at: Scope) -> ScarError:
+    return Malformed("bad-thing", f"{dict(at)}", field="thing")
+
+
+PAIR = Record("rows" / U8, "numbers" / Bits(this.rows * this.width))
+THING = Record(
+    "kind" / U8 * "0 or 1",
+    Rule("R-1-1", lambda at: at["kind"] < 2, refusal),
+    When(this.kind == 1, "low" / SignedVarint(33), "width_of_all" / F64),
+    "count" / Count(5),
+    "pairs" / Repeat(this.count, Use("pair", PAIR, width=2)),
+    "size" / Varint(16),
+    "weights" / Varints(24, this.size),
+    "halves" / Numbers({1: "i1", 2: "i2"}, this.count, this.kind + 1),
+    "blob" / Blob(this.kind) * "the end",
+    "total" / Derived(lambda at: len(at["pairs"]) + at["size"], "count + size"),
+)
+
+
+def things() -> st.SearchStrategy[dict[str, Any]]:
+    rows, weights = st.lists(st.integers(0, 4), max_size=5), st.lists(st.integers(0, 2**24 - 1))
+    return st.builds(_thing, st.integers(0, 1), st.integers(-(2**32), 2**32 - 1), rows, weights)
+
+
+def _thing(kind: int, low: int, rows: list[int], weights: list[int]) -> dict[str, Any]:
+    pairs = [{"rows": n, "numbers": np.arange(-n, n)} for n in rows]
+    values: dict[str, Any] = {"kind": kind, "count": len(rows), "pairs": pairs, "size": len(weights)}
+    values |= {"weights": np.array(weights, np.int64), "halves": np.arange(len(rows)), "blob": bytes(kind)}
+    return values | ({"low": low, "width_of_all": 0.5} if kind else {})
+
+
+class Spans:
+    """A trace that keeps (path, start, past, value) of every field that ends, innermost first."""
+
+    def __init__(self) -> None:
+        self.open: list[tuple[str | int, int]] = []
+        self.leaves: list[tuple[int, int]] = []
+        self.names: list[str] = []
+
+    def enter(self, name: str | int, at: int) -> None:
+        self.open.append((name, at))
+
+    def leave(self, value: Any, at: int) -> None:
+        self.names.append(".".join(str(name) for name, _ in self.open))
+        self.leaves.append((self.open.pop()[1], at))
+
+    def part(self, name: str, start: int, past: int, value: Any) -> None:
+        self.leaves.append((start, past))
+
+
+@given(things())
+def test_what_is_packed_is_read(values: dict[str, Any]) -> None:
+    """Every kind of field, with and without what depends on a condition."""
+    payload = build(THING, values)
+    found = read(THING, payload, "thing")
+    assert found["total"] == values["count"] + values["size"]
+    for name, value in values.items():
+        if name == "pairs":
+            assert [pair["rows"] for pair in found[name]] == [pair["rows"] for pair in value]
+            for pair, wanted in zip(found[name], value, strict=True):
+                np.testing.assert_array_equal(pair["numbers"], wanted["numbers"])
+        else:
+            np.testing.assert_array_equal(found[name], value)
+
+
+@given(things())
+def test_being_watched_changes_nothing(values: dict[str, Any]) -> None:
+    """Scalars are read together unless a trace wants to see each; the trace sees all bytes."""
+    payload, spans = build(THING, values), Spans()
+    watched = read(THING, payload, "thing", spans)
+    assert watched.keys() == read(THING, payload, "thing").keys()
+    assert {at for start, past in spans.leaves for at in range(start, past)} == set(range(len(payload)))
+    assert not spans.open
+
+
+@given(things(), st.data())
+def test_a_cut_payload_is_refused(values: dict[str, Any], data: st.DataObject) -> None:
+    """Watched or not, and for the same reason."""
+    payload = build(THING, values)
+    cut = payload[: data.draw(st.integers(0, len(payload) - 1))]
+    refuses("payload-short", lambda: read(THING, cut, "thing"))
+    refuses("payload-short", lambda: read(THING, cut, "thing", Spans()))
+
+
+def test_a_rule_is_applied_where_it_stands() -> None:
+    """Before the bytes after it are looked at, after those before it."""
+    refuses("bad-thing", lambda: read(THING, b"\2", "thing"))
+    refuses("payload-short", lambda: read(THING, b"", "thing"))
+    with pytest.raises(LimitExceeded, match="count-limit"):
+        read(THING, b"\0\6", "thing")
+
+
+def test_nothing_may_follow() -> None:
+    payload = build(THING, _thing(0, 0, [], []))
+    refuses("payload-long", lambda: read(THING, payload + b"\0", "thing"))
+
+
+def _refused(values: Any, at: Scope) -> ScarError | None:
+    return None if values.all() else refusal(at)
+
+
+@pytest.mark.parametrize(
+    ("payload", "wanted"),
+    [
+        (b"\1\0\1", "bad-thing"),  # a zero, then what could be read
+        (b"\0\x80\x80\x80\x80\x01", "bad-thing"),  # a zero before an integer too long
+        (b"\x80\x80\x80\x80\x01\0", "bad-varint"),  # after it
+        (b"\0", "bad-thing"),  # a zero before the end of the payload
+        (b"\1", "payload-short"),
+    ],
+)
+def test_of_several_faults_in_an_array_the_first_counts(payload: bytes, wanted: str) -> None:
+    """Though all numbers are read at once (SPEC §12.2)."""
+    record = Record("weights" / Varints(24, 3, _refused))
+    refuses(wanted, lambda: read(record, payload, "thing"))
+    many = Record("weights" / Varints(24, 40, _refused))
+    refuses(wanted, lambda: read(many, b"\1" * 37 + payload, "thing"))
+
+
+def test_a_declaration_is_listed_field_by_field() -> None:
+    """Conditions, repetitions and rules stand at their place; descriptions at the end of the line."""
+    lines = listing("thing()", THING).splitlines()
+    assert lines[0] == "thing():"
+    text = "\n".join(" ".join(line.split()) for line in lines)
+    for wanted in ("kind u8 # 0 or 1", "check R-1-1", "if kind == 1:", "low svarint(33)", "pairs count times pair(2)",
+                   "weights size times varint(24)", "halves count times i8 or i16", "blob kind bytes # the end",
+                   "total = count + size"):
+        assert wanted in text

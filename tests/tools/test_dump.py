@@ -1,0 +1,106 @@
+"""`scarfmt dump`: every byte of any file has exactly one row, and damage ends nothing but what depends on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fuzz.testing.scenes import random_scene
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.file import Container
+from scarfmt.container.registries import BlockKind
+from scarfmt.container.source import BytesSource
+from scarfmt.tools.dump import Dump
+from scarfmt.tools.fields import SHOWN_ITEMS, Row
+
+VECTORS = Path(__file__).parents[2] / "conformance" / "vectors"
+
+
+def dumped(data: bytes, full: bool = False) -> tuple[list[Row], list[str]]:
+    """The rows, of which those of the file are checked to cover it, and the ids of what was refused."""
+    annotated = Dump(BytesSource(data), full=full)
+    rows = list(annotated.rows())
+    covers(rows, len(data))
+    return rows, [error.refusal for error in annotated.refusals]
+
+
+def covers(rows: list[Row], size: int) -> None:
+    """Every byte of the file once, and every byte of what is decompressed."""
+    at = content = 0
+    for row in rows:
+        assert row.length > 0
+        if row.content:
+            content = 0 if row.offset == 0 else content
+            assert row.offset == content, row
+            content += row.length
+        else:
+            assert row.offset == at, row
+            at += row.length
+    assert at == size
+
+
+def vectors(folder: str) -> Iterator[Path]:
+    return (path.parent for path in sorted((VECTORS / folder).rglob("input.scar")))
+
+
+@pytest.mark.parametrize("path", [*vectors("valid"), *vectors("edge"), *vectors("worked")], ids=lambda path: path.name)
+def test_every_byte_of_a_decodable_vector_has_one_row(path: Path) -> None:
+    """Nothing is left unread, whether abbreviated or full."""
+    data = (path / "input.scar").read_bytes()
+    for full in (False, True):
+        rows, refusals = dumped(data, full)
+        assert not refusals
+        assert not [row for row in rows if "not read" in row.field]
+
+
+@pytest.mark.parametrize("folder", ["invalid", "truncated", "either"])
+def test_damaged_files_are_annotated_as_far_as_they_go(folder: str) -> None:
+    """A fifth of the suite's: covered, and never more than a refusal."""
+    for path in [*vectors(folder)][::5]:
+        dumped((path / "input.scar").read_bytes())
+
+
+def test_a_file_cut_anywhere_is_covered() -> None:
+    """Also inside header, tables and blocks; the cut is refused."""
+    data = (VECTORS / "worked" / "input.scar").read_bytes()
+    for length in range(0, len(data), 23):
+        _, refusals = dumped(data[:length])
+        assert refusals
+
+
+def test_what_follows_the_file_is_named() -> None:
+    """Bytes after the end belong to no block."""
+    data = write_scene(random_scene(3))
+    rows, refusals = dumped(data + b"more")
+    assert refusals == ["trailing-bytes"]
+    assert (rows[-1].field, rows[-1].length) == ("not read", 4)
+
+
+def test_a_damaged_block_does_not_hide_the_next() -> None:
+    """The directory says where it begins."""
+    data = bytearray(write_scene(random_scene(3)))
+    first = next(entry for entry in Container.open(BytesSource(bytes(data))).entries if entry.kind == BlockKind.LAYER)
+    data[first.offset] = 9
+    rows, refusals = dumped(bytes(data))
+    assert refusals[:2] == ["crc-mismatch", "unsupported-entropy-mode"]
+    assert any(row.field.startswith("layer 1 TABLES.frame") for row in rows)
+
+
+def test_kinds_can_be_chosen() -> None:
+    """Then nothing else is listed."""
+    data = write_scene(random_scene(3))
+    rows = list(Dump(BytesSource(data), kinds={BlockKind.TABLES}).rows())
+    assert rows
+    assert {row.field.split(".")[0].split()[2] for row in rows} == {"TABLES"}
+
+
+def test_only_the_first_of_many_items_are_listed() -> None:
+    """Unless all are wanted; the rest is one row."""
+    data = write_scene(random_scene(3))
+    some, every = ([row.field for row in dumped(data, full)[0]] for full in (False, True))
+    hidden = f"tables[{SHOWN_ITEMS}.."
+    assert any(hidden in field for field in some)
+    assert not any(".." in field for field in every)
+    assert len(some) < len(every)
