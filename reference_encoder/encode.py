@@ -15,7 +15,9 @@ __all__ = ["EncodeOptions", "encode"]
 
 
 def encode(scene: GaussianScene | AnchorModel, options: EncodeOptions | None = None, report: Report = silent) -> bytes:
-    """The bytes of a file for `scene`.
+    """The bytes of a file for `scene`: the same for the same scene, options, packages and BLAS kernel.
+
+    What another BLAS kernel changes, and what nothing changes: `EncodeOptions.seed`.
 
     Args:
         scene: without NaN or infinity (see `scarfmt.formats.clean`), at least one Gaussian or anchor.

@@ -43,8 +43,11 @@ class EncodeOptions:
             None for whatever makes the file smallest.
         tile_anchors: most anchors of a tile, 1024..65536; None for 32768, and 16384 in scenes of more than 262,144.
             With smaller tiles the file is larger, decoding a region of it cheaper, and decoding all of it slower.
-        seed: of everything random; same seed, same bytes.
-        metadata: JSON-able annotations to store.
+        seed: of everything random. The same scene, options, seed, versions of packages and BLAS kernel give the same
+            bytes, with any number of threads. Another BLAS kernel, which OpenBLAS chooses by the processor, can change
+            last bits of binary64 numbers in the file, such as the first widths in LAYER; decoded values then agree
+            within the tolerance of SPEC §9.5 on all scenes tried, which is not promised.
+        metadata: JSON-able annotations to store, nested at most 64 deep.
     """
 
     quality: float = 45.0
@@ -90,6 +93,7 @@ class EncodeOptions:
         if self.tile_anchors is not None and not MIN_TILE_ANCHORS <= self.tile_anchors <= MAX_ANCHORS_PER_TILE:
             message = f"tiles of {self.tile_anchors}: {MIN_TILE_ANCHORS}..{MAX_ANCHORS_PER_TILE} anchors are possible"
             raise InvalidInput("input-options", message, field="tile_anchors")
+        pack_metadata(self.metadata)
         for name, choices in (("latent", LATENTS), ("estimator", ESTIMATORS)):
             if getattr(self, name) not in choices:
                 said = getattr(self, name)

@@ -12,6 +12,7 @@ from conformance.decoders.python.decoder import Decoder
 from conformance.expect.activated import Activated, activated
 from conformance.expect.expectations import Arrays, expected_layers, expected_metadata
 from conformance.expect.features import exercised, features_of
+from conformance.expect.places import interval, places
 from conformance.expect.stages import pinned, pinned_stages, traced_arrays
 from conformance.scenes.cases import Case
 from scarfmt.coding.writer import QuantisedScene
@@ -68,7 +69,9 @@ def _rule_order(rule: str) -> tuple[int, ...]:
 
 def _refusals(case: Case) -> dict[str, Any]:
     if case.result == "refused":
-        return {"refusal": case.refusals[0], "stage": case.stage}
+        place = places().get(case.id)
+        offsets = {} if place is None else {"offsets": interval(case.data, place)}
+        return {"refusal": case.refusals[0], "stage": case.stage, **offsets}
     return {"refusals": list(case.refusals)} if case.result == "either" else {}
 
 

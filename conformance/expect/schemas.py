@@ -114,6 +114,7 @@ def expect_schema() -> dict[str, Any]:
         "result": {"enum": list(RESULTS)},
         "refusal": _WORD,
         "stage": {"enum": list(REFUSAL_STAGES)},
+        "offsets": {**_list(_COUNT, 2), "maxItems": 2},
         "refusals": _list(_WORD, 1, unique=True),
         "from": _ID,
         "to_layer": _LAYER,
@@ -121,16 +122,18 @@ def expect_schema() -> dict[str, Any]:
         "layers": _list(_object({"layer": _LAYER, "anchors": _COUNT, "stages": _stages()}), 1),
         "metadata": {"type": ["object", "null"]},
     }
-    optional = ("extend_to", "refusal", "stage", "refusals", "from", "to_layer", "camera", "layers", "metadata")
+    optional = (
+        "extend_to", "refusal", "stage", "offsets", "refusals", "from", "to_layer", "camera", "layers", "metadata",
+    )  # fmt: skip
     return {
         "$schema": _DRAFT,
         "title": "What a decoder must make of one conformance vector",
         **_object(properties, optional),
         "dependentRequired": {"from": ["to_layer"], "to_layer": ["from"], "metadata": ["layers"], "camera": ["layers"]},
         "oneOf": [
-            _result("decoded", needed=("layers",), absent=("refusal", "stage", "refusals")),
+            _result("decoded", needed=("layers",), absent=("refusal", "stage", "offsets", "refusals")),
             _result("refused", needed=("refusal", "stage"), absent=("refusals", "layers")),
-            _result("either", needed=("refusals",), absent=("refusal", "stage")),
+            _result("either", needed=("refusals",), absent=("refusal", "stage", "offsets")),
         ],
     }
 

@@ -39,6 +39,9 @@ _CHUNK = 65536
 class AutoencoderOptions:
     """How the autoencoder is built and trained. Defaults are what measured best (docs/decisions/0005-latent.md).
 
+    `encode` sets `rvq` and `estimator` alone. `hidden`, `layer_norm`, `loss` and `commitment` are the paper's choices;
+    only ablations (benchmarks/latent.py, benchmarks/ablation.py) and tests reach them.
+
     Attributes:
         rvq: codebook sizes, stages, seed, and the lambda and epochs of the final entropy-constrained pass.
         dimensions: d_z, at most the width of the vectors.

@@ -1,5 +1,8 @@
 """Learning the bits of the hash grid (SPEC §10.6; paper §3.4, §3.5, §3.8).
 
+`encode` uses :func:`wave_grid`, which needs no learning. :class:`BinaryGrid` and :func:`default_levels` are the paper's
+learned grids; only ablations (benchmarks/ablation.py) and tests reach them.
+
 Parameters are real numbers of which only the sign is sent; gradients pass the sign where a parameter is in
 -1..1 (clipped straight-through). The forward pass gives exactly the integers a decoder computes, so a
 network trained on them never meets a feature that a decoder would not see.

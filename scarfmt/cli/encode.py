@@ -7,17 +7,28 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from reference_encoder.options import (
+    EFFORTS,
+    ESTIMATORS,
+    LATENTS,
+    MAX_CORRECTIONS,
+    MAX_QUALITY,
+    MIN_QUALITY,
+    MIN_TILE_ANCHORS,
+    EncodeOptions,
+)
 from scarfmt.cli.failures import requires_extra
 from scarfmt.cli.files import open_output, read_origin
 from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import FRAME_HELP
+from scarfmt.errors import InvalidInput
+from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS
 
 if TYPE_CHECKING:
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 FORMAT_IDS = ("compressed-ply", "ply", "spz", "sog", "anchor-npz", "splat")
-LATENTS = ("linear", "learned")
-ESTIMATORS = ("rotation", "straight-through")
+DEFAULTS = EncodeOptions()
 
 
 def parse_metadata(_ctx: click.Context, _parameter: click.Parameter, pairs: tuple[str, ...]) -> dict[str, Any]:
@@ -25,6 +36,7 @@ def parse_metadata(_ctx: click.Context, _parameter: click.Parameter, pairs: tupl
 
     Raises:
         click.BadParameter: an argument without `=`, or a key given twice.
+        InvalidInput: ``input-options``: a value no file can hold: nested too deeply, or a number beyond binary64.
     """
     values: dict[str, Any] = {}
     for pair in pairs:
@@ -33,8 +45,12 @@ def parse_metadata(_ctx: click.Context, _parameter: click.Parameter, pairs: tupl
             raise click.BadParameter(f"{pair!r}: give KEY=VALUE, each key once")
         try:
             values[key] = json.loads(text, parse_constant=_refuse_constant)
+        except RecursionError as error:
+            message = f"metadata: the value of {key!r} is nested too deeply"
+            raise InvalidInput("input-options", message, field="metadata") from error
         except ValueError:
             values[key] = text
+    EncodeOptions(metadata=values).check()
     return values
 
 
@@ -48,38 +64,42 @@ def _refuse_constant(name: str) -> Any:
 @click.argument("output")
 @click.option(
     "--quality",
-    type=click.FloatRange(20, 80),
+    type=click.FloatRange(MIN_QUALITY, MAX_QUALITY),
     help="Target PSNR of the complete file against the input, in dB, seen from where --cameras or --frame say. With"
-    " --cameras, other views of the same capture can have some dB less [default: 45].",
+    f" --cameras, other views of the same capture can have some dB less [default: {DEFAULTS.quality:g}].",
 )
-@click.option("--effort", type=click.IntRange(1, 3), help="1: fast, without networks; 3: slow [default: 2].")
+@click.option(
+    "--effort",
+    type=click.IntRange(min(EFFORTS), max(EFFORTS)),
+    help=f"1: fast, without networks; 3: slow [default: {DEFAULTS.effort}].",
+)
 @click.option(
     "--corrections",
-    type=click.IntRange(0, 10),
+    type=click.IntRange(0, MAX_CORRECTIONS),
     metavar="N",
     help="Maximum number of passes used to meet --quality. Each renders the result, measures its PSNR and quantises"
     " again. 0: no check; the result can miss by several dB [default: set by --effort].",
 )
 @click.option(
     "--layers",
-    type=click.IntRange(1, 16),
-    help="Maximum number of layers [default: 5].",
+    type=click.IntRange(1, MAX_LAYERS),
+    help=f"Maximum number of layers [default: {DEFAULTS.layers}].",
 )
 @click.option("--cameras", type=click.Path(exists=True, dir_okay=False), help="JSON list of the capture's cameras.")
-@click.option("--frame", help=FRAME_HELP + " [default: -y]")
+@click.option("--frame", help=f"{FRAME_HELP} [default: {DEFAULTS.frame}]")
 @click.option("--sh-degree", type=click.IntRange(0, 3), help="Drop spherical harmonics above this degree.")
 @click.option("--drop-invalid", is_flag=True, help="Leave out Gaussians with NaN or infinite values.")
 @click.option("--format", "format_id", type=click.Choice(FORMAT_IDS), help="Input format [default: from content].")
 @click.option(
     "--latent",
-    type=click.Choice(["linear", "learned"]),
+    type=click.Choice(LATENTS),
     help="Basis of the latents: linear (Karhunen-Loève), or learned (an autoencoder with residual vector quantisation,"
-    " trained by squared error after the scene is finished, unlike the paper's) [default: linear].",
+    f" trained by squared error after the scene is finished, unlike the paper's) [default: {DEFAULTS.latent}].",
 )
 @click.option(
     "--estimator",
-    type=click.Choice(["rotation", "straight-through"]),
-    help="Gradient through the quantiser of --latent learned [default: rotation].",
+    type=click.Choice(ESTIMATORS),
+    help=f"Gradient through the quantiser of --latent learned [default: {DEFAULTS.estimator}].",
 )
 @click.option(
     "--decode-budget",
@@ -91,12 +111,17 @@ def _refuse_constant(name: str) -> Any:
 @click.option(
     "--tile-size",
     "tile_anchors",
-    type=click.IntRange(1024, 65536),
+    type=click.IntRange(MIN_TILE_ANCHORS, MAX_ANCHORS_PER_TILE),
     metavar="N",
-    help="Maximum anchors per tile, 1024 to 65536. Smaller tiles make regions cheaper to decode, and the whole larger"
-    " and slower [default: 32768; 16384 in scenes of more than 262,144 Gaussians].",
+    help=f"Maximum anchors per tile, {MIN_TILE_ANCHORS} to {MAX_ANCHORS_PER_TILE}. Smaller tiles make regions cheaper"
+    " to decode, and the whole larger and slower [default: 32768; 16384 in scenes of more than 262,144 Gaussians].",
 )
-@click.option("--seed", type=click.IntRange(min=0), help="Of all random choices: equal seeds give equal files.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    help="Seed for all random choices. The same seed gives the same file with the same versions of packages on the same"
+    f" kind of processor, with any number of threads [default: {DEFAULTS.seed}].",
+)
 @click.option(
     "--metadata", multiple=True, metavar="KEY=VALUE", callback=parse_metadata, help="Annotate the file; repeatable."
 )
@@ -149,7 +174,7 @@ def _read_scene(
 
 
 def _encode(scene: GaussianScene | AnchorModel, said: dict[str, Any], report: Report) -> bytes:
-    from reference_encoder.encode import EncodeOptions, encode
+    from reference_encoder.encode import encode
 
     options = {name: value for name, value in said.items() if value is not None}
     if "cameras" in options:

@@ -1,4 +1,4 @@
-"""Deciding what to do with an imported scene that is empty or holds values that are not finite."""
+"""Deciding what to do with an imported scene that is empty or holds values that are not finite, or absurd."""
 
 from __future__ import annotations
 
@@ -11,30 +11,40 @@ from numpy.typing import NDArray
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
+MAX_COEFFICIENT = 1 << 20
+"""Largest magnitude of a coefficient of spherical harmonics that is encoded. Trained scenes stay below 100. Far beyond,
+the integers of a file could not hold it in steps that show in the other Gaussians."""
+
 
 @overload
 def clean(scene: GaussianScene, drop_invalid: bool = ...) -> tuple[GaussianScene, int]: ...
 @overload
 def clean(scene: AnchorModel, drop_invalid: bool = ...) -> tuple[AnchorModel, int]: ...
 def clean(scene: GaussianScene | AnchorModel, drop_invalid: bool = False) -> tuple[GaussianScene | AnchorModel, int]:
-    """A scene that can be encoded: not empty, and every value finite.
+    """A scene that can be encoded: not empty, every value finite, no coefficient beyond `MAX_COEFFICIENT`.
 
     Args:
         scene: Gaussians or anchors.
-        drop_invalid: leave out rows with NaN or infinite values instead of refusing the scene.
+        drop_invalid: leave out rows with such values instead of refusing the scene.
 
     Returns:
         The scene (the same object where nothing was dropped) and the number of rows dropped.
 
     Raises:
         InvalidInput: no rows, or none left (refusal `input-empty`); values that are not finite, without
-            `drop_invalid` or in a network's weights (refusal `input-not-finite`).
+            `drop_invalid` or in a network's weights (refusal `input-not-finite`); coefficients of spherical
+            harmonics beyond `MAX_COEFFICIENT`, without `drop_invalid` (refusal `input-range`).
     """
     if len(scene) == 0:
         raise InvalidInput("input-empty", "the scene holds no Gaussians; there is nothing to encode")
     if isinstance(scene, AnchorModel):
         _check_networks(scene)
     bad = scene.invalid_rows() if isinstance(scene, GaussianScene) else _invalid_anchors(scene)
+    if isinstance(scene, GaussianScene):
+        absurd = (np.abs(scene.sh.reshape(len(scene), -1)) > MAX_COEFFICIENT).any(axis=1)
+        if not (drop_invalid or bad.any()) and absurd.any():
+            raise _absurd(scene, int(np.argmax(absurd)))
+        bad |= absurd
     dropped = int(np.count_nonzero(bad))
     if dropped == 0:
         return scene, 0
@@ -45,10 +55,23 @@ def clean(scene: GaussianScene | AnchorModel, drop_invalid: bool = False) -> tup
             "use --drop-invalid to leave them out",
         )
     if dropped == len(scene):
-        raise InvalidInput("input-empty", f"all {dropped} rows hold NaN or infinite values; nothing is left to encode")
+        raise InvalidInput("input-empty", f"all {dropped} rows hold unusable values; nothing is left to encode")
     if isinstance(scene, GaussianScene):
         return scene.take(~bad), dropped
     return _take_anchors(scene, ~bad), dropped
+
+
+def _absurd(scene: GaussianScene, row: int) -> InvalidInput:
+    """The refusal of a coefficient in `row`, named as .ply files do."""
+    values = np.abs(scene.sh[row])
+    coefficient, colour = (int(place) for place in np.unravel_index(values.argmax(), values.shape))
+    name = f"f_dc_{colour}" if coefficient == 0 else f"f_rest_{colour * (len(values) - 1) + coefficient - 1}"
+    return InvalidInput(
+        "input-range",
+        f"{name} of row {row} is {scene.sh[row, coefficient, colour]:g}; at most +-{MAX_COEFFICIENT:,} is encoded; "
+        "use --drop-invalid to leave such rows out",
+        field=name,
+    )
 
 
 def _invalid_anchors(model: AnchorModel) -> NDArray[np.bool_]:

@@ -10,9 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from scarfmt.codecs.channels import coarsen, contexts, get_channel, put_channel, trit_contexts
+from scarfmt.codecs.channels import check_reach, coarsen, contexts, get_channel, put_channel, trit_contexts
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.keys import TableKey
+from scarfmt.errors import Malformed
 from scarfmt.scene.model import NO_SOURCE, Channel, ContextRule
 from tests.samples.codec_samples import Recorder, emitting, reader_of, refuses
 
@@ -217,3 +218,14 @@ def test_a_value_beyond_32_bits_is_refused(start: int, trit: int) -> None:
 def test_no_source_is_not_a_channel_number() -> None:
     """The sentinel is outside every channel table."""
     assert NO_SOURCE == 255
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_residual_of_exactly_one_cell_is_the_farthest(sign: int) -> None:
+    """A step of a quarter: 4 of them reach 1, 5 go beyond; after another step a cell is a third."""
+    step = (0.25, 0.25, 0.25)
+    check_reach(np.array([[sign * 4, 0, 0]]), step, np.array([1]))
+    check_reach(np.array([[0, sign * 12, 0]]), step, np.array([2]))
+    for values, steps in (([[0, 0, sign * 5]], [1]), ([[0, sign * 13, 0]], [2])):
+        with pytest.raises(Malformed, match="value-range"):
+            check_reach(np.array(values), step, np.array(steps))

@@ -89,7 +89,11 @@ def test_the_reference_agrees_with_the_vector(folder: Path, tmp_path: Path) -> N
     path = str(whole_file(folder, tmp_path))
     if expect["result"] == "refused":
         stage = "metadata" if expect["stage"] == "metadata" else "all"
-        assert answer(path, 0, stage, MANNER)["refused"] == expect["refusal"]
+        refusal = answer(path, 0, stage, MANNER)
+        assert refusal["refused"] == expect["refusal"]
+        if "offsets" in expect:
+            first, past = expect["offsets"]
+            assert first <= refusal["offset"] <= past, "R-12.1-2"
         return
     manner = replace(MANNER, camera=expect.get("camera"))
     for layer in expect.get("layers", []):

@@ -25,7 +25,7 @@ from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.bytefields import compress, decompress
-from scarfmt.container.file import Block, Container, HeaderFields, Tile
+from scarfmt.container.file import Block, Container, HeaderFields, Tile, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream, header_length
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError, Truncated, Unsupported
@@ -228,8 +228,9 @@ def test_a_forged_anchor_count_is_bounded_by_the_file() -> None:
     blocks = [replace(b, count=65000) if b.kind == BlockKind.TILE and b.layer == 1 else b for b in blocks_of(data)]
     container = Container.open(BytesSource(data))
     assert sum(block.kind == BlockKind.TILE and block.layer == 1 for block in blocks) > 0
+    counts = [(layer.anchor_count, layer.gaussian_count) for layer in container.header.layers]
     with pytest.raises(InvalidInput, match="anchor"):
-        rebuilt(data, blocks)
+        write_container(container.header.fields, container.tiles, blocks, counts)
     assert container.header.anchor_count == 150
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scarfmt.errors import InvalidInput
-from scarfmt.formats.clean import clean
+from scarfmt.formats.clean import MAX_COEFFICIENT, clean
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
 
 ATTRIBUTES = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
@@ -71,3 +71,17 @@ def test_damaged_network_cannot_be_dropped() -> None:
     with pytest.raises(InvalidInput) as caught:
         clean(damaged, drop_invalid=True)
     assert (caught.value.refusal, caught.value.field) == ("input-not-finite", "mlps.opacity")
+
+
+@pytest.mark.parametrize(("place", "name"), [((2, 0, 1), "f_dc_1"), ((2, 1, 0), "f_rest_0"), ((2, 3, 2), "f_rest_8")])
+def test_a_coefficient_out_of_all_range_is_refused_by_name_or_dropped(place: tuple[int, int, int], name: str) -> None:
+    """What no file's integers can hold beside other Gaussians; the largest that is taken still is."""
+    damaged = scene()
+    damaged.sh[place] = -3.4e38
+    with pytest.raises(InvalidInput, match=r"row 2 is -3.4e\+38; at most \+-1,048,576 .*--drop-invalid") as caught:
+        clean(damaged)
+    assert (caught.value.refusal, caught.value.field) == ("input-range", name)
+    kept, dropped = clean(damaged, drop_invalid=True)
+    assert (dropped, len(kept)) == (1, 4)
+    damaged.sh[place] = MAX_COEFFICIENT
+    assert clean(damaged) == (damaged, 0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -180,3 +182,16 @@ def test_not_finite_is_refused_or_dropped() -> None:
     assert dropped == 2
     assert len(kept) == 48
     assert len(decode(encode(kept, QUICK)).scene) > 30
+
+
+@pytest.mark.parametrize("huge", [1 << 20, -(1 << 20)])
+def test_the_largest_coefficients_that_are_taken_come_back(huge: float) -> None:
+    """No warning of a cast, and the value itself to a part in a thousand."""
+    scene = cloud(400, 1)
+    scene.sh[5, 0, 1] = huge
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        data = encode(scene, EncodeOptions(effort=1, layers=2, corrections=0))
+    found = decode(data).scene
+    assert isinstance(found, GaussianScene)
+    assert np.abs(found.sh[:, 0, 1] / huge - 1).min() < 1e-3

@@ -5,12 +5,29 @@ import { Sha256 } from "./sha256.js";
 
 /**
  * @typedef {Uint8Array | Uint16Array | Uint32Array | Int32Array | Float32Array | Float64Array} Numbers
- * @typedef {{dtype: string, row: number[], rows: number, sha: Sha256 | null, parts: Numbers[]}} Collected
+ * @typedef {{dtype: string, row: number[], rows: number, sha: Sha256 | null, parts: Uint8Array[]}} Collected
  *   row: shape without the first dimension; rows: how many so far; parts: kept where there is no sha
  */
 
 /** Bytes of each type. @type {Record<string, number>} */
 const SIZE = { "|u1": 1, "<u2": 2, "<u4": 4, "<i4": 4, "<f4": 4, "<u8": 8, "<f8": 8 };
+
+const LITTLE = new Uint8Array(new Uint32Array([1]).buffer)[0] === 1;
+
+/**
+ * The bytes of numbers, each least significant first, as the protocol wants them.
+ * @param {Numbers} numbers
+ * @param {boolean} [swap] their bytes lie the other way round, as in a big-endian machine
+ * @returns {Uint8Array} a view where nothing is to be swapped
+ */
+export function littleEndian(numbers, swap = !LITTLE) {
+  const bytes = new Uint8Array(numbers.buffer, numbers.byteOffset, numbers.byteLength);
+  const size = numbers.BYTES_PER_ELEMENT;
+  if (!swap || size === 1) return bytes;
+  const out = bytes.slice();
+  for (let at = 0; at < out.length; at += size) out.subarray(at, at + size).reverse();
+  return out;
+}
 
 export class NamedArrays {
   /** @param {boolean} keep the numbers themselves, not only their SHA-256 */
@@ -47,8 +64,9 @@ export class NamedArrays {
     const array = this.declare(name, dtype, row);
     const width = row.reduce((product, n) => product * n, 1);
     array.rows += rows ?? numbers.byteLength / SIZE[dtype] / width;
-    if (array.sha === null) array.parts.push(numbers);
-    else array.sha.update(numbers);
+    const bytes = littleEndian(numbers);
+    if (array.sha === null) array.parts.push(bytes);
+    else array.sha.update(bytes);
   }
 
   /** `{"arrays": {...}}` in pieces. @returns {Generator<string>} */

@@ -35,7 +35,7 @@ export function readContainer(source, limits, allowTruncated) {
   const end = directoryEnd(header);
   demand(source.length >= end, "truncated-directory", "the directory is cut", source.length);
   const bytes = source.read(start, end - start);
-  demand(crc32(bytes) === header.directory_crc32, "directory-crc-mismatch", "directory CRC", 96);
+  demand(crc32(bytes) === header.directory_crc32, "directory-crc-mismatch", "directory CRC", header.header_length);
   const data = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   const tiles = readTiles(data, header.tile_count);
   checkTiles(tiles, header);

@@ -8,6 +8,7 @@ import { describe, it } from "node:test";
 import { fileURLToPath } from "node:url";
 
 import { answer } from "./answers.js";
+import { littleEndian } from "./arrays.js";
 import { Reader } from "./bytes.js";
 import { crc32 } from "./crc32.js";
 import { openScar, Refused } from "./decoder.js";
@@ -195,6 +196,21 @@ describe("integer networks", () => {
     assert.deepEqual([...e], [1, 0, 8, 12, 2, 64, 10, -4, 56, 15, -1, 64]);
     assert.deepEqual([...centroids], [1, 0, 8, 12, -1, 61]);
     assert.deepEqual([...deviations], [0, 0, 0, 0, 3, 3, -2, -3, -5, 3, 0, 3]);
+  });
+});
+
+describe("arrays of an answer", () => {
+  it("have their least significant bytes first on every machine", () => {
+    const numbers = new Uint32Array([0x01020304, 5]);
+    const bytes = new DataView(new ArrayBuffer(8));
+    bytes.setUint32(0, numbers[0], true);
+    bytes.setUint32(4, numbers[1], true);
+    assert.deepEqual([...littleEndian(numbers)], [...new Uint8Array(bytes.buffer)]);
+    const there = new Float64Array(new Uint8Array(new Float64Array([0.1, -3]).buffer).slice().buffer);
+    const swapped = littleEndian(there, true);
+    assert.deepEqual([...swapped.subarray(0, 8)], [...new Uint8Array(there.buffer, 0, 8)].reverse());
+    assert.deepEqual([...littleEndian(new Uint8Array([1, 2]), true)], [1, 2]);
+    assert.deepEqual([...new Float64Array(there)], [0.1, -3]);
   });
 });
 

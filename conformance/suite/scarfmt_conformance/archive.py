@@ -23,6 +23,8 @@ _DATE = (1980, 1, 1, 0, 0, 0)
 def pack(folder: Path, target: Path) -> None:
     """Write the manifest, its schemas, the protocol and the vectors of a folder to a zip.
 
+    Nothing in it is compressed: the wheel is, and does better across files that are alike.
+
     Raises:
         FileNotFoundError: the folder lacks one of them.
     """
@@ -31,7 +33,7 @@ def pack(folder: Path, target: Path) -> None:
         for path in (*(folder / name for name in _FILES), *vectors):
             entry = zipfile.ZipInfo(path.relative_to(folder).as_posix(), _DATE)
             entry.external_attr = 0o644 << 16
-            archive.writestr(entry, path.read_bytes(), zipfile.ZIP_DEFLATED, 9)
+            archive.writestr(entry, path.read_bytes())
 
 
 def unpack(archive: Path, folder: Path) -> None:

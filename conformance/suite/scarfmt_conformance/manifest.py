@@ -97,6 +97,7 @@ class Expectation:
         refusals: ids it may be refused with.
         stage: one of `REFUSAL_STAGES`, where the refusal comes at the latest; ``tiles`` where that is not said.
         extend_to: length up to which zeros follow the file; 0 for none.
+        offsets: first and past of the bytes in which the fault of a refused file is; None where no offset is pinned.
         camera: centre of the camera, world units, for which Gaussians are pinned; None where none are.
     """
 
@@ -108,6 +109,7 @@ class Expectation:
     stage: str
     extend_to: int
     camera: tuple[float, ...] | None = None
+    offsets: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -268,7 +270,15 @@ def _expectation(value: dict[str, Any]) -> Expectation:
         stage,
         int(value.get("extend_to") or 0),
         _camera(value.get("camera")),
+        _offsets(value.get("offsets")),
     )
+
+
+def _offsets(value: Any) -> tuple[int, int] | None:
+    if value is None:
+        return None
+    first, past = (int(number) for number in value)
+    return first, past
 
 
 def _camera(value: Any) -> tuple[float, ...] | None:

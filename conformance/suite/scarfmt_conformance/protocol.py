@@ -74,10 +74,12 @@ class Refusal:
     Attributes:
         id: refusal id of SPEC §12.1, printable.
         message: what the decoder says about it, with the byte offset, printable; may be empty.
+        offset: byte of the file at which the fault is, where the decoder says.
     """
 
     id: str
     message: str
+    offset: int | None = None
 
 
 @dataclass(frozen=True)
@@ -234,8 +236,10 @@ def _refusal(value: dict[str, Any]) -> Answer | Fault:
     if not isinstance(refusal, str):
         return Fault("answer", "refused is not a string")
     text = message if isinstance(message, str) else ""
-    place = f" (byte {printable(str(offset), 20)})" if isinstance(offset, int) and abs(offset) < 1 << 64 else ""
-    return Refusal(printable(refusal, 80), printable(text) + place)
+    # bool is an int to Python, and true no number to JSON.
+    where = offset if type(offset) is int and abs(offset) < 1 << 64 else None
+    place = "" if where is None else f" (byte {where})"
+    return Refusal(printable(refusal, 80), printable(text) + place, where)
 
 
 def _capabilities(value: dict[str, Any]) -> Answer | Fault:

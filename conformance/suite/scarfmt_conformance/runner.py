@@ -60,7 +60,7 @@ class Failure:
 
     Attributes:
         kind: ``values`` (they differ), ``refused`` (though valid), ``accepted`` (though to be refused),
-            ``refusal`` (another id), or that of a :class:`Fault`.
+            ``refusal`` (another id), ``offset`` (the right id at the wrong byte), or that of a :class:`Fault`.
         message: one line.
         layer: the layer asked for; 0 for all.
         differences: of the first stage that differs first; empty unless values differ.
@@ -418,8 +418,19 @@ def _refused(expectation: Expectation, answer: Answer) -> Failure | None:
     if not isinstance(answer, Refusal):
         return Failure("answer", "the answer is not to the question asked", expected=right)
     if answer.id in expectation.refusals:
-        return None
+        return _misplaced(expectation, answer)
     return Failure("refusal", "refused with another id", expected=right, got=_refusal_text(answer))
+
+
+def _misplaced(expectation: Expectation, answer: Refusal) -> Failure | None:
+    """An offset that points elsewhere than at the fault; a decoder need not give one (SPEC R-12.1-1, R-12.1-2)."""
+    if expectation.offsets is None or answer.offset is None:
+        return None
+    first, past = expectation.offsets
+    if first <= answer.offset <= past:
+        return None
+    right = f"an offset of {first}..{past}, or none"
+    return Failure("offset", "refused at another byte", expected=right, got=_refusal_text(answer))
 
 
 def _either(

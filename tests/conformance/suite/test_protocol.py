@@ -68,9 +68,10 @@ def test_a_command_that_is_none_is_refused(text: str) -> None:
 
 def test_answers_are_told_apart() -> None:
     assert parse(b' {"stages": {"values": 1}}\n') == Values({"values": 1})
-    assert parse(b'{"refused": "bad-table", "offset": 9, "message": "why"}') == Refusal("bad-table", "why (byte 9)")
+    assert parse(b'{"refused": "bad-table", "offset": 9, "message": "why"}') == Refusal("bad-table", "why (byte 9)", 9)
     assert parse(b'{"refused": "bad-table", "offset": null}') == Refusal("bad-table", "")
     assert parse(b'{"refused": "bad-table", "offset": {}, "message": []}') == Refusal("bad-table", "")
+    assert parse(b'{"refused": "bad-table", "offset": true}') == Refusal("bad-table", "")
 
 
 def claims(**changed: Any) -> bytes:

@@ -75,6 +75,17 @@ def test_each_layer_is_asked_for_and_metadata_where_pinned(suite: SuiteWriter) -
     assert stub.asked == [(1, "all"), (2, "all")] * 2 + [(0, "metadata")]
 
 
+@pytest.mark.parametrize(
+    ("offset", "outcome"), [(None, PASSED), (100, PASSED), (236, PASSED), (99, FAILED), (237, FAILED), (-1, FAILED)]
+)
+def test_an_offset_that_is_given_must_lie_in_the_fault(suite: SuiteWriter, offset: int | None, outcome: str) -> None:
+    """R-12.1-2: none is as good as a right one, a wrong one misleads."""
+    suite.refused("invalid/o", refusal="layer-bytes", offsets=[100, 236])
+    (result,) = ask(suite, Stub(lambda _question: Refusal("layer-bytes", "", offset))).results
+    assert result.outcome == outcome
+    assert outcome == PASSED or (result.failure is not None and result.failure.kind == "offset")
+
+
 def test_the_camera_of_the_vector_is_asked_for(suite: SuiteWriter) -> None:
     """Data of the vector, not of the protocol: expect.json has it."""
     suite.decoded("valid/seen", layers=two_layers(), camera=[1, -2.5, 0])
