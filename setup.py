@@ -8,9 +8,17 @@ from pathlib import Path
 from setuptools import setup
 from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_ext import build_ext
+from setuptools.errors import CompileError
 
 LIBRARY = "native.pyd" if sys.platform == "win32" else "native.so"
 """No Python version in the name: the kernel is called through ctypes and needs no Python ABI."""
+FAILURE = "native.failed.txt"
+"""Says in an installation without the kernel why; `scarfmt --version` repeats it."""
+_WARNING = """
+*** scarfmt: the compiled kernel could not be built; without it all results are the same, and slower.
+*** {}
+*** Needed are GCC or Clang, found by $CC, and $CFLAGS that it takes.
+"""
 
 
 class BuildKernel(build_ext):
@@ -22,12 +30,27 @@ class BuildKernel(build_ext):
     def build_extension(self, ext) -> None:  # type: ignore[no-untyped-def]
         if sys.platform == "linux":
             ext.extra_link_args = [*ext.extra_link_args, "-Wl,-s"]
-        super().build_extension(ext)
+        failure = Path(self.get_ext_fullpath(ext.name)).with_name(FAILURE)
+        failure.unlink(missing_ok=True)
+        try:
+            super().build_extension(ext)
+        except Exception as error:
+            print(_WARNING.format(error), file=sys.stderr)
+            failure.parent.mkdir(parents=True, exist_ok=True)
+            failure.with_name(LIBRARY).unlink(missing_ok=True)
+            failure.write_text(f"{type(error).__name__}: {' '.join(str(error).split())}\n")
+            # The package is installed all the same: the extension is optional.
+            raise CompileError(str(error)) from error
 
     def copy_extensions_to_source(self) -> None:
         # What an older build left has a longer name, which Python would find first.
-        for old in Path("scarfmt/kernel").glob("native.*.so"):
-            old.unlink()
+        kernel = Path("scarfmt/kernel")
+        for old in [*kernel.glob("native.*.so"), kernel / FAILURE]:
+            old.unlink(missing_ok=True)
+        failure = Path(self.build_lib, kernel, FAILURE)
+        if failure.exists():
+            (kernel / LIBRARY).unlink(missing_ok=True)
+            (kernel / FAILURE).write_text(failure.read_text())
         super().copy_extensions_to_source()
 
 

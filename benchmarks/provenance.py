@@ -15,7 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from scarfmt.engines import choice
+from scarfmt.engines import absence
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 FIELD = "provenance"
@@ -54,7 +54,7 @@ def machine() -> dict[str, Any]:
         "os": platform.platform(terse=True),
         "python": platform.python_version(),
         **{name: _version(name) for name in _PACKAGES},
-        "kernel": "on" if choice().absence is None else "off",
+        "kernel": "on" if absence() is None else "off",
     }
 
 

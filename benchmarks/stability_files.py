@@ -21,7 +21,7 @@ from scarfmt.coding.models import SceneModels
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import NeuralModels, TileContent
 from scarfmt.container.source import open_source
-from scarfmt.engines import choice, engine_named
+from scarfmt.engines import absence, engine_named
 from scarfmt.errors import InvalidInput
 from scarfmt.neural.arithmetic import Linear, round_shift
 from scarfmt.neural.operations import NumpyOperations, Operations
@@ -120,7 +120,7 @@ class OtherModels(SceneModels):
 
 
 def _models(found: SceneModels, manner: Manner) -> SceneModels:
-    uses_kernel = choice().absence is None and not manner.bare
+    uses_kernel = absence() is None and not manner.bare
     if uses_kernel or (manner.seed is None and not manner.whole):
         return found
     other = OtherModels(**vars(found))
@@ -202,7 +202,7 @@ def manners() -> dict[str, Manner]:
     out["arithmetic: int64, predictors too"] = Manner(make=IntegerOperations, whole=True, bare=True)
     out["access: from memory"] = Manner(in_memory=True)
     out["access: tile by tile, last first"] = Manner(tile_by_tile=True, seed=0)
-    if choice().absence is None:
+    if absence() is None:
         out["compiled kernel: off"] = Manner(bare=True)
         out["compiled kernel: off, 4 threads"] = Manner(bare=True, threads=4)
     return out

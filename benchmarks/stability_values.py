@@ -15,7 +15,7 @@ from conformance.decoders.python.arithmetic import exp2w
 from reference_decoder.dequantise import latents, positions
 from scarfmt.container.directory import Tile
 from scarfmt.container.morton import interleave
-from scarfmt.engines import best_engine, choice
+from scarfmt.engines import absence, best_engine
 from scarfmt.entropy.rans import (
     MAX_ALPHABET,
     TOTAL,
@@ -208,7 +208,7 @@ def _tables(rng: np.random.Generator) -> Edge:
 
 def _decoders(data: bytes) -> list[SymbolSource]:
     """Every decoder there is, at the start of a stream."""
-    compiled = [] if choice().absence is not None else [best_engine().rans_decoder(data)]
+    compiled = [] if absence() is not None else [best_engine().rans_decoder(data)]
     return [RansDecoder(data), PureRansDecoder(data), *compiled]
 
 
@@ -220,7 +220,7 @@ def _unasked() -> NDArray[np.float64]:
 def _compiled_logits(rng: np.random.Generator) -> list[Edge]:
     """Symbols the compiled decoder finds from logits itself: all equal, far apart, beyond the table, at their ends."""
     cases = differ = 0
-    if choice().absence is not None:
+    if absence() is not None:
         return []
     for size in (2, 3, 63, 64, 65, 1000, MAX_ALPHABET):
         logits = np.round(rng.normal(size=(size, _SYMBOLS)) * rng.choice([0, 1, 30, 150, 1e6], _SYMBOLS))

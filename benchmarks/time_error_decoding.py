@@ -9,7 +9,7 @@ from benchmarks import child, gain
 from benchmarks.encoded import encoded
 from benchmarks.scenes import Scene
 from scarfmt.container.source import open_source
-from scarfmt.engines import choice
+from scarfmt.engines import absence
 from scarfmt.tools.models_report import describe_models
 
 Record = dict[str, Any]
@@ -45,7 +45,7 @@ def cuda_here() -> bool:
 def ways() -> dict[str, child.Job]:
     """Jobs, but for their file, of every way to decode that this machine offers, by name."""
     backends = ("numpy", "torch", *(["cuda"] if cuda_here() else []))
-    kernels = {"": "0", **({", kernel": "1"} if choice().absence is None else {})}
+    kernels = {"": "0", **({", kernel": "1"} if absence() is None else {})}
     return {
         f"{backend}, {threads} thread{'s' * (threads > 1)}{name}": {
             "job": "decode",
@@ -62,7 +62,7 @@ def ways() -> dict[str, child.Job]:
 def missing() -> list[str]:
     """What this machine does not offer, in words."""
     out = [] if cuda_here() else ["torch sees no CUDA GPU here, so none was measured"]
-    return out + ([] if choice().absence is None else ["the compiled kernel is not built here, so all is without it"])
+    return out + ([] if absence() is None else ["the compiled kernel is not built here, so all is without it"])
 
 
 def measure_ways(scene: Scene, quality: float, effort: int, rounds: int, names: Sequence[str] | None = None) -> Record:

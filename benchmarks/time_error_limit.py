@@ -26,7 +26,7 @@ from reference_decoder import explicit
 from reference_decoder.decode import decode
 from reference_decoder.decoded import Decoded
 from scarfmt.coding import engine
-from scarfmt.engines import best_engine, choice
+from scarfmt.engines import absence, best_engine
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, SymbolSource, uniform_table
 from scarfmt.neural.operations import NumpyOperations
 from scarfmt.neural.predictor_group import PredictorGroup
@@ -87,7 +87,7 @@ def stages(job: Record) -> Record:
         del scene
         if not best or whole < best["whole"]:
             best = {**seconds, _OTHER: whole - sum(seconds.values()), "whole": whole}
-    return {"stages": best, "kernel": choice().absence is None, "walls": [best["whole"]], "cpus": [best["whole"]]}
+    return {"stages": best, "kernel": absence() is None, "walls": [best["whole"]], "cpus": [best["whole"]]}
 
 
 @dataclass
@@ -177,7 +177,7 @@ def multiply_all(kept: Recording) -> None:
 
 def readers(words: bytes) -> list[SymbolSource]:
     """The rANS decoders there are, at the beginning of `words`."""
-    return [RansDecoder(words), *([best_engine().rans_decoder(words)] if choice().absence is None else [])]
+    return [RansDecoder(words), *([best_engine().rans_decoder(words)] if absence() is None else [])]
 
 
 def read_all(kept: Recording, source: SymbolSource) -> None:
@@ -219,7 +219,7 @@ def _seconds(act: Callable[[], object]) -> float:
 def measure_limit(scene: Scene, quality: float, effort: int, rounds: int) -> Record:
     """Stages of one decode with the kernel and without, in turns, and the least that it could take."""
     path = encoded(scene, quality, effort)["path"]
-    modes = {"off": "0", **({"on": "1"} if choice().absence is None else {})}
+    modes = {"off": "0", **({"on": "1"} if absence() is None else {})}
     job = {"job": "benchmarks.time_error_limit:stages", "file": path}
     jobs = {name: {**job, "environment": {"SCARFMT_KERNEL": value}} for name, value in modes.items()}
     found = child.in_turns(jobs, rounds)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from scarfmt.coding.engine import Engine
-from scarfmt.engines import NAMES, engine_named
+from scarfmt.engines import NAMES, best_engine, engine_named
+from scarfmt.engines import described as engine_described
 from scarfmt.errors import InvalidInput, missing_package
 from scarfmt.neural.operations import NUMPY, Operations
 
@@ -26,6 +27,13 @@ def backend(name: str) -> Engine:
     if name not in BACKENDS:
         raise InvalidInput("input-backend", f"{name!r} is not one of {', '.join(BACKENDS)}", field="backend")
     return engine_named("auto", operations(name)) if name in TORCH else engine_named(name)
+
+
+def described(name: str) -> str:
+    """What a backend computes with, for people; where it is not the kernel, why."""
+    if name in TORCH:
+        return f"{best_engine().name}, index network by torch on {'CUDA' if name == 'cuda' else 'the CPU'}"
+    return engine_described() if name != "numpy" else name
 
 
 def operations(name: str) -> Operations:

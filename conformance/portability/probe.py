@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 
-from scarfmt.engines import choice
+from scarfmt.engines import absence
 
 
 def machine() -> dict[str, str | bool]:
@@ -18,7 +18,7 @@ def machine() -> dict[str, str | bool]:
         "byteorder": sys.byteorder,
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "kernel": choice().absence is None,
+        "kernel": absence() is None,
     }
 
 

@@ -29,8 +29,20 @@ from scarfmt.cli.validate import validate
 
 __all__ = ["cli", "main"]
 
+def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if not wanted or context.resilient_parsing:
+        return
+    from scarfmt.engines import described
+
+    click.echo(f"scarfmt, version {__version__}\nengine: {described()}")
+    context.exit()
+
+
 @click.group(cls=FailureGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(__version__, prog_name="scarfmt")
+@click.option(
+    "--version", is_flag=True, expose_value=False, is_eager=True, callback=_version,
+    help="Show the version, and which engine computes, and exit.",
+)  # fmt: skip
 def cli() -> None:
     """Make, read and judge .scar files: progressive neural-compressed 3D Gaussian scenes.
 

@@ -136,9 +136,11 @@ def decode(
         if not quiet:
             click.echo(done, err=True)
         if stats or as_json:
+            from reference_decoder.backends import described
             from scarfmt.cli.stats import decode_stats, format_stats
 
-            found = decode_stats(source, counters, time.perf_counter() - start)
+            seconds = time.perf_counter() - start
+            found = decode_stats(source, counters, seconds, described(request.backend))
             if stats:
                 click.echo(format_stats(found), err=True, nl=False)
             if as_json:

@@ -21,7 +21,7 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool) -> None:
 
     FILE is a path, a URL or - for stdin. Only the header is read, at most 2.3 KB. Of a URL that is one request of
     4 KiB; with --metadata or --models it is one of 64 KiB, and more where those blocks lie further back. A file cut
-    short is reported as such, which is no error here.
+    short is reported as such, which is no error here. The last line is the engine that decodes on this machine.
 
     \b
     Examples:
@@ -30,6 +30,7 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool) -> None:
       scarfmt inspect scene.scar --models
       scarfmt inspect scene.scar --json | jq '.layers[].end_offset'
     """
+    from scarfmt.engines import absence, described
     from scarfmt.tools import inspection
 
     check_stdout()
@@ -40,10 +41,12 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool) -> None:
             from scarfmt.tools.models_report import describe_models
 
             report["models"] = describe_models(source)
+    report["engine"] = {"name": "kernel" if absence() is None else "numpy", "no_kernel": absence()}
     if as_json:
         print_json(report)
         return
     click.echo(inspection.format_text(report), nl=False)
+    click.echo(f"{'engine':<17} {described()}, here")
     if models:
         from scarfmt.tools.models_report import format_models
 

@@ -12,17 +12,18 @@ _TOTALS = (("bytes", "bytes_read"), ("blocks", "blocks"), ("tiles", "tiles"), ("
 _DETAILS = {"symbols": "symbols_by_coding", "multiply_adds": "multiply_adds_by_part"}
 
 
-def decode_stats(source: ByteSource, counters: Counters, seconds: float) -> dict[str, Any]:
+def decode_stats(source: ByteSource, counters: Counters, seconds: float, engine: str) -> dict[str, Any]:
     """A JSON-able description of a decode.
 
     Args:
         source: what was decoded from; all it transferred so far counts.
         counters: of the decode.
         seconds: it took.
+        engine: that computed.
 
     Returns:
-        ``seconds``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`), and of the whole ``file`` its
-        ``bytes``, ``blocks``, ``tiles``, ``anchors`` and ``layers``.
+        ``seconds``, ``engine``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`), and of the ``file``
+        the ``bytes``, ``blocks``, ``tiles``, ``anchors`` and ``layers``.
     """
     from scarfmt.container.file import read_header
 
@@ -36,7 +37,7 @@ def decode_stats(source: ByteSource, counters: Counters, seconds: float) -> dict
         "anchors": header.anchor_count,
         "layers": header.layer_count,
     }
-    return {"seconds": seconds, "decoded": decoded, "file": whole}
+    return {"seconds": seconds, "engine": engine, "decoded": decoded, "file": whole}
 
 
 def format_stats(stats: dict[str, Any]) -> str:
@@ -49,6 +50,7 @@ def format_stats(stats: dict[str, Any]) -> str:
     rows[0] = (*rows[0][:2], f"{rows[0][2]}, in {decoded['reads']} reads")
     width = max(len(f"{count:,}") for _, count, _ in rows)
     lines = [f"{name:<17} {count:>{width},}  {note}".rstrip() for name, count, note in rows]
+    lines.append(f"{'engine':<17} {stats['engine']:>{width}}")
     return "\n".join([*lines, f"{'seconds':<17} {stats['seconds']:>{width}.2f}"]) + "\n"
 
 

@@ -5,14 +5,6 @@
 
 #include "lanes.h"
 
-/* Up to four depths, coarse first. */
-typedef struct {
-    int64_t depths, columns;
-    const int32_t *cell[4]; /* per anchor (n), its cell at each depth */
-    double *sums[4];        /* (cells, columns + 1): sums, and in the last column the count */
-    int64_t sizes[4];       /* cells */
-} Cells;
-
 /* Columns that a scene may average: 64 components of a channel, or those of all attributes and latents. */
 #define MOST_CONTEXT_COLUMNS 512
 

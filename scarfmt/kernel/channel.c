@@ -14,46 +14,6 @@ scarfmt/neural/predictors.py define. */
 #define VALUE_RANGE (-3)
 #define VALUE_LIMIT 2147483647
 
-/* One component's part of a step. */
-typedef struct {
-    int64_t units, rows;             /* hidden units; rows of `weights`: units + 2, filled up to a multiple of ROWS */
-    const float *weights, *biases;   /* (rows, shared + depths): hidden units, then the two direct rows; (units) */
-    const float *output;             /* (2, units) */
-    float output_biases[2];
-    float last[2];                   /* buckets - 1 */
-} Predictor;
-
-/* Where a symbol's context comes from while there is no predictor (SPEC 8.4). */
-typedef struct {
-    int64_t by_class, low, shift;
-    int64_t source, component, columns; /* number among `sources`, -1 for none; its component; how many it has */
-} Rule;
-
-/* One channel in one tile-layer of n anchors. */
-typedef struct {
-    int64_t count, components;
-    const int64_t *classes;          /* (n) */
-    int32_t *values;                 /* (n, components) before and after */
-    int32_t *first;                  /* (n, components), written in step 1 */
-    int64_t *steps;                  /* (n) steps that values are at */
-    const Rule *rules;               /* (components) */
-    const int32_t *const *sources;   /* first-step values of channels, (n, columns) each */
-    const int32_t *settled;          /* (n, settled_stride) fine values, the first settled_columns are inputs */
-    int64_t settled_columns, settled_stride;
-    Cells cells;                     /* sums: scratch */
-    float *inputs;                   /* scratch: (BLOCKs of the widest pass, width, BLOCK); one block beyond step 1 */
-    uint16_t *kind;                  /* scratch: (components, widest pass) */
-    int32_t *symbols, *order;        /* scratch, reading: as many each */
-    int64_t *counts;                 /* scratch, reading: kinds + 1 of the tables of most kinds */
-    /* Of one step: */
-    int64_t step;
-    const Predictor *predictors;     /* (components), those of 0 rows are none; NULL: none at all */
-    const Tables *tables;
-    const int32_t *given;            /* (n, components) values after the step, to be written; NULL to read them */
-    uint16_t *kinds_out;             /* writing: kinds and symbols, (anchors of all passes * components), */
-    int32_t *symbols_out;            /* pass by pass and, in step 1, component by component */
-} Channel;
-
 INLINE int64_t own_column(const Channel *s) { return CLASSES + s->settled_columns; }
 
 /* Inputs that all components share. */
@@ -348,20 +308,8 @@ EXPORT int64_t scar_channel_step(Rans *rans, Channel *s, const int64_t *anchors,
     return ALL_READ;
 }
 
-/* What a layer brings of a channel. */
-typedef struct {
-    int64_t start, stop;                 /* the steps that some anchor may receive; stop: the one after */
-    const int64_t *before, *after;       /* (n) steps before and after the layer */
-    const int64_t *by_code;              /* (n) anchors by code, then index; NULL where nothing is predicted */
-    int64_t passes_log2;
-    const Tables *const *tables;         /* a step */
-    const Predictor *const *predictors;  /* a step, or NULL for static contexts */
-    int64_t *chosen, *anchors;           /* scratch: (n) each */
-    int64_t *read;                       /* a step: anchors that received it */
-} Layer;
-
 /* The anchors that receive step `s->step`: in order, or by code. Returns how many. */
-static int64_t choose_anchors(const Channel *s, const Layer *l, int64_t *out) {
+static int64_t choose_anchors(const Channel *s, const ChannelLayer *l, int64_t *out) {
     const int64_t *by_code = s->predictors ? l->by_code : NULL;
     int64_t chosen = 0;
     for (int64_t i = 0; i < s->count; i++) {
@@ -373,7 +321,7 @@ static int64_t choose_anchors(const Channel *s, const Layer *l, int64_t *out) {
 }
 
 /* Reads all steps of a layer; the rest as for scar_channel_step. What is wrong is wrong in step `s->step`. */
-EXPORT int64_t scar_channel_layer(Rans *rans, Channel *s, const Layer *l) {
+EXPORT int64_t scar_channel_layer(Rans *rans, Channel *s, const ChannelLayer *l) {
     for (int64_t i = 0; i < s->count; i++) s->steps[i] = l->before[i];
     for (s->step = l->start; s->step < l->stop; s->step++) {
         const int64_t place = s->step - l->start;

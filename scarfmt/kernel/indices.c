@@ -8,71 +8,7 @@ without attention. A pass is worked on in blocks of anchors, all their numbers o
 #define GATES 3
 #define RECURRENT_AMAX 2047
 #define TABLE_END 255     /* tables of sigmoid and tanh: -TABLE_END..TABLE_END */
-#define MOST_LAYERS 4
-#define MOST_HEADS 2
 #define BAD_INDEX (-2)
-
-/* floor(W x + b), clamped; rows of weights are filled up to a multiple of ROWS. */
-typedef struct {
-    int64_t inputs, outputs;
-    const float *weights, *biases;
-    float low, high;
-} Linear;
-
-/* One recurrent layer. Rows are in the order z, r, n; biases hold the halves of the rounding. */
-typedef struct {
-    const float *tokens[MOST_HEADS]; /* the first: (codewords, 3H) products of the input */
-    const float *inputs;             /* later ones: (3H filled up, H) */
-    const float *biases;             /* (tokens, 3H), later ones (1, 3H) */
-    const float *recurrent;          /* (3H filled up, H) */
-    const float *offsets;            /* (3H) */
-} Recurrence;
-
-typedef struct {
-    Linear first, second;            /* projections; the second of a two-level head */
-    Linear top;                      /* logits of codewords or clusters, not clamped */
-    const Members *members;          /* NULL: a flat head */
-} Head;
-
-typedef struct {
-    int64_t classes, own, attributes, latents, latent_shift, grid; /* columns of the input */
-    int64_t amax, hidden, mixed, layers;
-    Linear embed[2];
-    Linear mix_embedding, mix_state; /* h's share, with the biases, and the state's; neither rounded nor clamped */
-    const float *mix_start;          /* (mixed) the state's share before the first token */
-    const float *after_first;        /* (codewords, layers, H) states after each coarse codeword */
-    const float *sigmoid, *tanh;
-    const uint32_t *exp2;
-    Recurrence gru[MOST_LAYERS];
-    Head heads[MOST_HEADS];
-    const float *books[MOST_HEADS];  /* (sizes[b], latents) leading dimensions of codewords */
-    int64_t sizes[MOST_HEADS];
-} Network;
-
-/* The indices of one tile-layer of `count` anchors. */
-typedef struct {
-    int64_t count, stages;           /* columns of `indices` */
-    const int64_t *classes;          /* (count) */
-    const int32_t *settled;          /* (count, attributes) fine values */
-    const int16_t *features;         /* (count, grid) */
-    int16_t *indices;                /* (count, stages), those read are put in */
-    const int64_t *before, *after;   /* (count) stages */
-    const int64_t *by_code;          /* (count) anchors by code, then index */
-    int64_t passes_log2;
-    Cells cells;                     /* of attributes, then latents; sums: scratch */
-    int64_t *chosen, *anchors;       /* scratch: (count) each */
-    double *means;                   /* scratch: (columns, BLOCK) */
-    Lanes *lanes;                    /* scratch of a block */
-    Lanes *shares, *states;          /* scratch of a pass: (blocks, mixed), and (blocks, layers, H) beyond two stages */
-    uint32_t *weights;               /* scratch: (most logits + 1, BLOCK) */
-    int64_t *coded, *clusters;       /* scratch: (count) places in the pass and clusters of the anchors of a stage */
-    float *outputs;                  /* scratch: (count, width of the members) */
-    int64_t *counts, *order;         /* scratch of scar_rans_members, as what follows */
-    float *logits;
-    uint32_t *member_weights;
-    int32_t *found;
-    int64_t modelled;                /* symbols read */
-} Indices;
 
 INLINE void products(const float *weights, int64_t inputs, int64_t outputs, const Lanes *x, Lanes *out) {
     for (int64_t row = 0; row < outputs; row += ROWS) {

@@ -5,10 +5,8 @@
 
 #include "kernel.h"
 
-#define BLOCK 16
 #define ROWS 5 /* rows of weights multiplied at once: sums that fit in 16 registers of AVX2 beside operands */
 
-typedef float Lanes __attribute__((vector_size(4 * BLOCK), aligned(4), may_alias));
 typedef int32_t IntLanes __attribute__((vector_size(4 * BLOCK), aligned(4), may_alias));
 
 /* Adds the products of ROWS rows of weights, `stride` apart, with n inputs. */

@@ -6,7 +6,9 @@ import ctypes
 import importlib.util
 from ctypes import POINTER, c_int64, c_uint32, c_void_p
 from functools import cache
+from pathlib import Path
 
+from scarfmt.kernel.layout import declared, difference, layout_in, layout_of
 from scarfmt.kernel.structs import (
     Cells,
     Channel,
@@ -21,8 +23,8 @@ from scarfmt.kernel.structs import (
     Tables,
 )
 
-INTERFACE = 2
-"""That of kernel.h: a library built before its last change would be called with wrong arguments."""
+INTERFACE = 3
+"""That of kernel.h: it names the arguments of the functions below. Structs are compared field by field."""
 
 _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_interface": (c_int64, []),
@@ -51,6 +53,10 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
 }
 
 
+FAILURE = Path(__file__).with_name("native.failed.txt")
+"""Left by a build that failed."""
+
+
 class Absent(Exception):
     """There is no compiled library to use; the message says why."""
 
@@ -64,8 +70,16 @@ def load() -> ctypes.CDLL:
     """
     spec = importlib.util.find_spec("scarfmt.kernel.native")
     if spec is None or spec.origin is None:
-        raise Absent("it was not built: no C compiler was found when scarfmt was installed, or it failed")
+        raise Absent(f"it was not built: {_failure()}")
     return opened(spec.origin)
+
+
+def _failure() -> str:
+    """Why the build made no library, if it left word of that (setup.py)."""
+    try:
+        return FAILURE.read_text().strip()
+    except OSError:
+        return "perhaps there was no C compiler when scarfmt was installed"
 
 
 def opened(path: str) -> ctypes.CDLL:
@@ -83,4 +97,7 @@ def opened(path: str) -> ctypes.CDLL:
     found = library.scar_interface()
     if found != INTERFACE:
         raise Absent(f"it was built from another version: interface {found}, not {INTERFACE}")
+    other = difference(layout_of(declared()), layout_in(library))
+    if other is not None:
+        raise Absent(f"it was built from another version: the layout of {other} differs")
     return library

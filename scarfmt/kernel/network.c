@@ -6,17 +6,6 @@
 #define FEATURE_MAX 127
 #define MOST_FEATURES 8
 
-/* One level of a hash grid. */
-typedef struct {
-    int64_t dims, axes[3], resolution, table_log2, features, dense;
-    const uint8_t *bits; /* (entries, features) */
-} GridLevel;
-
-typedef struct {
-    int64_t levels, origin[3], extent_bits, width;
-    const GridLevel *level;
-} Grid;
-
 static const int64_t PRIMES[3] = {1, 2654435761, 805459861};
 
 /* Adds up the weights of the vertices whose bit is 1, feature by feature. */
@@ -64,14 +53,6 @@ EXPORT void scar_grid(const Grid *grid, const int64_t *positions, int64_t n, int
         }
     }
 }
-
-/* Which columns the embedding reads, and of what. */
-typedef struct {
-    int64_t classes, own, attributes, latents, latent_shift, grid, amax;
-    const int64_t *anchor_class; /* (n) */
-    const int32_t *settled;      /* (n, attributes) */
-    const int16_t *features;     /* (n, grid) */
-} Embedding;
 
 INLINE float within(double value, double amax) {
     return (float)(value < -amax ? -amax : value > amax ? amax : value);

@@ -9,24 +9,6 @@
 #define BAD_REST (-3)
 #define BAD_SPLIT (-4)
 
-/* Nodes of one level, each with its first anchor, its anchors and the bits of their codes known so far. */
-typedef struct {
-    int64_t *start, *count;
-    uint64_t *prefix;
-} Nodes;
-
-typedef struct {
-    int64_t total, bits;
-    uint64_t *codes;       /* (total) */
-    uint8_t *open;         /* (total) zeros: bits left to read of anchors that are alone */
-    Nodes here, below;     /* scratch, total each */
-    int64_t *lower, *rest; /* scratch, total each */
-    int64_t *counts;       /* scratch, OWN_TABLES + 3 */
-    int32_t *symbols, *order;
-    uint16_t *kind;
-    int64_t static_read, uniform_read;
-} Positions;
-
 static void read_uniform(Rans *rans, Positions *p, int64_t size, int64_t n, int32_t *out) {
     p->uniform_read += n;
     if (size > 1)

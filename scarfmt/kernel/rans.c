@@ -1,4 +1,4 @@
-/* The inner loops of rANS decoding (SPEC 8.1-8.3): what scarfmt/entropy/rans.py and scarfmt/entropy/symbols.py define. */
+/* The inner loops of rANS decoding (SPEC 8.1-8.3): what scarfmt/entropy defines. */
 
 #include "rans.h"
 

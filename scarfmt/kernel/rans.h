@@ -66,15 +66,6 @@ INLINE uint32_t weighted(Rans *rans, const uint32_t *weights, size_t stride, uin
     return s;
 }
 
-/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m. Filled up
-to a multiple of BLOCK, which is places[k + 1] - places[k] = w, with members that have no weight, it has the (width, w)
-weights from weights[places[k] * width] on, and w offsets from offsets[places[k]] on. */
-typedef struct {
-    int64_t clusters, width, largest; /* largest: w of any */
-    const int64_t *starts, *places;
-    const float *weights, *offsets;
-} Members;
-
 void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const float *o, int64_t n,
                        const uint32_t *exp2, int64_t *counts, int64_t *order, float *logits, uint32_t *weights,
                        int32_t *out);

@@ -1,4 +1,4 @@
-/* Channel values (SPEC 9.2): what reference_decoder/dequantise.py defines. */
+/* Channel values (SPEC 9.2): what scarfmt/codecs/channels.py defines. */
 
 #include "kernel.h"
 

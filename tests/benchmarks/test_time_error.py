@@ -22,7 +22,7 @@ from reference_encoder.networks import defaults
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.counters import Coding, Counters, Part
-from scarfmt.engines import choice
+from scarfmt.engines import absence
 from scarfmt.scene.codebooks import Codebooks
 
 DECODE = {"min": 0.5, "median": 0.6, "cpu": 0.4, "peak_bytes": 1 << 20, "runs": 3}
@@ -124,7 +124,7 @@ def test_every_way_that_is_there_is_measured() -> None:
     found = ways()
     assert {way["threads"] for way in found.values()} == {1, 2}
     switches = {way["environment"]["SCARFMT_KERNEL"] for way in found.values()}
-    assert switches == ({"0", "1"} if choice().absence is None else {"0"})
+    assert switches == ({"0", "1"} if absence() is None else {"0"})
 
 
 def _results() -> dict[str, Any]:

@@ -16,6 +16,7 @@ from scarfmt.cli import cli
 from scarfmt.cli.completion import completion
 from scarfmt.cli.failures import FailureGroup, requires_extra
 from scarfmt.cli.files import open_output
+from scarfmt.engines import described
 from scarfmt.errors import InvalidInput
 from tests.cli.conftest import REPOSITORY, Run
 
@@ -23,7 +24,9 @@ HEAVY = ("torch", "numba", "scipy", "plyfile", "fsspec", "aiohttp", "rich", "PIL
 
 
 def test_version(run: Run) -> None:
-    assert __version__ in run("--version").stdout
+    first, second = run("--version").stdout.splitlines()
+    assert __version__ in first
+    assert second == f"engine: {described()}"
 
 
 @pytest.mark.parametrize("name", sorted(cli.commands))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
-from scarfmt.engines import choice
+from scarfmt.engines import absence
 from scarfmt.entropy.rans import FrequencyTable, PureRansDecoder
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import ScarError
@@ -26,7 +26,7 @@ F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
 EXTREME = (1 << 31) - 1
 
-needs_kernel = pytest.mark.skipif(choice().absence is not None, reason=f"no kernel: {choice().absence}")
+needs_kernel = pytest.mark.skipif(absence() is not None, reason=f"no kernel: {absence()}")
 
 SEEDS = st.integers(0, 2**32 - 1)
 # Zeros and ones bring out words that are about to be used up, and states at the ends of their range.

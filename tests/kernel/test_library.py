@@ -22,13 +22,13 @@ import hashlib, sys
 {before}
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.source import BytesSource
-from scarfmt.engines import choice
-reader = SceneReader(BytesSource(open(sys.argv[1], "rb").read()), engine=choice().engine)
+from scarfmt.engines import best_engine, described
+reader = SceneReader(BytesSource(open(sys.argv[1], "rb").read()), engine=best_engine())
 found = hashlib.sha256()
 for _, content in reader.tiles(reader.models()):
     for array in (content.codes, content.classes, *content.values, *content.first, content.indices):
         found.update(array.tobytes())
-print(found.hexdigest(), choice())
+print(found.hexdigest(), described())
 """
 
 
