@@ -1,1 +1,1 @@
-"""What an error costs: pictures of the scene, sensitivities of every attribute, and how good a result looks."""
+"""What an error costs: pictures of the scene, and sensitivities of every attribute."""
