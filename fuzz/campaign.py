@@ -32,7 +32,7 @@ from typing import Any
 from benchmarks.provenance import stamped
 from fuzz.corpus import Seed, corpus, digest
 from fuzz.inputs import KINDS, Input
-from fuzz.target import decoded, decoded_by, truncated, validated
+from fuzz.target import decoded, decoded_by, dumped, truncated, validated
 
 SECONDS = 5.0
 """Per input and question."""
@@ -139,6 +139,7 @@ class Runner:
             self._base = _peak()
         refusal = self._ask("decode", decoded, one, tally)
         finding = self._ask("validate", validated, one, tally)
+        self._ask("dump", dumped, one, tally)
         if one.number % _TRUNCATE_EVERY == 0:
             self._ask("truncate", truncated, one, tally)
         if self._rules.compare:

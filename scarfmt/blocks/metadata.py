@@ -8,11 +8,6 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from construct import this
-
-from scarfmt.blocks.declare import Blob, Record
-from scarfmt.blocks.spec import BlockSpec
-from scarfmt.container.registries import BlockKind
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
 from scarfmt.limits import MAX_METADATA_DEPTH
 
@@ -100,19 +95,3 @@ def _refuse_lone_surrogates(text: str) -> None:
     alone = next((found[1] for found in _ESCAPE.finditer(text) if found[1]), None)
     if alone is not None:
         raise ValueError(f"{alone} is half a surrogate pair")
-
-
-METADATA = Record("text" / Blob(this.length) * "one JSON object, UTF-8")
-"""Parameter: `length` of the block."""
-
-SPEC = BlockSpec(
-    kind=BlockKind.METADATA,
-    section="7.10",
-    declaration=METADATA,
-    parse=lambda payload, reading: parse_metadata(payload),
-    pack=pack_metadata,
-    taken=lambda writing: (writing.parts.metadata or None) if writing.layer == 1 else None,
-    count=lambda value: 0,
-    elements="0",
-    parameters=lambda payload, reading: {"length": len(payload)},
-)

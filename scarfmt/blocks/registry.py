@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from scarfmt.blocks import codebooks, hash_grid, index_network, layer, metadata, mlp, predictors, tables
+from scarfmt.blocks import codebooks, hash_grid, index_network, layer, metadata_spec, mlp, predictors, tables
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind
 
@@ -22,7 +22,7 @@ BLOCKS: Mapping[int, BlockSpec] = {
         hash_grid.SPEC,
         index_network.SPEC,
         predictors.SPEC,
-        metadata.SPEC,
+        metadata_spec.SPEC,
     )
 }
 
