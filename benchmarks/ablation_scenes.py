@@ -29,6 +29,7 @@ from reference_encoder.networks.train import code_uses
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.profiles import anchors, explicit
 from reference_encoder.tuning import CONTEXT, CONTEXT_LATENTS
+from scarfmt.arrays import I64
 from scarfmt.blocks.tables import fit_table, pack_tables
 from scarfmt.codecs.indices import put_indices
 from scarfmt.coding.writer import QuantisedScene, Report
@@ -38,8 +39,6 @@ from scarfmt.entropy.emitters import SymbolCounter
 from scarfmt.formats import load
 from scarfmt.formats.clean import clean
 from scarfmt.scene.codebooks import Codebooks
-
-I64 = NDArray[np.int64]
 
 OWN = "the encoder's own"
 QUANTISERS = {"RVQ, 2 stages of 1024": (1024, 2), "RVQ, 3 stages of 256": (256, 3), "VQ, 1 stage of 4096": (4096, 1)}

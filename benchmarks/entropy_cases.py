@@ -13,16 +13,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, I64
 from scarfmt.entropy.rans import SymbolSource
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.evaluator import Block, Evaluator
 from scarfmt.neural.network import Head, Inputs
 from tests.neural.networks import Case, random_books, random_network
-
-I64 = NDArray[np.int64]
-F32 = NDArray[np.float32]
 
 INPUTS = Inputs(classes=8, own=True, attributes=11, depths=2, latents=16, latent_shift=0, grid=30)
 _DIMENSION, _CODEWORD_DIMS, _CLUSTER = 40, 24, 32

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.entropy_operations import DoubleOperations, ShuffledOperations
 from conformance.decoders.python import arithmetic as exact
@@ -21,7 +20,6 @@ from scarfmt.neural.parts import Recurrence, Rounded
 from scarfmt.neural.tables import LAST, exp2_table, sigmoid_table, state_table
 from tests.neural.networks import random_books, random_network
 
-I64 = NDArray[np.int64]
 Edge = dict[str, Any]
 
 _LAYERS, _RECURRENCES, _TOTALS, _ROWS, _SHARES = 200, 40, 20_000, 12, 20_000

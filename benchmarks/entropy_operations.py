@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, F32
+from scarfmt.arrays import F32, F64, I64, Floats
+from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT
 from scarfmt.neural.operations import NumpyOperations
 from scarfmt.neural.tables import EXP2_LAST, LAST
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-Floats = NDArray[np.floating[Any]]
 
 
 class DoubleOperations(NumpyOperations):

@@ -22,12 +22,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.entropy_cases import Batch, Clock, Shape, decode_batch, make_batch, make_case
 from benchmarks.report import dated, replace_section, save_results, table
 from benchmarks.scenes import REPOSITORY
 from reference_decoder.backends import operations
+from scarfmt.arrays import F64
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.operations import Operations
@@ -57,7 +57,6 @@ _ANCHORS, _ANCHORS_FLAT = 8192, 1024
 _BATCHES = 8
 _ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
-F64 = NDArray[np.float64]
 Job = Callable[[Batch], object]
 
 

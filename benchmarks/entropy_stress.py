@@ -28,6 +28,7 @@ from benchmarks.scenes import REPOSITORY
 from conformance.writer.oracle import Oracle
 from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.torch_operations import TorchOperations
+from scarfmt.arrays import I64
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.network import Head, Inputs
@@ -44,7 +45,6 @@ _ORACLE_ANCHORS, _ANCHORS = 3, 48
 _KINDS = ("random", "edge", "equal logits", "ties", "one symbol")
 _SEED_OF_ORDERS = 1
 
-I64 = NDArray[np.int64]
 Rows = list[NDArray[Any]]
 
 

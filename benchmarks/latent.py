@@ -33,13 +33,13 @@ from reference_encoder.measure.anchor_sensitivity import measure_anchors
 from reference_encoder.measure.attributes import from_scene
 from reference_encoder.measure.sensitivity import measure, survey_cameras
 from reference_encoder.tuning import SLOT_ABSENCE
+from scarfmt.arrays import F64
 from scarfmt.blocks.codebooks import pack_codebooks
 from scarfmt.blocks.mlp import pack_networks
 from scarfmt.formats import anchor_npz, inria_ply
 from scarfmt.formats.source import Source
 from scarfmt.render.camera import load_cameras
 
-F64 = NDArray[np.float64]
 STAGES = 4
 RATE_FACTORS = (1.0, 8.0, 64.0)
 

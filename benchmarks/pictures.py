@@ -18,11 +18,11 @@ from PIL import Image
 from benchmarks.encoded import encoded
 from benchmarks.report import SCRATCH, add_arguments
 from benchmarks.scenes import REPOSITORY, Scene, chosen
+from scarfmt.arrays import F32
 from scarfmt.cli.scenes import Subject, layer_table, load_subject
 from scarfmt.render.camera import Camera
 from scarfmt.render.compare import compare
 from scarfmt.render.images import contact_sheet, to_bytes
-from scarfmt.scene.gaussians import F32
 
 IMAGES = REPOSITORY / "docs" / "images"
 WIDTH, HEIGHT = 320, 240

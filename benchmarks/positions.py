@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from benchmarks.report import add_arguments, dated, load_results, replace_section, save_results, table
 from benchmarks.scenes import SCENES, chosen
+from scarfmt.arrays import I64, U64
 from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.cli.scenes import load_subject
 from scarfmt.codecs.positions import get_positions, put_positions
@@ -30,8 +31,6 @@ from scarfmt.limits import MAX_LOCAL_BITS
 
 NAME = "positions"
 CORE_BITS = (12, 14)
-U64 = NDArray[np.uint64]
-I64 = NDArray[np.int64]
 
 
 def lattice_codes(positions: NDArray[np.float64], core_bits: int) -> tuple[U64, int] | None:

@@ -7,17 +7,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.child import timed
 from reference_decoder.decode import decode
 from reference_decoder.dequantise import tile_boxes
+from scarfmt.arrays import F64
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.schema import BlockKind
 from scarfmt.container.source import open_source
 from scarfmt.counters import Counters
 
-F64 = NDArray[np.float64]
 Job = dict[str, Any]
 Box = tuple[list[float], list[float]]
 

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from scarfmt.scene.gaussians import F32
+from scarfmt.arrays import F32
 
 # A tile of products should stay in the second-level cache.
 _POINTS, _CENTROIDS = 256, 1024

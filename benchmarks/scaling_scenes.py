@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.decide.lattice import split
+from scarfmt.arrays import I64, U64
 from scarfmt.coding.models import SceneModels
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
@@ -25,9 +25,6 @@ from scarfmt.engines import best_engine
 from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.model import DecodedContext, SceneModel
-
-I64 = NDArray[np.int64]
-U64 = NDArray[np.uint64]
 
 _REACH = 8
 """Jitter moves attributes to an anchor of the same class about so many places away in Morton order."""

@@ -12,9 +12,10 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from benchmarks.stability_search import F64, Floats, Operation, extreme_inputs, used_tolerance
+from benchmarks.stability_search import Operation, extreme_inputs, used_tolerance
 from conformance.expect import activated
 from reference_decoder.anchors import outlook, sigmoid, slot_centres
+from scarfmt.arrays import F64, Floats
 from scarfmt.scene.activation import opacity_logits, spherical_harmonics_from_colour
 from scarfmt.scene.gaussians import AnchorModel, Mlp
 from scarfmt.scene.rotation import quaternion_from

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scarfmt_conformance.reference.observed import Records
 from scarfmt_conformance.reference.stages import EXACT, Decoding, models
 
 from benchmarks.entropy_operations import DoubleOperations, IntegerOperations, PermutedOperations
 from benchmarks.scenes import REPOSITORY
 from reference_decoder.backends import operations
+from scarfmt.arrays import F32, I64
 from scarfmt.coding.models import SceneModels
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import NeuralModels, TileContent
@@ -32,8 +32,6 @@ ORDERS = 20
 CHUNKS = (1, 7, 64, 1 << 20)
 THREADS = (2, 4)
 
-F32 = NDArray[np.float32]
-I64 = NDArray[np.int64]
 Digests = dict[str, str]
 
 

@@ -11,9 +11,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.stability_search import F64, NOT_COMPARED, Floats, Operation, Worst, search
+from benchmarks.stability_search import NOT_COMPARED, Operation, Worst, search
 from conformance.expect import activated
 from reference_decoder.anchors import log_sigmoid, outlook, run, sigmoid, unit_quaternions
+from scarfmt.arrays import F64, Floats
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.scene.gaussians import AnchorModel, Mlp
 

@@ -6,10 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
-Floats = NDArray[np.floating]
+from scarfmt.arrays import F64, Floats
 
 TOLERANCE, NOT_COMPARED = 1e-5, 1e38
 """R-9.5-1: |a - b| <= 10^-5 max(1, m), m at least |b|; any a will do where m is above 10^38 or b is not a number."""

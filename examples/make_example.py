@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from scarfmt.arrays import F64
 from scarfmt.formats import load
 from scarfmt.formats.export_ply import write_inria_ply
 from scarfmt.render.camera import Camera, load_cameras, look_at
-from scarfmt.scene.gaussians import F64, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 FOLDER = Path(__file__).resolve().parent
 NAME = "plush-toys"

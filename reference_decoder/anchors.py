@@ -10,18 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.explicit import CHUNK, network_outputs
+from scarfmt.arrays import F32, F64, I16, I64, Bools, Floats
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.models import SceneModels
 from scarfmt.container.schema import Stream
 from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.activation import opacity_logits
-from scarfmt.scene.gaussians import F32, F64, AnchorModel, GaussianScene, Mlp
-
-Floats = NDArray[np.floating]
-I16 = NDArray[np.int16]
-I64 = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
 
 NETWORKS = ("opacity", "cov", "color")
 SH_C0 = 0.28209479177387814
@@ -49,7 +45,7 @@ def decoded_model(
     positions: F64,
     values: Mapping[Stream, F32],
     models: SceneModels,
-    slots: Mask,
+    slots: Bools,
     indices: I16,
     stages: I64,
     dtype: type = np.float32,

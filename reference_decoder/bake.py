@@ -19,13 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.anchors import NETWORKS, log_sigmoid, outlook, run, sigmoid, slot_centres, unit_quaternions
+from scarfmt.arrays import F64, I64
 from scarfmt.counters import Counters, Part
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.activation import opacity_logits
-from scarfmt.scene.gaussians import F64, AnchorModel, GaussianScene, Mlp
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
 from scarfmt.scene.rotation import matrix_from_quaternion, quaternion_from_matrix
-
-I64 = NDArray[np.int64]
 
 BAKE_CHUNK = 1 << 10
 MIN_OPACITY = 1 / 255

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from reference_decoder import explicit
 from reference_decoder.anchors import decoded_model
 from reference_decoder.dequantise import latents, offset_values, positions
+from scarfmt.arrays import F32, F64, I16, I32, I64, U8
 from scarfmt.codecs.channels import cell_widths
 from scarfmt.coding.models import SceneModels
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
@@ -24,13 +25,8 @@ from scarfmt.container.header import HeaderFields
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput
-from scarfmt.scene.gaussians import F32, F64, AnchorModel, GaussianScene
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
-
-I16 = NDArray[np.int16]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-U8 = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)

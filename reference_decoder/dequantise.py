@@ -6,23 +6,17 @@ All arithmetic is binary64 without fused operations, and integers stay exact in 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, I64, U64, Ints
 from scarfmt.codecs.channels import REACH, in_binary32
 from scarfmt.container.directory import Table, Tile
 from scarfmt.container.morton import deinterleave
 from scarfmt.errors import Malformed
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Lattice
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-U64 = NDArray[np.uint64]
-Ints = NDArray[np.integer[Any]]
 
 
 def offset_values(values: Ints, step: Sequence[float]) -> F32:

@@ -13,16 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.dequantise import latents
+from scarfmt.arrays import F32, F64, I16, I64, Floats
 from scarfmt.coding.checks_of_models import network_coefficients
 from scarfmt.coding.models import SceneModels
 from scarfmt.container.schema import Stream
 from scarfmt.counters import Counters, Part
 from scarfmt.scene.activation import activated
-from scarfmt.scene.gaussians import F32, F64, GaussianScene
-
-Floats = NDArray[np.floating]
-I16 = NDArray[np.int16]
-I64 = NDArray[np.int64]
+from scarfmt.scene.gaussians import GaussianScene
 
 _ACTIVATED = (Stream.ROTATION, Stream.OPACITY, Stream.COLOUR)
 CHUNK = 1 << 14

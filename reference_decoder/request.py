@@ -8,9 +8,9 @@ from typing import TypedDict
 
 import numpy as np
 
+from scarfmt.arrays import F64
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-from scarfmt.scene.gaussians import F64
 from scarfmt.scene.streams import ATTRIBUTES
 
 Box = tuple[Sequence[float], Sequence[float]]

@@ -17,6 +17,7 @@ from reference_decoder.bake import comments as bake_comments
 from reference_decoder.decode import iter_tiles
 from reference_decoder.decoded import Decoded
 from reference_decoder.request import DecodeRequest, RequestFields, requested
+from scarfmt.arrays import F64
 from scarfmt.atomic import atomic_write
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.header import HeaderFields
@@ -24,7 +25,7 @@ from scarfmt.container.schema import Profile
 from scarfmt.container.source import Origin, opened
 from scarfmt.counters import Counters, transfers
 from scarfmt.formats.export_ply import ply_header, ply_rows, property_names
-from scarfmt.scene.gaussians import F64, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 _SPOOL_BYTES = 1 << 26
 _EYE_SAMPLE = 1 << 16

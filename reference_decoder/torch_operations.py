@@ -13,12 +13,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F64, Ints, Numbers
 from scarfmt.entropy.rans import TOTAL
 from scarfmt.errors import Unsupported
 
-F64 = NDArray[np.float64]
-Ints = NDArray[np.integer[Any]]
-Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 Tensor = torch.Tensor
 
 _CHUNK_CPU, _ELEMENTS_CPU = 2048, 1 << 17

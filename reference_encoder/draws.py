@@ -8,13 +8,9 @@ these draws had code of their own are written again to the byte; a test compares
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.jit import compiled
-
-F32 = NDArray[np.float32]
-I64 = NDArray[np.int64]
-U32 = NDArray[np.uint32]
+from scarfmt.arrays import F32, I64, U32
 
 _MANTISSA = np.uint64((1 << 53) - 1)
 

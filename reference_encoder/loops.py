@@ -5,11 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.jit import compiled, reduced
-
-F32 = NDArray[np.float32]
+from scarfmt.arrays import F32
 
 _SQUARINGS = 8
 _STEP = np.float32(np.log(2) / 2**_SQUARINGS)

@@ -7,12 +7,9 @@ are written again to the byte; a test compares the two where torch is there.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.jit import compiled
-
-F32 = NDArray[np.float32]
-I64 = NDArray[np.int64]
+from scarfmt.arrays import F32, I64
 
 _LANES, _SHARES = 8, 4
 _LEVELS, _LEAST_POWER = 4, 4

@@ -17,13 +17,14 @@ from reference_decoder.decode import iter_tiles
 from reference_decoder.decoded import Decoded
 from reference_decoder.dequantise import tile_boxes
 from reference_decoder.request import DecodeRequest, RequestFields, requested
+from scarfmt.arrays import F64
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import Report, silent
 from scarfmt.container.header import Header, LayerSummary, read_header
 from scarfmt.container.source import Origin, open_source, opened
 from scarfmt.counters import Counters
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-from scarfmt.scene.gaussians import F64, AnchorModel, GaussianScene
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.tools import inspection
 from scarfmt.tools import truncate as truncation
 from scarfmt.tools import validate as validation

@@ -7,20 +7,14 @@ own, called by the one thread that decodes the tile.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from scarfmt.arrays import F64, I64, Numbers
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.rans import SymbolSource, cached_uniform
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 
 
 class LayerObserver(Protocol):

@@ -27,6 +27,7 @@ from reference_decoder.bake import bake
 from reference_decoder.decode import decode, iter_tiles
 from reference_decoder.dequantise import tile_boxes
 from reference_decoder.stream_ply import export_ply
+from scarfmt.arrays import Ints
 from scarfmt.coding.engine import NumpyEngine
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.tile import needed_streams, put_layer
@@ -36,7 +37,7 @@ from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE, unpack_table
 from scarfmt.counters import Coding, Counters, Part, transfers
-from scarfmt.entropy.emitters import Emitter, Values
+from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.neural.operations import NUMPY, Array, Operations
 from scarfmt.neural.predictors import Predictor
@@ -100,14 +101,14 @@ class Tally(Emitter):
         self._stream, self._symbols = stream, symbols
         self.steps: collections.Counter[tuple[int, int, int]] = collections.Counter()
 
-    def emit(self, key: TableKey, values: Values) -> None:
+    def emit(self, key: TableKey, values: Ints) -> None:
         self._symbols[self._stream, Coding.STATIC] += len(values)
         self.steps[key.stream, key.component, key.step] += len(values)
 
-    def emit_uniform(self, size: int, values: Values) -> None:
+    def emit_uniform(self, size: int, values: Ints) -> None:
         self._symbols[self._stream, Coding.UNIFORM] += len(values)
 
-    def emit_rows(self, weights: Any, values: Values) -> None:
+    def emit_rows(self, weights: Any, values: Ints) -> None:
         self._symbols[self._stream, Coding.MODELLED] += len(values)
 
 

@@ -9,6 +9,7 @@ from scarfmt_conformance.reference.observed import LayerRecord, Records
 
 from conformance.spec import worked_network
 from fuzz.testing.neural_scenes import neural_scene
+from scarfmt.arrays import Numbers
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Stream
@@ -17,7 +18,7 @@ from scarfmt.entropy.emitters import SymbolWriter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.neural.evaluator import Evaluator
-from scarfmt.observe import Numbers, ObservedReader
+from scarfmt.observe import ObservedReader
 from tests.samples.contents import same_content
 
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conformance.expect.expectations import Arrays
+from scarfmt.arrays import F64
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
 
-F64 = NDArray[np.float64]
 _LARGEST_LOG_OPACITY = -(2.0**-13)
 LARGEST_COMPARED, SHORTEST_COMPARED = 1e38, 1e-30
 """R-9.5-1: beyond the first, below the second a binary32 on the way may have overflowed or vanished."""

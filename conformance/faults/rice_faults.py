@@ -8,18 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conformance.scenes.cases import Case, refused
 from conformance.surgery.files import blocks_of, changed
 from conformance.writer.fields import rice, shifted
 from conformance.writer.models import codebooks_block
+from scarfmt.arrays import I64
 from scarfmt.blocks.codebooks import unpack_codebooks
 from scarfmt.blocks.index_network import unpack_network
 from scarfmt.container.schema import BlockKind
 from scarfmt.entropy.rice import MAX_PARAMETER, MAX_QUOTIENT
 
-I64 = NDArray[np.int64]
 Fault = tuple[str, str, str, str, bytes]
 """(name, what is wrong, rule, refusal id, file)."""
 _RULE = "R-5.9-1", "bad-rice"

@@ -7,13 +7,13 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conformance.scenes.cases import Case
 from conformance.scenes.made import ANCHOR_CHANNELS, BY_CLASS, EVERY_CHANNEL, PLAIN, Plan, build, channel
 from conformance.scenes.neural_models import GridPlan, NetworkPlan, PredictorPlan
 from conformance.surgery.files import vector_file
 from conformance.writer import RiceStyle, WriteOptions
+from scarfmt.arrays import I32
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import Profile, Stream
@@ -23,7 +23,6 @@ from scarfmt.neural.network import Attention, GruLayer, IndexNetwork
 from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.model import ContextRule, DecodedContext, LayerRow
 
-Ints = NDArray[np.int32]
 _WHOLE = (Tile(0, 0, 0),)
 _SCALE3 = channel(Stream.SCALE, 0.5, BY_CLASS, ContextRule(True, 0, 0, -3, 0), PLAIN)
 _COLOURED = (_SCALE3, channel(Stream.COLOUR, 0.1, PLAIN, BY_CLASS, PLAIN))
@@ -194,7 +193,7 @@ def _sparse(plan: Plan) -> QuantisedScene:
     network = scene.network
     assert network is not None
 
-    def thinned(weights: Ints) -> Ints:
+    def thinned(weights: I32) -> I32:
         rows, columns = np.indices(weights.shape)
         return np.asarray(3 * np.sign(weights) * ((13 * rows + columns) % 64 == 5), np.int32)
 

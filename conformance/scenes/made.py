@@ -6,7 +6,6 @@ import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conformance.scenes.neural_models import (
     GridPlan,
@@ -17,6 +16,7 @@ from conformance.scenes.neural_models import (
     random_predictors,
 )
 from conformance.scenes.prng import Prng
+from scarfmt.arrays import I64
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene
@@ -25,7 +25,6 @@ from scarfmt.container.schema import ColourSpace, CoordinateFrame, Profile, Stre
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
 
-I64 = NDArray[np.int64]
 PLAIN = ContextRule(by_class=False)
 BY_CLASS = ContextRule()
 THIRDS = (1 / 3, 1 / 3, 1 / 3)

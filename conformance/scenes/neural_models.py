@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from conformance.scenes.prng import Prng
+from scarfmt.arrays import I64
 from scarfmt.container.schema import Stream
 from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, Linear, amplitude, half_step
 from scarfmt.neural.grid import GridLevel, HashGrid
@@ -19,7 +19,6 @@ from scarfmt.neural.predictors import AMAX, Predictor, first_use, input_width
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
 
-I64 = NDArray[np.int64]
 _LOGIT, _SCORE = 160, 48
 
 

@@ -5,10 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from conformance.decoders.python.hash_grid import parse_grid
 from conformance.decoders.python.index_network import parse_network
@@ -21,11 +17,11 @@ from conformance.writer.neural import Models
 from conformance.writer.options import WriteOptions
 from conformance.writer.tables import layer_tables
 from conformance.writer.tile import TileLayer, tile_block, tile_layer
+from scarfmt.arrays import Ints
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind, Profile, Stream
 
-Ints = NDArray[np.integer[Any]]
 PLAIN = WriteOptions()
 
 

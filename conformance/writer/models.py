@@ -4,17 +4,11 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping, Sequence
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from conformance.writer.fields import PLAIN, RiceStyle, rice, svarint, varint
+from scarfmt.arrays import Ints
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow
-
-Ints = NDArray[np.integer[Any]]
-
 
 Opening = tuple[Sequence[Channel], DecodedContext]
 """What the LAYER block of layer 1 says once: the channels, and how decoded values are summed up."""

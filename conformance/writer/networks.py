@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from conformance.writer.entropy import cumulative, rans
 from conformance.writer.fields import PLAIN, RiceStyle, rice, shifted, varint
+from scarfmt.arrays import Ints
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork
 from scarfmt.neural.predictors import Predictor
-
-Ints = NDArray[np.integer[Any]]
 
 CLASS_COLUMNS = 15
 OWN, ATTENTION = 1, 2

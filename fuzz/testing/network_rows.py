@@ -6,12 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F64
 from scarfmt.entropy.rans import TOTAL
 from scarfmt.neural.evaluator import Block, Evaluator
-
-F64 = NDArray[np.float64]
 
 
 def first_rows(evaluator: Evaluator, book: int, y: Any) -> F64:

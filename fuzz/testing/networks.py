@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, MAX_WEIGHT, Linear, amplitude, half_step
 from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, Head, IndexNetwork, Inputs
 from scarfmt.scene.codebooks import Codebooks
 
-I64 = NDArray[np.int64]
 LOGIT = 160
 
 

@@ -12,15 +12,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.tuning import FINEST_STEP, IMPORTANCE_RATIO, PLANNED_ANCHORS, STAGGER, TABLE_ENTRY_BITS
+from scarfmt.arrays import F64, I64
 from scarfmt.codecs.channels import coarsen
 from scarfmt.container.schema import Stream
 from scarfmt.scene.model import MAX_CLASSES, MAX_STEPS
 
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 PositionBits = Callable[[float], F64]
 
 _LOGARITHMS = (Stream.SCALE, Stream.OPACITY)

@@ -7,20 +7,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.lattice import Placement
 from reference_encoder.decide.problem import Geometry, Problem
 from reference_encoder.decide.targets import Targets
+from scarfmt.arrays import I64
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import HeaderFields
 from scarfmt.container.schema import ColourSpace, CoordinateFrame, Stream
 from scarfmt.scene.model import SceneModel
-
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.tuning import CONTEXT_ANCHORS, TABLE_ENTRY_BITS
+from scarfmt.arrays import F64, I64
 from scarfmt.codecs.channels import contexts
 from scarfmt.container.schema import Stream
 from scarfmt.scene.model import ContextRule
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 _MOST_BINS = 1 << 20
 """Histograms with more possible entries are made by sorting."""

@@ -6,19 +6,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.decide.contexts import choose_rules
 from reference_encoder.decide.layering import LayerChoice
 from reference_encoder.decide.plans import Plans, layer_costs
 from reference_encoder.decide.problem import Problem
 from reference_encoder.decide.rdo import choose_values
+from scarfmt.arrays import F64, I64
 from scarfmt.codecs.channels import cell_widths, coarsen
 from scarfmt.container.schema import Stream
 from scarfmt.scene.model import Channel, LayerRow, SceneModel
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 _ALWAYS = (Stream.SCALE, Stream.COLOUR)
 """SPEC §6.4 wants scales; with a colour channel, even an empty one, the decoder gives no degree 0 (SPEC §9.4)."""

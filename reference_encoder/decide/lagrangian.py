@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.tuning import LAMBDA_OFFSET_DB, LAMBDA_QUALITY_DB, LAMBDA_SLOPE
-
-F64 = NDArray[np.float64]
+from scarfmt.arrays import F64
 
 
 def lambda_for(quality: float, gaussians: int) -> float:

@@ -9,17 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.tuning import CELL_FACTOR, CELL_PERCENTILE, LARGE_SCENE, LARGE_SCENE_TILE_ANCHORS, TILE_ANCHORS
+from scarfmt.arrays import F64, I64, U64
 from scarfmt.container.file import Tile
 from scarfmt.container.morton import deinterleave, interleave
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH
 from scarfmt.scene.model import Lattice
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-U64 = NDArray[np.uint64]
 
 # Never finer than this fraction of the magnitude of the coordinates: binary64 has no more to give.
 _RELATIVE_FLOOR = 2.0**-44

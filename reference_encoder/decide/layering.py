@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.decide.allocate import ChannelPlan, LatentChain, PositionBits, increment
 from reference_encoder.tuning import (
@@ -26,8 +25,8 @@ from reference_encoder.tuning import (
     PICTURE_DB,
     WORTH_DB,
 )
+from scarfmt.arrays import F64
 
-F64 = NDArray[np.float64]
 Entry = tuple[int, ...]
 """What a class receives: stages, steps of each channel, LATENT steps."""
 Look = Callable[[Sequence[Entry], float], float]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.decide.allocate import ChannelPlan, LatentChain, aligned_steps, plan_channel
 from reference_encoder.decide.layering import LayerCosts
@@ -18,10 +17,8 @@ from reference_encoder.tuning import (
     DECODER_WEIGHT_BITS,
     POSITION_BITS,
 )
+from scarfmt.arrays import F64, I64
 from scarfmt.container.schema import Stream
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

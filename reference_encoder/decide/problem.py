@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 
 from reference_encoder.decide.lattice import Placement
 from reference_encoder.latent.fit import FittedLatent
+from scarfmt.arrays import F64, I64
 from scarfmt.container.schema import Profile, Stream
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)

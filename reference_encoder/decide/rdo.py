@@ -5,12 +5,9 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.tuning import ROUNDING_ROUNDS
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from scarfmt.arrays import F64, I64
 
 
 def choose_values(scaled: F64, weight: F64, classes: I64, lambda_: float) -> I64:

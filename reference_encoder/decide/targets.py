@@ -12,15 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.decide.rdo import choose_values
+from scarfmt.arrays import F32, F64, I64
 from scarfmt.codecs.channels import cell_widths
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Stream
 from scarfmt.scene.model import SceneModel
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

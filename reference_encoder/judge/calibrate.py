@@ -25,10 +25,11 @@ from reference_encoder.tuning import (
     MOST_UP_DB,
     TOLERANCE_DB,
 )
+from scarfmt.arrays import F32
 from scarfmt.render.camera import Camera
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
-from scarfmt.scene.gaussians import F32, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 T = TypeVar("T")
 

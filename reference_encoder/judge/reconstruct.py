@@ -8,18 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.plans import Plans
 from reference_encoder.decide.problem import Problem
+from scarfmt.arrays import F64, I64
 from scarfmt.codecs.channels import cell_widths
 from scarfmt.container.schema import Stream
 from scarfmt.scene.activation import activated
 from scarfmt.scene.gaussians import GaussianScene
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 def reconstructed(problem: Problem, decision: Decision) -> GaussianScene:

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
 from reference_encoder.latent.gradient import ESTIMATORS
@@ -27,9 +26,8 @@ from reference_encoder.tuning import (
     LEARNED_DECAY,
     LEARNED_STALE_SHARE,
 )
+from scarfmt.arrays import F32, F64
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 Layers = list[tuple[F64, F64]]
 
 _CHUNK = 65536

@@ -5,18 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.latent.linear import Latent, linear_latent
 from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, quantise
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.tuning import ANCHORS_PER_CODEWORD, FEWEST_CODEWORDS_LOG2, MOST_CODEWORDS_LOG2
+from scarfmt.arrays import F32, F64, I64
 from scarfmt.coding.writer import Report
 from scarfmt.scene.codebooks import Codebooks
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,11 +19,8 @@ from reference_encoder.latent.autoencoder import Autoencoder, AutoencoderOptions
 from reference_encoder.latent.linear import Latent, metric_roots
 from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, quantise
 from reference_encoder.tuning import CODEWORD_RANGE, DAMPING, FINEST_UNIT, LEAST_GAIN, METRIC_VECTORS, SEARCH_ROUNDS
+from scarfmt.arrays import F32, F64, I64
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 _CHUNK = 8192
 

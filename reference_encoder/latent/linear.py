@@ -9,13 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.tuning import CODEWORD_RANGE, DECODER_BITS, MAX_DIMENSIONS
+from scarfmt.arrays import F32, F64
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

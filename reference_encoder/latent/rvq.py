@@ -15,18 +15,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numba import get_num_threads
-from numpy.typing import NDArray
 
 from reference_encoder.draws import Draws
 from reference_encoder.jit import compiled
 from reference_encoder.loops import add_products, first_of_least
 from reference_encoder.sums import added_rows, row_sums, squared_lengths
 from reference_encoder.tuning import RVQ_DECAY, RVQ_PRIOR_USES, RVQ_STALE_USES
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I16 = NDArray[np.int16]
-I64 = NDArray[np.int64]
+from scarfmt.arrays import F32, F64, I16, I64
 
 _CHUNK = 8192
 """Vectors that a thread takes at a time."""

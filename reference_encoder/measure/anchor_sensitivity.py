@@ -15,11 +15,10 @@ import torch
 from numpy.typing import NDArray
 
 from reference_encoder.tuning import ASPECT_CAP, BLUR_PX2, METRIC_ANCHORS
+from scarfmt.arrays import F64
 from scarfmt.render.camera import Camera
 from scarfmt.render.rasterise import contributions
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
-
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

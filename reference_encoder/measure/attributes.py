@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F64
 from scarfmt.container.schema import Stream
 from scarfmt.scene.activation import colour_from_spherical_harmonics, log_opacities
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.rotation import normal_and_twist, sort_axes
-
-F64 = NDArray[np.float64]
 
 MIN_LOG_OPACITY = -7.0
 """Opacity 0.0009; a renderer skips everything below 1/255."""

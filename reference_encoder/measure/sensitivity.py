@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 from reference_encoder.measure.attributes import Attributes
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.tuning import ASPECT_CAP, BLUR_PX2, GAUSSIAN_ABSENCE, OPACITY_SHARE, SCALE_SHARE, SURVEY_VIEWS
+from scarfmt.arrays import F64
 from scarfmt.container.schema import Stream
 from scarfmt.render.camera import Camera, orbit_cameras
 from scarfmt.render.rasterise import contributions
 from scarfmt.scene.gaussians import GaussianScene
-
-F64 = NDArray[np.float64]
 
 SH_C0 = 0.28209479177387814
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.decide.targets import Targets, refinement_bits
 from reference_encoder.networks.clusters import Clusters, arrange
@@ -27,13 +26,12 @@ from reference_encoder.networks.train import Trained, TrainOptions, build, code_
 from reference_encoder.networks.view import NetworkView
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.tuning import CONTEXT, CONTEXT_LATENTS, ROUND_EPOCHS, ROUND_LEARNING_RATE
+from scarfmt.arrays import I16
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, Report
 from scarfmt.container.directory import local_bits
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.scene.model import LayerRow, SceneModel
-
-I16 = NDArray[np.int16]
 
 
 def with_rounds(learned: Learned, targets: Targets, options: EncodeOptions, report: Report) -> Learned:

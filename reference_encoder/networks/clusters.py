@@ -10,13 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.tuning import FEWEST_CLUSTERED
+from scarfmt.arrays import F64, I64
 from scarfmt.scene.codebooks import Codebooks
-
-I64 = NDArray[np.int64]
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from reference_encoder.jit import compiled
 from reference_encoder.loops import add_products, first_of_least, powers, products, summed, top_of
 from reference_encoder.networks.head import HeadModel
 from reference_encoder.tuning import LEAST_INSIDE
-
-F32 = NDArray[np.float32]
-I64 = NDArray[np.int64]
+from scarfmt.arrays import F32, I64
 
 _DEAREST = np.float32(24.0)
 """Bits a symbol costs at most: none has a frequency below 1 of 2^24."""

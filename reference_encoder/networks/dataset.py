@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I16, I64
 from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import TileFrame
@@ -22,11 +22,6 @@ from scarfmt.neural.context import CellMeans, count_features, depth_shifts, pass
 from scarfmt.neural.context_operations import fine
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
-
-I64 = NDArray[np.int64]
-I32 = NDArray[np.int32]
-I16 = NDArray[np.int16]
-Bools = NDArray[np.bool_]
 
 # The arrays of IndexRows, in order.
 Part = tuple[I16, I64, I64, I64, I16, I64]

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from reference_encoder.networks.head import HeadModel
 from reference_encoder.networks.layers import Dense
 from reference_encoder.networks.model import AttentionModel, GruModel, IndexModel
+from scarfmt.arrays import I32, I64
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.network import Attention, GruLayer, Head, IndexNetwork, Inputs
 from scarfmt.scene.codebooks import Codebooks
-
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
 
 
 def export(model: IndexModel, inputs: Inputs, books: Codebooks) -> IndexNetwork:

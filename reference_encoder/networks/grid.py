@@ -26,6 +26,7 @@ from reference_encoder.tuning import (
     GRID_INNER_SHARE,
     WAVE_RESOLUTIONS,
 )
+from scarfmt.arrays import I64
 from scarfmt.errors import InvalidInput
 from scarfmt.neural.grid import (
     FEATURE_MAX,
@@ -36,8 +37,6 @@ from scarfmt.neural.grid import (
     vertex_addresses,
     vertex_weights,
 )
-
-I64 = NDArray[np.int64]
 
 # Small enough that a few steps can turn any bit.
 _START = 0.1

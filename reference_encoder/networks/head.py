@@ -11,7 +11,6 @@ from typing import cast
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 
 from reference_encoder.networks.integers import UNIT, exact_bits, round_shift, rounded
@@ -19,9 +18,7 @@ from reference_encoder.networks.layers import Dense, Scale
 from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.networks.softmax import range_bits
 from reference_encoder.tuning import LOGIT_REACH_BITS
-
-I64 = NDArray[np.int64]
-F64 = NDArray[np.float64]
+from scarfmt.arrays import I64
 
 BIAS_STEP = 8
 """Biases of logits are whole quarters of a bit."""

@@ -10,13 +10,10 @@ from typing import Any, cast
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from reference_encoder.jit import compiled
+from scarfmt.arrays import F32, Bools
 from scarfmt.neural.tables import EXP2, SIGMOID, TANH
-
-F32 = NDArray[np.float32]
-Bools = NDArray[np.bool_]
 
 _HALF, _NOTHING = np.float32(0.5), np.float32(0)
 

@@ -13,8 +13,7 @@ from torch import nn
 
 from reference_encoder.networks.integers import rounded, settled
 from reference_encoder.networks.shape import NetworkShape
-
-F64 = NDArray[np.float64]
+from scarfmt.arrays import F64
 
 _BOUND = 1 << 24
 MAX_SHIFT = 24

@@ -10,16 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from reference_encoder.decide.targets import Targets, joined_classes, latent_units
 from reference_encoder.tuning import PREVIEW
+from scarfmt.arrays import F32, F64, I64
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Stream
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -31,9 +31,8 @@ from reference_encoder.networks.integers import (
 from reference_encoder.networks.layers import Dense, Scale, geometric_bits, whole
 from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.tuning import BIAS_BITS
+from scarfmt.arrays import I64
 from scarfmt.scene.codebooks import Codebooks
-
-I64 = NDArray[np.int64]
 
 _GATE_LIMIT = 2047.0
 _GRU_BOUND = 1 << 23

@@ -16,7 +16,6 @@ from typing import cast
 
 import numpy as np
 from numba import get_num_threads
-from numpy.typing import NDArray
 
 from reference_encoder.networks.predictor_net import candidates, float_contexts, quantised, train
 from reference_encoder.options import EFFORTS, PredictorTraining
@@ -29,22 +28,19 @@ from reference_encoder.tuning import (
     RUN_BITS,
     TOP_WEIGHTS,
 )
+from scarfmt.arrays import F32, F64, I16, I64, Ints
 from scarfmt.blocks.predictors import pack_predictors
 from scarfmt.coding.tile import NeuralModels, TileContent, put_layer
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.engines import best_engine
-from scarfmt.entropy.emitters import Emitter, SymbolCounter, Values
+from scarfmt.entropy.emitters import Emitter, SymbolCounter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.errors import Malformed
 from scarfmt.neural.predicted import Predictors
 from scarfmt.neural.predictors import MAX_CONTEXTS, Predictor, first_use
 from scarfmt.scene.model import MAX_CLASSES, NO_SOURCE, ContextRule, LayerRow, SceneModel
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I16 = NDArray[np.int16]
-I64 = NDArray[np.int64]
 Key = tuple[int, int, int]
 """(stream, component, step)."""
 
@@ -66,7 +62,7 @@ class Recorder:
     share: float
     random: np.random.Generator
     inputs: list[I16] = dataclasses.field(default_factory=list)
-    symbols: list[Values] = dataclasses.field(default_factory=list)
+    symbols: list[Ints] = dataclasses.field(default_factory=list)
     groups: list[int] = dataclasses.field(default_factory=list)
 
     def contexts(self, x: F32) -> I64:
@@ -76,7 +72,7 @@ class Recorder:
         self.groups.append(len(x))
         return np.zeros(len(x), np.int64)
 
-    def take(self, values: Values) -> None:
+    def take(self, values: Ints) -> None:
         """The symbols of the inputs just shown."""
         self.symbols.append(values[self._kept])
 
@@ -87,15 +83,15 @@ class _Tap(Emitter):
     def __init__(self, recorders: Mapping[Key, Recorder]) -> None:
         self._recorders = recorders
 
-    def emit(self, key: TableKey, values: Values) -> None:
+    def emit(self, key: TableKey, values: Ints) -> None:
         recorder = self._recorders.get(key[:3])
         if recorder is not None:
             recorder.take(values)
 
-    def emit_uniform(self, size: int, values: Values) -> None:
+    def emit_uniform(self, size: int, values: Ints) -> None:
         """Nothing: no attribute is coded so."""
 
-    def emit_rows(self, weights: F64, values: Values) -> None:
+    def emit_rows(self, weights: F64, values: Ints) -> None:
         """Nothing: no attribute is coded so."""
 
 

@@ -9,14 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.jit import compiled, reduced
 from reference_encoder.tuning import LAST_SLOWER, MOMENTA, PREDICTOR_BATCH, PREDICTOR_LEARNING_RATE, RISE_SHARE, SLOWEST
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
+from scarfmt.arrays import F32, F64, I64
 
 _SECOND_DECAY = 0.98
 _LEAST_MASS = 1e-6

@@ -22,14 +22,10 @@ from reference_encoder.tuning import (
     NEGLIGIBLE_WEIGHT,
     WEIGHT_PENALTY_BITS,
 )
+from scarfmt.arrays import F32, F64, I16, I64
 from scarfmt.container.schema import Stream
 from scarfmt.neural.arithmetic import MAX_SHIFT, Linear
 from scarfmt.neural.predictors import AMAX, Predictor
-
-F64 = NDArray[np.float64]
-F32 = NDArray[np.float32]
-I16 = NDArray[np.int16]
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

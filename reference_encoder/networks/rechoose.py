@@ -22,12 +22,10 @@ from reference_encoder.networks.leftovers import Leftovers, leftovers
 from reference_encoder.networks.model import IndexModel
 from reference_encoder.networks.view import NetworkView
 from reference_encoder.tuning import BEAM, FINALISTS
+from scarfmt.arrays import I16, I64
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.scene.codebooks import Codebooks
-
-I16 = NDArray[np.int16]
-I64 = NDArray[np.int64]
 
 _CHUNK = 2048
 """Anchors worked on at a time: fewer, and calls cost more than what they do."""

@@ -11,14 +11,11 @@ from typing import Any, cast
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from reference_encoder.jit import compiled
 from reference_encoder.loops import powers, products, summed, top_of
 from reference_encoder.networks.integers import TOTAL
-
-F32 = NDArray[np.float32]
-I64 = NDArray[np.int64]
+from scarfmt.arrays import F32, I64
 
 _ONE = np.float32(1)
 _LEAST = np.float32(1 / TOTAL)

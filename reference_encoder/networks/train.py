@@ -19,9 +19,8 @@ from reference_encoder.networks.grid import BinaryGrid, Lookup
 from reference_encoder.networks.model import Batch, IndexModel, InputStatistics
 from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.tuning import MEASURED_ROWS, SETTLED_EPOCHS, STEEPEST
+from scarfmt.arrays import I64
 from scarfmt.scene.codebooks import Codebooks
-
-I64 = NDArray[np.int64]
 
 _CHUNK = 4096
 

@@ -6,18 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.networks.dataset import ContextOptions, IndexRows, index_rows, lattice_positions
 from reference_encoder.networks.grid import fit_box, wave_grid
+from scarfmt.arrays import I64
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import local_bits, tile_frame
 from scarfmt.engines import best_engine
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import Inputs
 from scarfmt.scene.model import SceneModel
-
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.decide.allocate import classify
 from reference_encoder.decide.assemble import Quantised, assembled
@@ -30,6 +29,7 @@ from reference_encoder.tuning import (
     SLOT_ABSENCE,
     SLOT_BITS,
 )
+from scarfmt.arrays import F64, I64, Bools
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.writer import Report, silent
 from scarfmt.container import schema
@@ -38,10 +38,6 @@ from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
-
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 
 _NETWORKS = ("opacity", "cov", "color")
 
@@ -173,7 +169,7 @@ class _Kept:
 
     model: AnchorModel
     seen: AnchorSensitivity
-    slots: Mask
+    slots: Bools
     classes: I64
     count: int
     importance: F64

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_encoder.decide.allocate import classify
 from reference_encoder.decide.assemble import Quantised, assembled
@@ -28,12 +27,11 @@ from reference_encoder.tuning import (
     REST_SHARE,
     SHAPE_SHARE,
 )
+from scarfmt.arrays import I64
 from scarfmt.coding.writer import Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
 from scarfmt.scene.gaussians import GaussianScene
-
-I64 = NDArray[np.int64]
 
 _CHANNELS = (Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR)
 

@@ -7,16 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 from construct import this
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.blocks.declare import U8, Bits, Count, Record, Repeat, Rule, Scope, build, read
 from scarfmt.blocks.spec import BlockSpec, Writing, numbers
 from scarfmt.container.registries import BlockKind
 from scarfmt.errors import Malformed
 from scarfmt.scene.codebooks import MAX_CODEWORDS, MAX_LATENT
 from scarfmt.scene.model import first_layers
-
-I64 = NDArray[np.int64]
 
 MAX_BOOKS = 2
 MAX_VALUE = 65535

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.blocks.declare import Count, Record, Rule, SignedVarint, Varint, unnamed
 from scarfmt.container.bytefields import varints
-
-I64 = NDArray[np.int64]
 
 # Fifty times as much memory is in use meanwhile; tables of real scenes take a fiftieth of this.
 _AT_ONCE = 1 << 20

@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from construct import this
 
+from scarfmt.arrays import U8 as Bits
 from scarfmt.blocks.declare import U8, U32, Blob, Count, Derived, Record, Repeat, Rule, Scope, Varint, build, read
 from scarfmt.blocks.spec import BlockSpec, Writing, numbers
 from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, RansEncoder
 from scarfmt.errors import Malformed
 from scarfmt.neural.grid import MAX_LEVELS, GridBox, GridLevel, HashGrid, check_grid
-from scarfmt.neural.grid import U8 as Bits
 from scarfmt.scene.model import first_neural_layer
 
 _PROBABILITY_ONE = 256

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 from construct import this
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I32, Ints
 from scarfmt.blocks.declare import U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
 from scarfmt.blocks.spec import BlockSpec, Writing, numbers
 from scarfmt.container.registries import BlockKind
@@ -34,9 +34,6 @@ from scarfmt.neural.network import (
 )
 from scarfmt.scene.codebooks import MAX_CODEWORDS
 from scarfmt.scene.model import first_neural_layer
-
-I32 = NDArray[np.int32]
-Ints = NDArray[np.integer[Any]]
 
 _OWN, _ATTENTION = 1, 2
 

@@ -14,16 +14,13 @@ import numpy as np
 from construct import this
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, I16
 from scarfmt.blocks.declare import U8, Count, Numbers, Record, Repeat, Rule, Scope, build, read
 from scarfmt.blocks.spec import BlockSpec, Frame, Reading, Writing, numbers
 from scarfmt.container.bytefields import compress, decompress
 from scarfmt.container.registries import BlockKind, Profile
 from scarfmt.errors import Malformed
 from scarfmt.scene.model import SceneModel, first_layers
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I16 = NDArray[np.int16]
 
 MAX_NETWORKS = 8
 MAX_LAYERS = 4

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 from construct import this
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.blocks.columns import ColumnReader
 from scarfmt.blocks.declare import (
     Count,
@@ -30,8 +30,6 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.rans import MAX_ALPHABET
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import Malformed
-
-I64 = NDArray[np.int64]
 
 MAX_TABLES = 1 << 16
 MAX_TABLES_BYTES = 64 << 20

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
+from scarfmt.arrays import F64
 from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json, timeout_option
 from scarfmt.scene.streams import ATTRIBUTES
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from reference_decoder.request import DecodeRequest
     from scarfmt.container.source import ByteSource
     from scarfmt.counters import Counters
-    from scarfmt.scene.gaussians import F64
 
 ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTES)}."
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
+from scarfmt.arrays import F32, F64
 from scarfmt.cli.files import STANDARD, open_input, read_origin
 from scarfmt.cli.progress import Report
 from scarfmt.container.schema import SIGNATURE
@@ -17,7 +18,6 @@ from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 if TYPE_CHECKING:
     from scarfmt.render.camera import Camera
-    from scarfmt.scene.gaussians import F32, F64
 
     View = GaussianScene | Callable[[Camera], F32]
 

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, I32, I64, Ints
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import CONTEXTS, StepKey, TableKey
@@ -20,12 +19,6 @@ from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
 from scarfmt.neural.predicted import PredictedChannel
 from scarfmt.scene.model import MAX_STEPS, NO_SOURCE, Channel, ContextRule
-
-F32 = NDArray[np.float32]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-F64 = NDArray[np.float64]
-Ints = NDArray[np.integer[Any]]
 
 REACH = 1.0
 """Largest magnitude of a position residual, in cells of 2^shift voxels: it bounds where a tile's anchors can be."""

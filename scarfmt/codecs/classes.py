@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
-
-I64 = NDArray[np.int64]
 
 _KEY = TableKey(Stream.CLASSES, 0, 0, 0)
 

@@ -7,19 +7,14 @@ seldom needs the next.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64, Ints
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
-
-I64 = NDArray[np.int64]
-Ints = NDArray[np.integer[Any]]
 
 
 def _contexts(indices: Ints, classes: I64, stage: int) -> I64:

@@ -1,4 +1,4 @@
-"""Mask and offset sub-streams of the anchor profile (SPEC §7.4, §7.7; paper §3.8).
+"""Bools and offset sub-streams of the anchor profile (SPEC §7.4, §7.7; paper §3.8).
 
 A mask bit is coded only for slots not yet on, so the incremental mask repeats nothing. Its context is how
 many slots of the anchor are on already. A Gaussian's offset is sent once, in the layer that turns it on.
@@ -6,11 +6,9 @@ many slots of the anchor are on already. A Gaussian's offset is sent once, in th
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64, Bools, Ints
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import TableKey
@@ -18,14 +16,10 @@ from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
 from scarfmt.scene.model import Channel
 
-Mask = NDArray[np.bool_]
-I64 = NDArray[np.int64]
-Ints = NDArray[np.integer[Any]]
-
 _MASK_KEY = TableKey(Stream.MASKS, 0, 0, 0)
 
 
-def put_masks(emitter: Emitter, before: Mask, after: Mask) -> None:
+def put_masks(emitter: Emitter, before: Bools, after: Bools) -> None:
     """Emit which slots turn on: (n, K) bool before and after this layer, after >= before."""
     on = before.sum(axis=1)
     for slot in range(before.shape[1]):
@@ -34,7 +28,7 @@ def put_masks(emitter: Emitter, before: Mask, after: Mask) -> None:
         on = on + (after[:, slot] & ~before[:, slot])
 
 
-def get_masks(reader: SymbolReader, before: Mask) -> Mask:
+def get_masks(reader: SymbolReader, before: Bools) -> Bools:
     """Read the (n, K) bool mask after this layer.
 
     Raises:
@@ -52,7 +46,7 @@ def get_masks(reader: SymbolReader, before: Mask) -> Mask:
     return after
 
 
-def put_offsets(emitter: Emitter, channel: Channel, offsets: Ints, classes: I64, turned_on: Mask) -> None:
+def put_offsets(emitter: Emitter, channel: Channel, offsets: Ints, classes: I64, turned_on: Bools) -> None:
     """Emit the offsets of slots that turn on, anchor by anchor, slot by slot.
 
     Args:
@@ -66,7 +60,7 @@ def put_offsets(emitter: Emitter, channel: Channel, offsets: Ints, classes: I64,
         emitter.emit_by_context(TableKey(channel.stream, component, 1, 0), context, offsets[anchor, slot, component])
 
 
-def get_offsets(reader: SymbolReader, channel: Channel, offsets: Ints, classes: I64, turned_on: Mask) -> None:
+def get_offsets(reader: SymbolReader, channel: Channel, offsets: Ints, classes: I64, turned_on: Bools) -> None:
     """Read the offsets of slots that turn on into `offsets`, (n, K, 3) int32, in place."""
     anchor, slot = np.nonzero(turned_on)
     for component, rule in enumerate(channel.rules):

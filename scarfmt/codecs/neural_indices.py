@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, I16, I32, I64, Ints
 from scarfmt.counters import Part
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_reader import SymbolReader
@@ -24,13 +25,6 @@ from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.products import NetworkWork, grid_products
 from scarfmt.scene.codebooks import Codebooks
-
-I16 = NDArray[np.int16]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Ints = NDArray[np.integer[Any]]
 
 CLASS_VALUE = 64
 _ATTRIBUTE_SHIFT = 6

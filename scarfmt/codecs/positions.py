@@ -13,14 +13,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I64, U64
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
 
-U64 = NDArray[np.uint64]
-I64 = NDArray[np.int64]
 T = TypeVar("T", bound=np.generic)
 
 # Nodes of up to this many anchors have a table of their own; larger ones share one over 16 bins.

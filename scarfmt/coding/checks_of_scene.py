@@ -6,16 +6,14 @@ Rules of blocks that are small are not repeated here: the writer reads its own m
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.codecs.channels import REACH, VALUE_LIMIT, cell_widths, coarsen
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel, first_layers
-
-I64 = NDArray[np.int64]
 
 
 def check_books(model: SceneModel, books: Codebooks | None) -> None:

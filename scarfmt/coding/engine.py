@@ -8,11 +8,9 @@ they stand. Others take over what they can do faster and leave it the rest.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from scarfmt.arrays import F32, I16, I32, I64, U64, Ints
 from scarfmt.codecs import channels, neural_indices, positions
 from scarfmt.codecs.neural_indices import IndexCoder
 from scarfmt.entropy.emitters import Emitter, SymbolWriter
@@ -25,13 +23,6 @@ from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.predicted import PredictedChannel
 from scarfmt.scene.model import Channel
-
-F32 = NDArray[np.float32]
-I16 = NDArray[np.int16]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-U64 = NDArray[np.uint64]
-Ints = NDArray[np.integer[Any]]
 
 
 class Engine(ContextOperations, Protocol):

@@ -10,11 +10,11 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I16, I32, I64, U64, Ints
 from scarfmt.codecs.channels import check_reach, coarsen, steps_between
 from scarfmt.codecs.classes import get_classes, put_classes
 from scarfmt.codecs.indices import get_indices, put_indices
@@ -31,12 +31,6 @@ from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predicted import PredictedChannel, Predictors, PredictorSet
 from scarfmt.observe import LayerObserver
 from scarfmt.scene.model import SceneModel
-
-I64 = NDArray[np.int64]
-I32 = NDArray[np.int32]
-I16 = NDArray[np.int16]
-U64 = NDArray[np.uint64]
-Ints = NDArray[np.integer[Any]]
 
 OpenStream = Callable[[Stream], SymbolReader]
 

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.directory import Table
@@ -27,8 +27,6 @@ from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import LayerRow, SceneModel
-
-I64 = NDArray[np.int64]
 
 SYMBOL = 1 << 8
 """One symbol from a table."""

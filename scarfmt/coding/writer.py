@@ -12,8 +12,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import Ints
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import Writing
@@ -41,7 +41,6 @@ from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
 
 Report = Callable[[str, float], None]
-Ints = NDArray[np.integer[Any]]
 
 
 def silent(_stage: str, _fraction: float) -> None:

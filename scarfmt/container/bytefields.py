@@ -10,10 +10,9 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.container.zstd_frame import frame_header
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed
-
-I64 = NDArray[np.int64]
 
 MAX_ZSTD_WINDOW = 8 << 20
 _ZSTD_LEVEL = 19

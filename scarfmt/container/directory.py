@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import Bools
 from scarfmt.container.header import Header, HeaderFields
 from scarfmt.container.morton import deinterleave
 from scarfmt.container.schema import (
@@ -27,7 +28,6 @@ from scarfmt.errors import LimitExceeded, Malformed, ScarError, Unsupported
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH, Limits
 
 Table = NDArray[np.void]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class _Rules:
     name: str
     offset: int
 
-    def check(self, ok: Mask, refusal: str, column: str, rule: str, error: type[ScarError] = Malformed) -> None:
+    def check(self, ok: Bools, refusal: str, column: str, rule: str, error: type[ScarError] = Malformed) -> None:
         if ok.all():
             return
         row = int(np.argmin(ok))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-U64 = NDArray[np.uint64]
+from scarfmt.arrays import U64
 
 MAX_BITS = 21
 

@@ -10,46 +10,40 @@ from __future__ import annotations
 import itertools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, I64, Ints
 from scarfmt.entropy.grouping import by_context
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.rans import PRECISION, RansEncoder, SymbolSink, cached_uniform
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput
 
-Values = NDArray[np.integer[Any]]
-I64 = NDArray[np.int64]
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-
 
 class Emitter(ABC):
     """Takes groups of symbols in decoding order."""
 
     @abstractmethod
-    def emit(self, key: TableKey, values: Values) -> None:
+    def emit(self, key: TableKey, values: Ints) -> None:
         """(n,) `values` that share a static table."""
 
     @abstractmethod
-    def emit_uniform(self, size: int, values: Values) -> None:
+    def emit_uniform(self, size: int, values: Ints) -> None:
         """(n,) `values` of a uniform alphabet 0..size-1."""
 
     @abstractmethod
-    def emit_rows(self, weights: F64, values: Values) -> None:
+    def emit_rows(self, weights: F64, values: Ints) -> None:
         """(n,) `values`, each with its own row of (n, k) `weights`: f - 1 (SPEC §10.5)."""
 
-    def emit_grouped(self, key: StepKey, kinds: Values, values: Values) -> None:
+    def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
         """(n,) `values` with their (n,) kinds (see :class:`StepKey`), order kept within each group (SPEC §8.4)."""
         order, runs = by_context(kinds)
         arranged = values[order]
         for kind, start, past in runs:
             self.emit(key.table(kind), arranged[start:past])
 
-    def emit_by_context(self, key: TableKey, contexts: I64, values: Values) -> None:
+    def emit_by_context(self, key: TableKey, contexts: I64, values: Ints) -> None:
         """(n,) `values` of one component grouped by (n,) ascending context (0..255), order kept within each group.
 
         Args:
@@ -57,7 +51,7 @@ class Emitter(ABC):
         """
         self.emit_grouped(StepKey(key.stream, (key.component,), key.step), contexts, values)
 
-    def emit_logits(self, logits: F32 | None, weights: Callable[[], F64], values: Values) -> None:
+    def emit_logits(self, logits: F32 | None, weights: Callable[[], F64], values: Ints) -> None:
         """(n,) `values` by (k, n) integer `logits` or by the rows that `weights` makes of them.
 
         Args:
@@ -71,24 +65,24 @@ class SymbolCounter(Emitter):
     """An emitter that only counts, per table key."""
 
     def __init__(self) -> None:
-        self._values: dict[TableKey, list[Values]] = {}
+        self._values: dict[TableKey, list[Ints]] = {}
         # Per step: (m,) joint numbers of kind and value, and how often each came.
         self._joint: dict[StepKey, list[tuple[I64, I64]]] = {}
         self.uniform_bits = 0.0
         self.modelled_bits = 0.0
 
-    def emit(self, key: TableKey, values: Values) -> None:
+    def emit(self, key: TableKey, values: Ints) -> None:
         if len(values):
             self._values.setdefault(key, []).append(values)
 
-    def emit_grouped(self, key: StepKey, kinds: Values, values: Values) -> None:
+    def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
         if len(values):
             self._joint.setdefault(key, []).append(_joint_counts(kinds, values))
 
-    def emit_uniform(self, size: int, values: Values) -> None:
+    def emit_uniform(self, size: int, values: Ints) -> None:
         self.uniform_bits += len(values) * float(np.log2(size))
 
-    def emit_rows(self, weights: F64, values: Values) -> None:
+    def emit_rows(self, weights: F64, values: Ints) -> None:
         frequencies = weights[np.arange(len(values)), values] + 1
         self.modelled_bits += float((PRECISION - np.log2(frequencies)).sum())
 
@@ -116,7 +110,7 @@ _VALUE_MASK = (1 << _VALUE_BITS) - 1
 _DENSE = 1 << 16
 
 
-def _joint_counts(kinds: Values, values: Values) -> tuple[I64, I64]:
+def _joint_counts(kinds: Ints, values: Ints) -> tuple[I64, I64]:
     """Joint numbers of kind and value that occur, ascending, and how often.
 
     Raises:
@@ -157,15 +151,15 @@ class SymbolWriter(Emitter):
         self._tables = tables
         self._rans = RansEncoder() if sink is None else sink
 
-    def emit(self, key: TableKey, values: Values) -> None:
+    def emit(self, key: TableKey, values: Ints) -> None:
         if len(values):
             entry = self._tables[key]
             self._rans.encode(np.searchsorted(entry.alphabet, values), entry.table)
 
-    def emit_uniform(self, size: int, values: Values) -> None:
+    def emit_uniform(self, size: int, values: Ints) -> None:
         self._rans.encode(values, cached_uniform(size))
 
-    def emit_rows(self, weights: F64, values: Values) -> None:
+    def emit_rows(self, weights: F64, values: Ints) -> None:
         self._rans.encode_rows(values, weights)
 
     def finish(self) -> bytes:
@@ -187,26 +181,26 @@ class SymbolRecorder(Emitter):
 
     def __init__(self, counter: SymbolCounter, open_writer: OpenWriter = SymbolWriter) -> None:
         self._counter, self._open = counter, open_writer
-        self._groups: list[tuple[TableKey | int, Values] | tuple[StepKey, Values, Values]] = []
+        self._groups: list[tuple[TableKey | int, Ints] | tuple[StepKey, Ints, Ints]] = []
         self._modelled = open_writer({})
         self._coded = b""
 
-    def emit(self, key: TableKey, values: Values) -> None:
+    def emit(self, key: TableKey, values: Ints) -> None:
         self._counter.emit(key, values)
         self._groups.append((key, values))
 
-    def emit_uniform(self, size: int, values: Values) -> None:
+    def emit_uniform(self, size: int, values: Ints) -> None:
         self._groups.append((size, values))
 
-    def emit_grouped(self, key: StepKey, kinds: Values, values: Values) -> None:
+    def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
         if len(values):
             self._counter.emit_grouped(key, kinds, values)
             self._groups.append((key, kinds.astype(np.uint16), values.astype(np.int32)))
 
-    def emit_rows(self, weights: F64, values: Values) -> None:
+    def emit_rows(self, weights: F64, values: Ints) -> None:
         self._modelled.emit_rows(weights, values)
 
-    def emit_logits(self, logits: F32 | None, weights: Callable[[], F64], values: Values) -> None:
+    def emit_logits(self, logits: F32 | None, weights: Callable[[], F64], values: Ints) -> None:
         self._modelled.emit_logits(logits, weights, values)
 
     def settle(self) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-I64 = NDArray[np.int64]
+from scarfmt.arrays import I64
 
 
 def by_context(contexts: NDArray[np.integer[Any]]) -> tuple[I64, list[tuple[int, int, int]]]:

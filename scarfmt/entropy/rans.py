@@ -18,6 +18,7 @@ import constriction
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F64, I32, I64
 from scarfmt.errors import InvalidInput, Malformed
 
 PRECISION = 24
@@ -25,9 +26,6 @@ TOTAL = 1 << PRECISION
 MAX_ALPHABET = 4096
 STATE_LOWER = 1 << 32
 
-I64 = NDArray[np.int64]
-I32 = NDArray[np.int32]
-F64 = NDArray[np.float64]
 
 AnsCoder = constriction.stream.stack.AnsCoder
 Categorical = constriction.stream.model.Categorical

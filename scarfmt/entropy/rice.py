@@ -6,16 +6,11 @@ unary, the k low bits as they are. All quotients come first, so that both parts 
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64, Ints
 from scarfmt.container.bytefields import ByteReader
 from scarfmt.errors import Malformed
-
-I64 = NDArray[np.int64]
-Ints = NDArray[np.integer[Any]]
 
 MAX_PARAMETER = 31
 MAX_QUOTIENT = 255

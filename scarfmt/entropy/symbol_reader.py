@@ -6,21 +6,14 @@ A group is a run of values that share one table.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, I32, I64, Ints
 from scarfmt.entropy.grouping import by_context
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.rans import RansDecoder, SymbolSource, cached_uniform
 from scarfmt.entropy.symbol_tables import SymbolTable, missing_table
-
-Values = NDArray[np.integer[Any]]
-I64 = NDArray[np.int64]
-I32 = NDArray[np.int32]
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 
 class SymbolReader:
@@ -56,7 +49,7 @@ class SymbolReader:
             return np.repeat(entry.alphabet, count)
         return entry.alphabet.take(self._rans.decode(entry.table, count))
 
-    def read_grouped(self, key: StepKey, kinds: Values) -> I32:
+    def read_grouped(self, key: StepKey, kinds: Ints) -> I32:
         """The next values, (n,) int32, grouped by ascending kind, order kept within each group (SPEC §8.4).
 
         Args:

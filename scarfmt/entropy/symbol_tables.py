@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.rans import FrequencyTable
 from scarfmt.errors import Malformed
 from scarfmt.kept import Keeper
-
-I64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64
 from scarfmt.formats import ply, ply_body
 from scarfmt.formats.dequantise import complete_smallest_three, dc_of_colour, logit_of_alpha, sh_from_channel_major
 from scarfmt.formats.source import Source
-from scarfmt.scene.gaussians import F32, F64, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 CHUNK = 256
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.scene.gaussians import F32, F64
+from scarfmt.arrays import F32, F64, U8
 
 SH_C0 = 0.28209479177387814
 """Value of the degree 0 spherical harmonic, 1 / (2 sqrt(pi))."""
 
-U8 = NDArray[np.uint8]
 
 
 def logit_of_alpha(alpha: U8) -> F32:

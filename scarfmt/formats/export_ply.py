@@ -8,9 +8,10 @@ from typing import BinaryIO
 
 import numpy as np
 
+from scarfmt.arrays import F32
 from scarfmt.atomic import atomic_write
 from scarfmt.errors import InvalidInput
-from scarfmt.scene.gaussians import F32, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 
 def write_inria_ply(

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from scarfmt.scene.gaussians import F32, GaussianScene
+from scarfmt.arrays import F32
+from scarfmt.scene.gaussians import GaussianScene
 
 Signs = tuple[int, int, int]
 

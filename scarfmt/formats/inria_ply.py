@@ -15,11 +15,12 @@ import math
 
 import numpy as np
 
+from scarfmt.arrays import F32
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import ply, ply_body
 from scarfmt.formats.dequantise import sh_from_channel_major
 from scarfmt.formats.source import Source
-from scarfmt.scene.gaussians import F32, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 FLAT_LOG_SCALE = math.log(1e-9)
 """Log scale given to the missing third axis of a 2D Gaussian."""

@@ -20,20 +20,19 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, U8
 from scarfmt.errors import InvalidInput, Unsupported, missing_package
 from scarfmt.formats.archive import is_zip, member_names, open_archive
 from scarfmt.formats.dequantise import complete_smallest_three, logit_of_alpha
 from scarfmt.formats.source import Source
-from scarfmt.scene.gaussians import F32, F64, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 _META = "meta.json"
 _PALETTE_COLUMNS = 64
 _BANDS_OF_COEFFICIENTS = {3: 1, 8: 2, 15: 3}
 _SPARE_PIXELS = 1 << 20
 
-U8 = NDArray[np.uint8]
 ReadMember = Callable[[str], bytes]
 
 

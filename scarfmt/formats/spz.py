@@ -19,13 +19,13 @@ from typing import Literal
 
 import numpy as np
 import zstandard
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, U8
 from scarfmt.errors import Unsupported
 from scarfmt.formats.dequantise import complete_smallest_three, logit_of_alpha
 from scarfmt.formats.frame import RUB_TO_RDF, Signs, flip_axes
 from scarfmt.formats.source import Source
-from scarfmt.scene.gaussians import F32, F64, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 _MAGIC = b"NGSP"
 _GZIP = b"\x1f\x8b"
@@ -34,7 +34,6 @@ _HAS_EXTENSIONS = 0x2
 _COORDINATE_SYSTEM = 0xADBE0003
 _MAX_EXTENSION_BYTES = 1 << 20
 
-U8 = NDArray[np.uint8]
 
 
 def sniff(source: Source) -> bool:

@@ -5,23 +5,15 @@ from __future__ import annotations
 import ctypes
 import itertools
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F64, I32, I64, U64, Ints, Numbers
 from scarfmt.kernel.memory import address
 from scarfmt.kernel.scratch import SCRATCH
 from scarfmt.kernel.structs import DEPTHS, Cells
 from scarfmt.limits import MAX_LOCAL_BITS
 from scarfmt.neural.layer_context import LayerContext
-
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-U64 = NDArray[np.uint64]
-Ints = NDArray[np.integer[Any]]
-Numbers = NDArray[np.integer[Any] | np.floating[Any]]
-F64 = NDArray[np.float64]
 
 
 class CellNames:

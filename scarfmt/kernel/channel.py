@@ -8,8 +8,8 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I32, I64, U16
 from scarfmt.entropy.keys import CONTEXTS
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel import structs
@@ -19,10 +19,6 @@ from scarfmt.kernel.packed_tables import PackedSteps
 from scarfmt.kernel.scratch import SCRATCH
 from scarfmt.kernel.stream_decoder import ALL_READ, KernelRansDecoder
 from scarfmt.scene.model import MAX_CLASSES, NO_SOURCE, Channel, ContextRule
-
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-U16 = NDArray[np.uint16]
 
 BAD_TRIT = -2
 VALUE_RANGE = -3

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I32, I64, Ints
 from scarfmt.codecs.channels import bad_trit, coarsen, steps_between, steps_coded, value_range
 from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import StepKey
@@ -20,10 +19,6 @@ from scarfmt.kernel.stream_decoder import ALL_READ
 from scarfmt.kernel.symbols import KernelSymbolReader
 from scarfmt.neural.predicted import PredictedChannel
 from scarfmt.scene.model import Channel
-
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-Ints = NDArray[np.integer[Any]]
 
 
 def _surroundings(library: ctypes.CDLL, predicted: PredictedChannel) -> Surroundings:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, I16, I32, I64, U64, Ints
 from scarfmt.codecs import neural_indices
 from scarfmt.codecs.channels import width_table
 from scarfmt.codecs.neural_indices import IndexCoder
@@ -32,13 +31,6 @@ from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.predicted import PredictedChannel
 from scarfmt.scene.model import Channel
-
-F32 = NDArray[np.float32]
-I16 = NDArray[np.int16]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-U64 = NDArray[np.uint64]
-Ints = NDArray[np.integer[Any]]
 
 
 class KernelEngine(NumpyEngine):

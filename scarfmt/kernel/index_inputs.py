@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, I16, I32, I64, Ints
 from scarfmt.codecs.neural_indices import Around, IndexCoder
 from scarfmt.kernel.cells import KernelCellSums
 from scarfmt.kernel.memory import address
 from scarfmt.kernel.structs import Embedding, Grid, GridLevel
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
-
-I16 = NDArray[np.int16]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-F32 = NDArray[np.float32]
-Ints = NDArray[np.integer[Any]]
 
 
 def packed_grid(grid: HashGrid) -> Grid:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I16, I32, I64
 from scarfmt.codecs import neural_indices
 from scarfmt.codecs.neural_indices import IndexCoder, count_pass, grid_features, read_first
 from scarfmt.entropy.symbol_reader import SymbolReader
@@ -20,10 +21,6 @@ from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from scarfmt.kernel.structs import Indices
 from scarfmt.kernel.symbols import KernelSymbolReader
 from scarfmt.neural.layer_context import LayerContext
-
-I16 = NDArray[np.int16]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
 
 BAD_INDEX = -2
 

@@ -8,10 +8,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F32
 from scarfmt.kernel.structs import Members
 from scarfmt.neural.tables import exp2_table
-
-F32 = NDArray[np.float32]
 
 LANES = 16
 """Columns of logits that are worked on together."""

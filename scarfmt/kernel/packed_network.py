@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, I64
 from scarfmt.kernel.members import PackedMembers, exp2_weights
 from scarfmt.kernel.memory import address
 from scarfmt.kernel.scratch import SCRATCH
@@ -18,9 +18,6 @@ from scarfmt.neural.evaluator import Evaluator
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.operations import NumpyOperations
 from scarfmt.neural.parts import GATES, Logits, Predicting, Recurrence, Rounded
-
-I64 = NDArray[np.int64]
-F32 = NDArray[np.float32]
 
 # Anchors side by side, and rows of weights that are multiplied at once.
 _BLOCK, _ROWS = 16, 5

@@ -9,14 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I32, I64
 from scarfmt.container.schema import Stream
 from scarfmt.kernel import structs
 from scarfmt.kernel.cells import CellNames
 from scarfmt.neural.predicted import PredictorSet
 from scarfmt.neural.predictors import Predictor
-
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
 
 ROWS = 5
 """Rows of weights that are multiplied at once."""

@@ -8,12 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.entropy.keys import CONTEXTS, StepKey, TableKey
 from scarfmt.entropy.rans import PRECISION
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.kernel.structs import Tables
-
-I64 = NDArray[np.int64]
 
 
 class PackedTables:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import U64
 from scarfmt.codecs.positions import KEY, bad_bin, bad_rest, too_many_below
 from scarfmt.entropy.symbol_tables import missing_table
 from scarfmt.kernel.memory import check_symbols
@@ -15,8 +16,6 @@ from scarfmt.kernel.packed_tables import PackedTables
 from scarfmt.kernel.stream_decoder import ALL_READ, KernelRansDecoder
 from scarfmt.kernel.structs import Nodes, Positions
 from scarfmt.kernel.symbols import KernelSymbolReader
-
-U64 = NDArray[np.uint64]
 
 BAD_BIN, BAD_REST, BAD_SPLIT = -2, -3, -4
 _FAULTS = {BAD_BIN: bad_bin, BAD_REST: bad_rest, BAD_SPLIT: too_many_below}

@@ -9,17 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, I32, I64, U16
 from scarfmt.entropy.rans import FrequencyTable, seal_error, words_of
 from scarfmt.kernel.members import LANES, PackedMembers, exp2_weights
 from scarfmt.kernel.memory import check_symbols
 from scarfmt.kernel.packed_tables import PackedTables
 from scarfmt.kernel.structs import Rans
-
-I64 = NDArray[np.int64]
-I32 = NDArray[np.int32]
-U16 = NDArray[np.uint16]
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 ALL_READ = -1
 

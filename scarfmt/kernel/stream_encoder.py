@@ -8,16 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, U32, Ints
 from scarfmt.entropy.rans import PRECISION, FrequencyTable, check_rows
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel.members import LANES, exp2_weights
 from scarfmt.kernel.packed_tables import PackedTables
 from scarfmt.kernel.stream_decoder import ALL_READ
-
-U32 = NDArray[np.uint32]
-Ints = NDArray[np.integer[Any]]
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 
 class KernelRansEncoder:

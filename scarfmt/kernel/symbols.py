@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, I32, I64, Ints
 from scarfmt.entropy.emitters import SymbolWriter
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
@@ -17,12 +16,6 @@ from scarfmt.kernel.members import PackedMembers
 from scarfmt.kernel.packed_tables import PackedStaticTables
 from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from scarfmt.kernel.stream_encoder import KernelRansEncoder
-
-Values = NDArray[np.integer[Any]]
-I64 = NDArray[np.int64]
-I32 = NDArray[np.int32]
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 
 class KernelSymbolReader(SymbolReader):
@@ -49,7 +42,7 @@ class KernelSymbolReader(SymbolReader):
             self._tables = StaticTables(self._tables)
         return self._tables.kept(PackedStaticTables)
 
-    def read_grouped(self, key: StepKey, kinds: Values) -> I32:
+    def read_grouped(self, key: StepKey, kinds: Ints) -> I32:
         found = self.rans.grouped(self.packed.step(key), kinds.astype(np.uint16, copy=False))
         if isinstance(found, int):
             raise missing_table(key.table(found))
@@ -85,10 +78,10 @@ class KernelSymbolWriter(SymbolWriter):
         self._static = StaticTables.of(tables)
         super().__init__(self._static, self._compiled)
 
-    def emit_grouped(self, key: StepKey, kinds: Values, values: Values) -> None:
+    def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
         self._compiled.encode_grouped(self._static.kept(PackedStaticTables).step(key), kinds, values)
 
-    def emit_logits(self, logits: F32 | None, weights: Callable[[], F64], values: Values) -> None:
+    def emit_logits(self, logits: F32 | None, weights: Callable[[], F64], values: Ints) -> None:
         if logits is None:
             self.emit_rows(weights(), values)
         else:

@@ -5,14 +5,9 @@ from __future__ import annotations
 import ctypes
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, I32, I64
 from scarfmt.kernel.memory import address
-
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
 
 
 def kernel_values(library: ctypes.CDLL, values: I32, steps: I64, widths: F64) -> F32:

@@ -17,12 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, I32, I64, Ints
 from scarfmt.errors import Malformed
-
-F32 = NDArray[np.float32]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-Ints = NDArray[np.integer[Any]]
 
 ACCUMULATOR_LIMIT = 1 << 24
 MAX_WEIGHT = 32767

@@ -9,20 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F64, I32, I64, U64, Ints, Numbers
 from scarfmt.limits import MAX_LOCAL_BITS
 from scarfmt.scene.model import MAX_STEPS
-
-I64 = NDArray[np.int64]
-I32 = NDArray[np.int32]
-F64 = NDArray[np.float64]
-U64 = NDArray[np.uint64]
-Ints = NDArray[np.integer[Any]]
-Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 
 FINE_LIMIT = 1 << 24
 """Fixed-point values are clamped to it: 2^14 first cells. A cell's sum over 2^20 anchors stays below 2^53."""

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I16, I32, I64, Ints
 from scarfmt.neural.context import CellMeans, CellSums, Sums, put_fine
 from scarfmt.neural.grid import HashGrid
-
-I16 = NDArray[np.int16]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-Ints = NDArray[np.integer[Any]]
 
 
 class ContextOperations(Protocol):

@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, I64, Ints, Numbers
 from scarfmt.errors import InvalidInput
 from scarfmt.kept import Keeper
 from scarfmt.neural.network import IndexNetwork
@@ -21,12 +20,6 @@ from scarfmt.neural.operations import NUMPY, Array, Operations
 from scarfmt.neural.parts import GATES, Attending, Logits, Predicting, Recurrence, Rounded
 from scarfmt.neural.tables import exp2_table
 from scarfmt.scene.codebooks import Codebooks
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-Ints = NDArray[np.integer[Any]]
-Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 
 
 @dataclass(frozen=True)

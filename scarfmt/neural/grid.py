@@ -16,13 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F64, I16, I64, U8
 from scarfmt.errors import Malformed
 from scarfmt.kept import Keeper
-
-I16 = NDArray[np.int16]
-I64 = NDArray[np.int64]
-F64 = NDArray[np.float64]
-U8 = NDArray[np.uint8]
 
 MAX_LEVELS = 16
 MAX_FEATURES = 8

@@ -6,11 +6,10 @@ Encoder and decoder fill it in alike, channel by channel.
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I16, I32, I64, U64, Ints
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.morton import deinterleave
 from scarfmt.counters import Counters
@@ -20,12 +19,6 @@ from scarfmt.neural.context_operations import NUMPY_CONTEXT, ContextOperations
 from scarfmt.neural.grid import HashGrid
 from scarfmt.observe import LayerObserver
 from scarfmt.scene.model import SceneModel
-
-I16 = NDArray[np.int16]
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
-U64 = NDArray[np.uint64]
-Ints = NDArray[np.integer[Any]]
 
 
 class LayerContext(Keeper):

@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I32, I64
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import (
     ACCUMULATOR_LIMIT,
@@ -28,9 +28,6 @@ from scarfmt.neural.arithmetic import (
 )
 from scarfmt.scene.codebooks import MAX_CODEWORDS, Codebooks
 from scarfmt.scene.model import MAX_CLASSES
-
-I32 = NDArray[np.int32]
-I64 = NDArray[np.int64]
 
 MAX_WIDTH = 256
 MAX_INPUTS = 512

@@ -14,13 +14,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, Ints, Numbers
 from scarfmt.entropy.rans import TOTAL
 
 Array = Any
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-Ints = NDArray[np.integer[Any]]
-Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 
 _SUMMED_TOGETHER = 64
 _TRIANGLE = np.triu(np.ones((_SUMMED_TOGETHER, _SUMMED_TOGETHER), np.float32))

@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.kept import Keeper
 from scarfmt.neural.arithmetic import Linear, folded
 from scarfmt.neural.network import QUERY_AMAX, Attention, GruLayer, Head
 from scarfmt.neural.operations import Array, Operations
 from scarfmt.neural.tables import LAST, exp2_table, sigmoid_table, state_table
-
-I64 = NDArray[np.int64]
-Ints = NDArray[np.integer[Any]]
 
 GATES = 3
 _RECURRENT_AMAX = 2047

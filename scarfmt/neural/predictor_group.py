@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, I64
 from scarfmt.neural.predictors import AMAX, Predictor
-
-F32 = NDArray[np.float32]
-I64 = NDArray[np.int64]
 
 
 class PredictorGroup:

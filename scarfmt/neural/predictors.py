@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, I64, Ints
 from scarfmt.container.schema import Stream
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import Linear
@@ -20,11 +19,6 @@ from scarfmt.neural.context import CellMeans, cell_power, count_features
 from scarfmt.neural.context_operations import NUMPY_CONTEXT, ContextOperations, fine
 from scarfmt.scene.model import MAX_CLASSES, SceneModel
 from scarfmt.scene.streams import CONTEXT_STREAMS
-
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
-Ints = NDArray[np.integer[Any]]
 
 AMAX = 511
 """Inputs and hidden units are 10-bit activations."""

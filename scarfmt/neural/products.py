@@ -6,17 +6,13 @@ all that comes before the second token, are tables made once. Elementwise operat
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import Ints
 from scarfmt.counters import Counters, Part
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.scene.codebooks import Codebooks
-
-Ints = NDArray[np.integer[Any]]
 
 
 class NetworkWork:

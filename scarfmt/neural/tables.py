@@ -7,9 +7,8 @@ in units of 1/32: 32 steps to 1 of a pre-activation, 32 steps to one bit of a lo
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-I64 = NDArray[np.int64]
+from scarfmt.arrays import I64
 
 LAST = 255
 """Largest argument of TANH and SIGMOID; larger ones count as this."""

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from scarfmt.arrays import F64
 from scarfmt.errors import InvalidInput
-from scarfmt.scene.gaussians import F64, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 # Up axis -> the horizontal axes at azimuth 0 and 90 degrees. Flipping the up axis flips only the second,
 # so that a scene turned upside down keeps its azimuths as seen from its own top.

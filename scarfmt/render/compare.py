@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import Floats
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera, load_cameras
 from scarfmt.render.images import read_image
@@ -16,9 +16,8 @@ from scarfmt.render.metrics import psnr, ssim
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
 
-Picture = NDArray[np.floating]
 # Anything that can be looked at: explicit Gaussians, or a function from camera to picture (anchor models).
-View = GaussianScene | Callable[[Camera], Picture]
+View = GaussianScene | Callable[[Camera], Floats]
 
 
 @dataclass(frozen=True)
@@ -105,7 +104,7 @@ def compare_with_photos(
     return compare_pictures(pairs, ssim)
 
 
-def compare_pictures(pairs: Iterable[tuple[str, Picture, Picture]], with_ssim: bool = True) -> Comparison:
+def compare_pictures(pairs: Iterable[tuple[str, Floats, Floats]], with_ssim: bool = True) -> Comparison:
     """Compare pictures given as (name, picture, original).
 
     Raises:
@@ -122,5 +121,5 @@ def compare_pictures(pairs: Iterable[tuple[str, Picture, Picture]], with_ssim: b
     return Comparison(tuple(names), tuple(decibels), tuple(similarities))
 
 
-def _picture(view: View, camera: Camera, background: Sequence[float]) -> Picture:
+def _picture(view: View, camera: Camera, background: Sequence[float]) -> Floats:
     return render(view, camera, background) if isinstance(view, GaussianScene) else view(camera)

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, UnidentifiedImageError
 
+from scarfmt.arrays import F32
 from scarfmt.atomic import atomic_write
 from scarfmt.errors import InvalidInput
-from scarfmt.scene.gaussians import F32
 
 _LABEL_HEIGHT = 18
 _LABEL_INK = (230, 230, 230)

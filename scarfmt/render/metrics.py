@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F64
 from scarfmt.errors import InvalidInput
-from scarfmt.scene.gaussians import F64
 
 _RADIUS, _SIGMA = 5, 1.5
 _C1, _C2 = 0.01**2, 0.03**2

@@ -11,9 +11,10 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import Camera
 from scarfmt.render.jit import device, kernel
-from scarfmt.scene.gaussians import F32, F64, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 DILATION = 0.3
 MIN_ALPHA = 1.0 / 255.0

@@ -15,6 +15,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
 from scarfmt.render.jit import device, kernel
@@ -35,7 +36,7 @@ from scarfmt.render.projection import (
     RED,
     project,
 )
-from scarfmt.scene.gaussians import F32, F64, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 TILE = 16
 _PIXELS = TILE * TILE

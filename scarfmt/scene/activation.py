@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F64, Floats
 from scarfmt.container.schema import Stream
 from scarfmt.scene.rotation import quaternion_from
-
-F64 = NDArray[np.float64]
-Floats = NDArray[np.floating]
 
 MAX_LOG_OPACITY = -(2.0**-13)
 """Opacity 1 has no logit: ln(opacity) is capped here, where the logit is 9.01 (SPEC §9.4)."""

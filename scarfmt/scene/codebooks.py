@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-I64 = NDArray[np.int64]
+from scarfmt.arrays import I64
 
 MAX_CODEWORDS = 4096
 MAX_LATENT = 64

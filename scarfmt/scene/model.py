@@ -12,13 +12,11 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import Malformed
 from scarfmt.scene.streams import CONTEXT_STREAMS, components, needed
-
-I64 = NDArray[np.int64]
 
 MAX_CLASSES = 15
 MAX_CHANNELS = 8

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-F64 = NDArray[np.float64]
+from scarfmt.arrays import F64
 
 
 def matrix_from_quaternion(quaternions: NDArray[np.floating]) -> F64:

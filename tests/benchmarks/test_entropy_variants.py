@@ -15,9 +15,9 @@ from reference_encoder.networks.dataset import IndexRows
 from reference_encoder.networks.model import Batch, IndexModel
 from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.networks.train import Examples, TrainOptions, measure, train
+from scarfmt.arrays import I64
 from scarfmt.scene.codebooks import Codebooks
 
-I64 = NDArray[np.int64]
 KINDS: tuple[type[IndexModel], ...] = (StageMlp, BranchedMlp, GruOnly)
 SHAPE = NetworkShape(hidden=8, middle=12, mixer=12, codeword_dims=6)
 STAGES, CODES = 3, 8

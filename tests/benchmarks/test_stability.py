@@ -17,9 +17,10 @@ from benchmarks.entropy_operations import DoubleOperations, PermutedOperations
 from benchmarks.stability_activated import Activation, activations, reference_error
 from benchmarks.stability_files import BASE, Manner, decoding, digests, manners, orders
 from benchmarks.stability_networks import measure_networks
-from benchmarks.stability_search import Floats, Operation, search, used_tolerance
+from benchmarks.stability_search import Operation, search, used_tolerance
 from benchmarks.stability_tables import failures, markdown
 from benchmarks.stability_values import measure_values, reaches, rounded32
+from scarfmt.arrays import Floats
 from tests.benchmarks.test_entropy import SometimesWrong
 
 _NAMES = ("valid/predictors", "valid/index-attention", "valid/anchors-neural", "edge/tiles-nested")

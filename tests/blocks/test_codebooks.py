@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.blocks.codebooks import MAX_VALUE, pack_codebooks, unpack_codebooks
 from scarfmt.container.bytefields import unsigned_varint
 from scarfmt.entropy.rice import pack_rice
 from scarfmt.errors import LimitExceeded, ScarError
 from scarfmt.scene.codebooks import MAX_CODEWORDS, MAX_LATENT, Codebooks
 from tests.samples.codec_samples import refuses
-
-I64 = NDArray[np.int64]
 
 
 def same(found: dict[int, I64], wanted: dict[int, I64]) -> bool:

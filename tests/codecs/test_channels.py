@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I32, I64
 from scarfmt.codecs.channels import check_reach, coarsen, contexts, get_channel, put_channel, trit_contexts
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.keys import TableKey
@@ -17,8 +17,6 @@ from scarfmt.errors import Malformed
 from scarfmt.scene.model import NO_SOURCE, Channel, ContextRule
 from tests.samples.codec_samples import Recorder, emitting, reader_of, refuses
 
-I64 = NDArray[np.int64]
-I32 = NDArray[np.int32]
 EDGE = 2**31 - 1
 VALUES = st.one_of(st.integers(-40, 40), st.integers(-EDGE, EDGE), st.sampled_from([EDGE, -EDGE, 0]))
 

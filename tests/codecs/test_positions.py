@@ -12,6 +12,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from scarfmt.arrays import U64
 from scarfmt.codecs.positions import LARGEST_OWN_TABLE, get_positions, put_positions
 from scarfmt.container.morton import interleave
 from scarfmt.container.schema import Stream
@@ -23,8 +24,6 @@ from scarfmt.errors import ScarError
 from scarfmt.formats import load
 from scarfmt.scene.gaussians import GaussianScene
 from tests.samples.codec_samples import coded, cost_bits, emitting, reader_of, refuses
-
-U64 = NDArray[np.uint64]
 
 LARGE = LARGEST_OWN_TABLE + 1
 

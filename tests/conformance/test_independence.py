@@ -15,6 +15,7 @@ CONFORMANCE = REPOSITORY / "conformance"
 PACKAGE = ("scarfmt", "reference_decoder", "reference_encoder")
 
 VALUES = {
+    "scarfmt.arrays": {"F32", "F64", "I16", "I32", "I64", "Floats", "Ints", "U8", "U64"},
     "scarfmt.blocks.mlp": {"Linear", "QuantisedMlp"},
     "scarfmt.coding.writer": {"QuantisedScene"},
     "scarfmt.container.file": {"Block", "HeaderFields", "Tile"},

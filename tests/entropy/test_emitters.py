@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from scarfmt.arrays import Ints
 from scarfmt.blocks.tables import fit_table
-from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolRecorder, SymbolWriter, Values
+from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolRecorder, SymbolWriter
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.rans import PureRansDecoder
 from scarfmt.entropy.symbol_reader import SymbolReader
@@ -118,7 +119,7 @@ def test_symbols_left_in_a_stream_break_the_seal() -> None:
 
 
 
-def one_by_one(counter: SymbolCounter, key: StepKey, kinds: Values, values: Values) -> None:
+def one_by_one(counter: SymbolCounter, key: StepKey, kinds: Ints, values: Ints) -> None:
     """Each group by itself."""
     for kind in np.unique(kinds).tolist():
         counter.emit(key.table(kind), values[kinds == kind])
@@ -137,7 +138,7 @@ def same_histograms(a: SymbolCounter, b: SymbolCounter) -> None:
 @settings(deadline=None, max_examples=150)
 @given(st.lists(st.tuples(many_groups(), st.booleans(), st.booleans()), max_size=5))
 def test_counting_many_groups_at_once_is_counting_each(
-    calls: list[tuple[tuple[Values, Values], bool, bool]],
+    calls: list[tuple[tuple[Ints, Ints], bool, bool]],
 ) -> None:
     """Of the same tables again and again, some at once and some one by one; in wide and in narrow steps."""
     mixed, plain = SymbolCounter(), SymbolCounter()
@@ -176,7 +177,7 @@ def test_values_beyond_32_bits_are_not_counted_as_others(value: int) -> None:
 
 @settings(deadline=None, max_examples=60)
 @given(st.lists(many_groups(), max_size=3))
-def test_writers_and_recorders_of_many_groups(calls: list[tuple[Values, Values]]) -> None:
+def test_writers_and_recorders_of_many_groups(calls: list[tuple[Ints, Ints]]) -> None:
     """The same bytes at once, later, and group by group; a reader finds the values in their places."""
     counter = SymbolCounter()
     recorder = SymbolRecorder(counter)

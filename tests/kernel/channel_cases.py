@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I32, I64
 from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.engine import Engine
 from scarfmt.container.directory import TileFrame
@@ -21,9 +21,8 @@ from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predicted import PredictedChannel, PredictorSet
 from scarfmt.neural.predictors import AMAX, Predictor, input_width
 from scarfmt.scene.model import MAX_CLASSES, MAX_STEPS, Channel, ContextRule, DecodedContext, LayerRow, SceneModel
-from tests.kernel.samples import EXTREME, I64, random_stream
+from tests.kernel.samples import EXTREME, random_stream
 
-I32 = NDArray[np.int32]
 BITS = 6
 
 

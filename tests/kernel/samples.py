@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F32, F64, I64
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.engines import absence
 from scarfmt.entropy.rans import FrequencyTable, PureRansDecoder
@@ -21,9 +21,6 @@ from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from scarfmt.neural.operations import NUMPY
 from scarfmt.neural.tables import exp2_table
 
-F32 = NDArray[np.float32]
-F64 = NDArray[np.float64]
-I64 = NDArray[np.int64]
 EXTREME = (1 << 31) - 1
 
 needs_kernel = pytest.mark.skipif(absence() is not None, reason=f"no kernel: {absence()}")

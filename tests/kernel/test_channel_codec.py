@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from scarfmt.arrays import I32, I64
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.schema import Stream
 from scarfmt.entropy.keys import TableKey
@@ -19,8 +20,8 @@ from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.predictors import MAX_HIDDEN, Predictor, input_width
 from scarfmt.scene.model import MAX_DEPTHS, NO_SOURCE, Channel, ContextRule
-from tests.kernel.channel_cases import I32, Case
-from tests.kernel.samples import EXTREME, I64, SEEDS, both, library, needs_kernel, outcome, same
+from tests.kernel.channel_cases import Case
+from tests.kernel.samples import EXTREME, SEEDS, both, library, needs_kernel, outcome, same
 
 pytestmark = needs_kernel
 

@@ -11,6 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.codecs.neural_indices import Around, IndexCoder, embedding_inputs
 from scarfmt.coding.engine import Engine
 from scarfmt.kernel import index_inputs
@@ -32,7 +33,6 @@ from tests.kernel.samples import SEEDS, both, library, needs_kernel, same
 
 pytestmark = needs_kernel
 
-I64 = NDArray[np.int64]
 EXTREME = (1 << 31) - 1
 
 

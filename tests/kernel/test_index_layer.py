@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from fuzz.testing.networks import random_books, random_network
+from scarfmt.arrays import I16, I64
 from scarfmt.codecs.neural_indices import IndexCoder, index_coder
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.container.directory import TileFrame
@@ -27,12 +28,11 @@ from scarfmt.neural.grid import GridLevel, HashGrid
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.network import Inputs
 from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, SceneModel
-from tests.kernel.samples import I64, SEEDS, both, library, needs_kernel, outcome, random_stream, same
+from tests.kernel.samples import SEEDS, both, library, needs_kernel, outcome, random_stream, same
 from tests.kernel.test_index_inputs import random_codes, spread
 
 pytestmark = needs_kernel
 
-I16 = NDArray[np.int16]
 BITS = 5
 ATTRIBUTES = 4
 

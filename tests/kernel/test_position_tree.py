@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from scarfmt.arrays import U64
 from scarfmt.codecs.positions import LARGEST_OWN_TABLE, put_positions
 from scarfmt.coding.engine import Engine
 from scarfmt.container.schema import Stream
@@ -22,7 +22,6 @@ from tests.samples.codec_samples import coded
 
 pytestmark = needs_kernel
 
-U64 = NDArray[np.uint64]
 LARGE = LARGEST_OWN_TABLE + 1
 
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from scarfmt.arrays import F32
 from scarfmt.entropy.rans import (
     MAX_ALPHABET,
     TOTAL,
@@ -25,7 +26,6 @@ from scarfmt.errors import Malformed
 from scarfmt.kernel.packed_tables import PackedTables
 from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from tests.kernel.samples import (
-    F32,
     SEEDS,
     both_decoders,
     check_same_state,

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from scarfmt.arrays import F64, I64
 from scarfmt.entropy.rans import MAX_ALPHABET, PRECISION, FrequencyTable, PureRansDecoder, RansEncoder, uniform_table
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput
@@ -17,8 +18,6 @@ from scarfmt.kernel.packed_tables import PackedTables
 from scarfmt.kernel.stream_encoder import KernelRansEncoder
 from tests.kernel.samples import (
     EXTREME,
-    F64,
-    I64,
     SEEDS,
     frequency_rows,
     library,

@@ -6,11 +6,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from scarfmt.arrays import F32, Ints
 from scarfmt.blocks.tables import fit_table
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
-from scarfmt.entropy.emitters import SymbolCounter, SymbolRecorder, Values
+from scarfmt.entropy.emitters import SymbolCounter, SymbolRecorder
 from scarfmt.kernel.engine import KernelEngine
-from tests.kernel.samples import F32, SEEDS, frequency_rows, library, needs_kernel, outcome
+from tests.kernel.samples import SEEDS, frequency_rows, library, needs_kernel, outcome
 from tests.samples.codec_samples import STEP, many_groups
 
 pytestmark = needs_kernel
@@ -18,7 +19,7 @@ pytestmark = needs_kernel
 
 @settings(deadline=None, max_examples=60)
 @given(st.lists(many_groups(), max_size=3))
-def test_writers_and_recorders_of_many_groups(calls: list[tuple[Values, Values]]) -> None:
+def test_writers_and_recorders_of_many_groups(calls: list[tuple[Ints, Ints]]) -> None:
     """The same bytes at once and later; either reader finds the values in their places."""
     kernel, written = KernelEngine(library()), list[bytes]()
     for engine in (kernel, NUMPY_ENGINE):
@@ -40,7 +41,7 @@ def test_writers_and_recorders_of_many_groups(calls: list[tuple[Values, Values]]
         reader.finish()
 
 
-def modelled(engine: Engine, logits: F32, symbols: Values, at_hand: bool) -> bytes:
+def modelled(engine: Engine, logits: F32, symbols: Ints, at_hand: bool) -> bytes:
     """What a writer makes of symbols of logits, which are at hand or only their rows are."""
     writer = engine.symbol_writer({})
     writer.emit_logits(logits.copy() if at_hand else None, lambda: frequency_rows(logits), symbols)

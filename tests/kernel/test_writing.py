@@ -16,13 +16,14 @@ from conformance.scenes.neural_scenes import neural_plans
 from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.scenes import random_scene
 from fuzz.testing.strategies import scenes
+from scarfmt.arrays import I64, Ints
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.container.source import open_source
 from scarfmt.engines import best_engine
-from scarfmt.entropy.emitters import Emitter, Values
+from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.grouping import by_context
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.errors import InvalidInput
@@ -30,7 +31,7 @@ from scarfmt.kernel.channel import KernelChannel
 from scarfmt.neural.predictors import MAX_HIDDEN
 from scarfmt.scene.model import MAX_DEPTHS, Channel, ContextRule
 from tests.kernel.channel_cases import Case
-from tests.kernel.samples import EXTREME, I64, SEEDS, both, library, needs_kernel, same
+from tests.kernel.samples import EXTREME, SEEDS, both, library, needs_kernel, same
 
 pytestmark = needs_kernel
 
@@ -44,22 +45,22 @@ class Groups(Emitter):
     def __init__(self) -> None:
         self.found: list[tuple[TableKey, list[int]]] = []
 
-    def emit(self, key: TableKey, values: Values) -> None:
+    def emit(self, key: TableKey, values: Ints) -> None:
         if len(values):
             self.found.append((key, values.tolist()))
 
-    def emit_grouped(self, key: StepKey, kinds: Values, values: Values) -> None:
+    def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
         order, runs = by_context(kinds)
         for kind, start, past in runs:
             self.emit(key.table(kind), values[order][start:past])
 
-    def emit_uniform(self, size: int, values: Values) -> None:
+    def emit_uniform(self, size: int, values: Ints) -> None:
         raise AssertionError
 
-    def emit_rows(self, weights: object, values: Values) -> None:
+    def emit_rows(self, weights: object, values: Ints) -> None:
         raise AssertionError
 
-    def emit_logits(self, logits: object, values: Values) -> None:
+    def emit_logits(self, logits: object, values: Ints) -> None:
         raise AssertionError
 
 

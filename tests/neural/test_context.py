@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.limits import MAX_LOCAL_BITS
 from scarfmt.neural.context import (
     FINE_LIMIT,
@@ -22,7 +23,6 @@ from scarfmt.neural.context import (
 from scarfmt.neural.context_operations import fine
 from scarfmt.scene.model import MAX_PASSES_LOG2, MAX_STEPS
 
-I64 = NDArray[np.int64]
 seeds = st.integers(0, 2**32 - 1)
 
 

@@ -11,11 +11,11 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from conformance.writer.oracle import Oracle, frequencies_of
 from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.torch_operations import TorchOperations
+from scarfmt.arrays import I64
 from scarfmt.entropy.rans import TOTAL, PureRansDecoder, RansDecoder, RansEncoder
 from scarfmt.errors import InvalidInput, Unsupported
 from scarfmt.neural.evaluator import Evaluator
@@ -24,7 +24,6 @@ from scarfmt.neural.operations import NUMPY, NumpyOperations, Operations
 from scarfmt.neural.tables import exp2_table
 from tests.neural.networks import Case, cases, random_books, random_network
 
-I64 = NDArray[np.int64]
 INPUTS = Inputs(classes=2, own=True, attributes=3, depths=1, latents=2, latent_shift=1, grid=2)
 
 

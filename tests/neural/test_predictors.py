@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import Malformed
 from scarfmt.neural.arithmetic import Linear
@@ -24,8 +24,6 @@ from scarfmt.neural.predictors import (
     input_width,
 )
 from scarfmt.scene.model import MAX_CLASSES, Channel, ContextRule, DecodedContext, LayerRow, SceneModel
-
-I64 = NDArray[np.int64]
 
 
 def linear(rng: np.random.Generator, rows: int, columns: int, top: int = 127) -> Linear:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import F64
 from scarfmt.render.camera import Camera
-from scarfmt.scene.gaussians import F64, GaussianScene
+from scarfmt.scene.gaussians import GaussianScene
 
 
 @dataclass(frozen=True)

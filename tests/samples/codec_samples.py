@@ -10,8 +10,9 @@ import pytest
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from scarfmt.arrays import Ints
 from scarfmt.blocks.tables import fit_table, pack_table
-from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter, Values
+from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import SymbolTable
@@ -75,13 +76,13 @@ class Recorder(Emitter):
     def __init__(self) -> None:
         self.groups: list[tuple[TableKey | int, list[int]]] = []
 
-    def emit(self, key: TableKey, values: Values) -> None:
+    def emit(self, key: TableKey, values: Ints) -> None:
         self.groups.append((key, values.tolist()))
 
-    def emit_uniform(self, size: int, values: Values) -> None:
+    def emit_uniform(self, size: int, values: Ints) -> None:
         self.groups.append((size, values.tolist()))
 
-    def emit_rows(self, weights: object, values: Values) -> None:
+    def emit_rows(self, weights: object, values: Ints) -> None:
         raise AssertionError("no codec of these samples has rows")
 
 

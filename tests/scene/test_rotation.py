@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F64
 from scarfmt.scene.rotation import (
     axes_from,
     matrix_from_quaternion,
@@ -16,8 +16,6 @@ from scarfmt.scene.rotation import (
     quaternion_from_matrix,
     sort_axes,
 )
-
-F64 = NDArray[np.float64]
 
 
 def covariance(log_scales: F64, quaternions: F64) -> F64:

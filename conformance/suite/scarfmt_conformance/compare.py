@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import F64
 from scarfmt.errors import InvalidInput
 from scarfmt_conformance.protocol import METADATA, STAGES, printable
 
@@ -26,7 +26,6 @@ _ACTIVATED_TYPES = ("<f4", "<f8")
 _MISSING = object()
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
-F64 = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,16 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from reference_encoder.decide import contexts as chooser
 from reference_encoder.decide.allocate import entropy_bits
 from reference_encoder.decide.contexts import choose_rules
+from scarfmt.arrays import I64
 from scarfmt.codecs.channels import contexts
 from scarfmt.container.schema import Stream
 from scarfmt.scene.model import NO_SOURCE, ContextRule
 
-I64 = NDArray[np.int64]
 STREAMS = [Stream.POSITION_RESIDUAL, Stream.SCALE, Stream.OPACITY]
 
 

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from reference_encoder.networks.predictor_descent import Parameters, descend, one_cycle
+from scarfmt.arrays import F32
 
 COUNT, WIDTH, UNITS = 6000, 6, 4
-F32 = NDArray[np.float32]
 
 
 def start(seed: int) -> Parameters:

@@ -23,6 +23,7 @@ from reference_encoder.networks.model import IndexModel
 from reference_encoder.networks.shape import NetworkShape
 from reference_encoder.networks.train import Examples, Trained, TrainOptions, build, measure, train
 from reference_encoder.options import EFFORTS
+from scarfmt.arrays import I64
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.rans import RansEncoder
@@ -32,7 +33,6 @@ from scarfmt.neural.network import Inputs
 from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
-I64 = NDArray[np.int64]
 SHAPE = NetworkShape(hidden=8, middle=12, mixer=12, codeword_dims=6)
 QUICK = TrainOptions(epochs=6, batch=64, learning_rate=0.04, patience=0.0)
 

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from reference_decoder.anchors import log_sigmoid, outlook, run, sigmoid, slot_centres, unit_quaternions
 from reference_decoder.decoded import Decoded
-from scarfmt.scene.gaussians import F64, AnchorModel, GaussianScene
+from scarfmt.arrays import F64
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I64, Numbers
 from scarfmt.container.schema import Stream
 
 Arrays = dict[str, NDArray[Any]]
-I64 = NDArray[np.int64]
-Numbers = NDArray[np.integer[Any] | np.floating[Any]]
 
 
 class LayerRecord:
