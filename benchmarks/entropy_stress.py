@@ -65,7 +65,7 @@ class Question:
     codes: I64
 
     def part(self, rows: I64) -> Question:
-        """The same of some anchors."""
+        """The case reduced to some anchors."""
         return replace(self, x=self.x[rows], codes=self.codes[rows])
 
 
@@ -132,7 +132,7 @@ def rows_of(evaluator: Evaluator, question: Question) -> Rows:
 
 
 def oracle_rows(question: Question) -> Rows:
-    """The same in Python integers."""
+    """The products in Python integers."""
     case, book = question.case, int(question.codes.shape[1] > 0)
     oracle = Oracle(case.network, case.books.coarse.tolist(), case.books.residual.tolist())
     ys = [oracle.context(x, codes) for x, codes in zip(question.x.tolist(), question.codes.tolist(), strict=True)]

@@ -63,14 +63,14 @@ def _first_travels(models: SceneModels) -> dict[int, tuple[Predictor, ...]]:
 
 
 def without_networks(scene: QuantisedScene) -> QuantisedScene:
-    """The same integers under static tables alone."""
+    """A scene with its integers under static tables alone."""
     layers = tuple(replace(row, neural=False) for row in scene.model.layers)
     model = replace(scene.model, context=DecodedContext(), layers=layers)
     return replace(scene, model=model, predictors={}, network=None, grid=None)
 
 
 def recut(scene: QuantisedScene, most: int) -> QuantisedScene:
-    """The same anchors in tiles of at most `most`: every tile that has more is cut, its lattice stays."""
+    """A scene with its anchors in tiles of at most `most`: every tile that has more is cut, its lattice stays."""
     tiles: list[Tile] = []
     contents: list[TileContent] = []
     for tile, content in zip(scene.tiles, scene.contents, strict=True):

@@ -112,7 +112,7 @@ def measure_files(real: Path, large: Sequence[Path], short: bool) -> dict[str, l
 
 
 def measure_processes(real: Path, short: bool) -> dict[str, Any]:
-    """The same in processes of other kinds."""
+    """Digests of files decoded in processes of other kinds."""
     some = {name: way for name, way in environments().items() if not short or name in _SHORT_PROCESSES}
     return decoded_elsewhere(some, [real, *neural_vectors()[:: 6 if short else 2]], real)
 

@@ -129,7 +129,7 @@ def _turned(x: Any) -> Floats:
 
 
 def activations() -> list[Activation]:
-    """Those without networks."""
+    """Cases without networks."""
     wide, one = ((LEAST,) * 3, (MOST,) * 3), ((LEAST,), (MOST,))
     return [
         Activation(

@@ -70,7 +70,7 @@ class OtherPredictor:
     seed: int | None
 
     def contexts(self, x: F32) -> I64:
-        """As :meth:`Predictor.contexts`."""
+        """Contexts by shuffled products; equal to those of :meth:`Predictor.contexts`."""
         if self.seed is None:
             return self._whole(x.astype(np.int64))
         rng = np.random.default_rng(self.seed)
@@ -106,7 +106,7 @@ class OtherModels(SceneModels):
     seed: int | None = None
 
     def neural(self, *arguments: Any, **named: Any) -> tuple[NeuralModels, ...]:
-        """As :meth:`SceneModels.neural`."""
+        """Networks with shuffled products, in place of :meth:`SceneModels.neural`."""
         found = super().neural(*arguments, **named)
         made: dict[int, OtherPredictor] = {}
         return tuple(
@@ -222,6 +222,6 @@ def vectors() -> list[Path]:
 
 
 def neural_vectors() -> list[Path]:
-    """Those of them with integer networks, or of many tiles and layers: where an order could show."""
+    """The files with integer networks, or of many tiles and layers: where an order could show."""
     wanted = ("anchors-neural", "index-", "predictors", "grid-", "activation-", "sixteen-layers", "tiles-", "one-cell")
     return [path for path in vectors() if path.parent.name.startswith(wanted)]

@@ -27,7 +27,7 @@ _STD, _QUATERNION = slice(0, 3), slice(3, 7)
 Single = Callable[[Floats, Floats], Floats]
 """Logarithmic scales (n, 1) and outputs of a network, in float32 -> values."""
 Double = Callable[[F64, F64, F64], tuple[F64, F64]]
-"""The same in float64, and M of the outputs -> b and m."""
+"""The evaluation in float64, and M of the outputs -> b and m."""
 
 
 def random_layer(rng: np.random.Generator, rows: int, columns: int, reach: float) -> Linear:

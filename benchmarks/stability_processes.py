@@ -1,4 +1,4 @@
-"""The same files in processes that compute differently: other kernels of the libraries, threads, hash seeds.
+"""One set of files decoded in processes that compute differently: other kernels of the libraries, threads, hash seeds.
 
 A library picks its inner loops by the processor it finds. Told to take those of older ones it adds in other orders,
 with and without fused multiply-add: what another machine would do.

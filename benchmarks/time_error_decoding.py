@@ -18,7 +18,7 @@ Record = dict[str, Any]
 def measure_entropy(
     scene: Scene, quality: float, effort: int, rounds: int, networks: Sequence[str] = (gain.NEURAL, gain.FLAT)
 ) -> Record:
-    """The same symbols under static tables, with predictors, with index networks of two-level and of flat heads."""
+    """One scene's symbols under static tables, with predictors, with index networks of two-level and of flat heads."""
     files = gain.files(scene, quality, effort, networks)
     jobs: dict[str, child.Job] = {k: {"job": "decode", "file": file["path"], "threads": 1} for k, file in files.items()}
     times = child.in_turns(jobs, rounds)

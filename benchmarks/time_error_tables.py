@@ -109,7 +109,7 @@ def _cells(row: Record) -> list[str]:
 
 
 def entropy_text(records: Sequence[Record]) -> str:
-    """The same symbols coded in four ways."""
+    """A table of one scene's symbols coded in four ways."""
     head = ["scene", "quality", "coded by", "bytes", "", "decode s", "multiply-adds an anchor", "peak MiB"]
     rows = []
     for record in records:

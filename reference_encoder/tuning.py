@@ -93,9 +93,9 @@ ANCHOR_COARSEST: dict[Stream, tuple[float, ...]] = {
     Stream.POSITION_RESIDUAL: (1 / 3,) * 3,
     Stream.SCALE: (0.9,) * 6,
 }
-"""Those of the anchor profile [0003]."""
+"""The same factors for the anchor profile [0003]."""
 COARSEST_LATENT = 81.0
-"""That of the latent channel, in codeword lattice units, before it is multiplied by the number of dimensions [0005]."""
+"""Of the latent channel, in codeword lattice units, before it is multiplied by the number of dimensions [0005]."""
 MLP_BITS = 10
 """Bits of a weight of an anchor model's networks [0003]."""
 

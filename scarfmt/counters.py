@@ -104,7 +104,7 @@ class Counters:
         return sum(n for (stream, coding), n in self.symbols.items() if stream in streams and coding in codings)
 
     def report(self) -> dict[str, Any]:
-        """The same as a JSON-able dictionary: totals, and what they are made of."""
+        """The counts as a JSON-able dictionary: totals, and what they are made of."""
         out = {name: value for name, value in vars(self).items() if isinstance(value, int)}
         out["blocks"] = self.model_blocks + self.tile_blocks
         out["symbols"] = self.symbols_of()

@@ -56,7 +56,7 @@ FREE_ANCHORS = 1 << 16
 """Any file may ask for so many anchors: what a file may ask for beyond grows with its bytes."""
 
 FREE_SLOTS = 1 << 19
-"""The same for Gaussian slots, which the anchor profile multiplies by."""
+"""How many Gaussian slots a file of some bytes may unfold to: anchors times slots, in the anchor profile."""
 
 FREE_CONTENT = 1 << 20
 """Bytes that the Zstandard frames of any file may unfold to together."""

@@ -12,7 +12,7 @@ from conformance.decoders.python.tile import NAMES, Trace
 from conformance.expect.expectations import Arrays
 
 EXACT = ("models", "context", "frequencies", "indices", "integers", "sums", "values")
-"""Those whose arrays are hashed, in the order in which a decoder comes to them."""
+"""The stages whose arrays are hashed, in the order in which a decoder comes to them."""
 
 _PREFIXES = {
     "codebook": "models",

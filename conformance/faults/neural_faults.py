@@ -137,7 +137,7 @@ def _header_faults(deep: bytes) -> Iterator[Fault]:
 
 
 def _sixteen_classes(network: IndexNetwork) -> IndexNetwork:
-    """The same network with columns of zeros for the classes after its own, up to class 15."""
+    """A network with columns of zeros for the classes after its own, up to class 15."""
     classes, (first, second) = network.inputs.classes, network.embed
     weights = np.insert(first.weights, [classes] * (MAX_CLASSES + 1 - classes), 0, axis=1)
     inputs = replace(network.inputs, classes=MAX_CLASSES + 1)

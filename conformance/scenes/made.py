@@ -78,7 +78,7 @@ def channel(stream: Stream, step: float, *rules: ContextRule) -> Channel:
 
 
 def steady(layers: int, stages: int, steps: tuple[int, ...]) -> tuple[LayerRow, ...]:
-    """The same single class in every layer, nothing refined."""
+    """Layer rows of a single class in every layer, nothing refined."""
     return (LayerRow((stages,), (steps,)),) * layers
 
 

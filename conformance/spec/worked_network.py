@@ -88,7 +88,7 @@ def worked_network() -> network.IndexNetwork:
 
 
 def plain_network() -> Network:
-    """The same, by way of its block."""
+    """The network read back from its block."""
     return parse_network(network_block(worked_network()))
 
 

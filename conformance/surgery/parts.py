@@ -82,7 +82,7 @@ class Parts:
         self.blocks.insert(row, payload)
 
     def add(self, payload: bytes = b"?", **entry: int) -> None:
-        """The same after the last block of its layer."""
+        """A copy with one block more, after the last of its layer."""
         layer = entry.get("layer", 1)
         self.insert(sum(known["layer"] <= layer for known in self.entries), payload, **entry)
 
@@ -139,7 +139,7 @@ class Parts:
         return b"".join([front, struct.pack("<I", zlib.crc32(front)), self.tables(), *self.blocks])
 
     def sealed(self) -> bytes:
-        """The same with the checksum of tile table and directory made right."""
+        """A copy whose checksum of tile table and directory is right."""
         self.header["directory_crc32"] = zlib.crc32(self.tables())
         return self.raw()
 

@@ -37,7 +37,7 @@ class Targets:
     lambda_: float
 
     def take(self, part: slice) -> Targets:
-        """Those of some anchors."""
+        """The targets of some anchors."""
         return Targets(self.latents[part], self.weight[part], self.lambda_)
 
     def error(self, scene: QuantisedScene) -> float:

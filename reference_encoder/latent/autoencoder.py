@@ -1,4 +1,4 @@
-"""The paper's RVQ-VAE: projector, residual quantiser with a dual codebook, decoder (paper §3.2, §3.3, §3.6, §3.7).
+"""The paper's RVQ-VAE: projector, residual quantiser with a dual codebook, decoder (paper §3.2, §3.3, §3.5, §3.6).
 
 Trained per scene. Three phases as in the paper's curriculum: continuous; soft injection, in which the
 decoder sees a growing share of the quantised latent; hard quantisation. Beyond the paper, each batch keeps a
@@ -44,9 +44,9 @@ class AutoencoderOptions:
         rvq: codebook sizes, stages, seed, and the lambda and epochs of the final entropy-constrained pass.
         dimensions: d_z, at most the width of the vectors.
         hidden: width of the decoder's hidden layer; 0 makes the decoder linear.
-        layer_norm: LayerNorm after the projector (paper §3.7).
+        layer_norm: LayerNorm after the projector (paper §3.6).
         estimator: gradient through the quantiser, "rotation" or "straight-through".
-        loss: reconstruction loss, "l1" (paper §3.6) or "l2".
+        loss: reconstruction loss, "l1" (paper §3.5) or "l2".
         commitment: weight of the commitment loss, the paper's beta times lambda_commit.
         steps: optimiser steps.
         batch: vectors a step.
@@ -84,7 +84,7 @@ class Autoencoder:
 
 
 class VectorCodebook:
-    """Codewords that follow the vectors they serve by exponential moving averages (paper §3.7)."""
+    """Codewords that follow the vectors they serve by exponential moving averages (paper §3.6)."""
 
     def __init__(self, words: torch.Tensor, generator: torch.Generator) -> None:
         self.words = words.clone()
@@ -245,7 +245,7 @@ def _step_loss(
     options: AutoencoderOptions,
     generator: torch.Generator,
 ) -> torch.Tensor:
-    """Reconstruction and commitment loss of a batch (paper §3.6); the codebooks learn from it on the way."""
+    """Reconstruction and commitment loss of a batch (paper §3.5); the codebooks learn from it on the way."""
     z = projector(x)
     commitment = torch.zeros(())
     seen_by_decoder = z

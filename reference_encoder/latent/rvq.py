@@ -99,7 +99,7 @@ class Vectors:
     classes: I64
 
     def take(self, chosen: I64) -> Vectors:
-        """Those numbered `chosen`."""
+        """The vectors numbered `chosen`."""
         return Vectors(self.x[chosen], self.weight[chosen], self.classes[chosen])
 
     def less(self, codewords: F32) -> Vectors:

@@ -1,4 +1,4 @@
-"""Learning the bits of the hash grid (SPEC §10.6; paper §3.4, §3.5, §3.8).
+"""Learning the bits of the hash grid (SPEC §10.6; paper §3.4, §3.5, §3.7).
 
 `encode` uses :func:`wave_grid`, which needs no learning. :class:`BinaryGrid` and :func:`default_levels` are the paper's
 learned grids; only ablations (benchmarks/ablation.py) and tests reach them.

@@ -188,7 +188,7 @@ class Varints(Element):
         return values
 
     def _sound(self, reader: Cursor, start: int, count: int) -> Any:
-        """Those before the first that cannot be read."""
+        """The items before the first that cannot be read."""
         reader.rewind(start)
         values: list[int] = []
         try:

@@ -1,4 +1,4 @@
-"""HASH_GRID block: the bits of the hash grid of the entropy model (SPEC §10.6; paper §3.5, §3.8).
+"""HASH_GRID block: the bits of the hash grid of the entropy model (SPEC §10.6; paper §3.4, §3.7).
 
 All shapes come first, so that they are checked before a bit is decoded; then, a level, the probability of
 a one and a rANS stream of the table, entry by entry.

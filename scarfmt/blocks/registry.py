@@ -27,7 +27,7 @@ BLOCKS: Mapping[int, BlockSpec] = {
 }
 
 MODEL_BLOCKS = tuple(spec for spec in BLOCKS.values() if spec.kind != BlockKind.METADATA)
-"""Those a decoder needs."""
+"""The kinds of blocks that a decoder needs."""
 
 
 def element_table() -> str:

@@ -133,5 +133,5 @@ class BlockSpec:
 
 
 def numbers(*layers: int | None) -> frozenset[int]:
-    """Those of some layers that there are."""
+    """The layers, of some, that there are."""
     return frozenset(layer for layer in layers if layer is not None)

@@ -163,7 +163,7 @@ def steps_coded(before: I64, after: I64) -> range:
 
 
 def steps_between(before: I64, after: I64) -> range:
-    """The same and perhaps more: a step that no anchor receives costs less than to find out."""
+    """A range of steps that covers all coded ones, and perhaps others: trying a step is cheaper than finding out."""
     return range(int(before.min()) + 1, int(after.max()) + 1) if len(before) else range(0)
 
 

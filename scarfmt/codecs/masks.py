@@ -1,4 +1,4 @@
-"""Bools and offset sub-streams of the anchor profile (SPEC §7.4, §7.7; paper §3.8).
+"""Mask and offset sub-streams of the anchor profile (SPEC §7.4, §7.7; paper §3.7).
 
 A mask bit is coded only for slots not yet on, so the incremental mask repeats nothing. Its context is how
 many slots of the anchor are on already. A Gaussian's offset is sent once, in the layer that turns it on.

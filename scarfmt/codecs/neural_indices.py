@@ -1,4 +1,4 @@
-"""Index sub-stream in entropy mode 1: every codeword number by the index network (SPEC §10.5; paper §3.3-3.4).
+"""Index sub-stream in entropy mode 1: every codeword number by the index network (SPEC §10.5; paper §3.4).
 
 Anchors travel pass by pass: those of a pass are embedded with what earlier passes revealed around them, then
 coded stage by stage. A symbol is one of the codebook, or a cluster and then a member of it.
@@ -212,9 +212,9 @@ def _code(
     means = context.sums(settled.shape[1] + width)
     known = np.flatnonzero(before > 0)
     means.add(context.rows(known), np.concatenate([settled[known], latents[known]], axis=1))
-    group = np.flatnonzero(before < after)
+    cohort = np.flatnonzero(before < after)
     around = Around(context, settled, means, grid_features(coder, context, before < after))
-    for part in context.parts(group):
+    for part in context.parts(cohort):
         inputs = columns(coder, around, part)
         _code_pass(coder, around, part, inputs, indices, (before[part], after[part]), exchange)
         decoded = coder.books.latents(indices[part], after[part], width)

@@ -162,7 +162,7 @@ def _few_children(reader: SymbolReader, start: I64, count: I64, prefix: U64, bit
 
 
 def _few_splits(reader: SymbolReader, counts: list[int]) -> list[int]:
-    """As :func:`_get_splits`."""
+    """Counts of the lower halves of nodes of 17 anchors or more: bin, then the rest in uniform symbols (SPEC §7.2)."""
     if max(counts) > LARGEST_OWN_TABLE:
         return list(map(int, _get_splits(reader, np.array(counts, np.int64))))
     lower = [0] * len(counts)

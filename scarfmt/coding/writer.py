@@ -206,7 +206,7 @@ def layer_counts(scene: QuantisedScene) -> list[tuple[int, int]]:
 
 
 def keep_layers(scene: QuantisedScene, layers: int) -> QuantisedScene:
-    """The same scene with only its first `layers` layers, models unchanged.
+    """A scene cut to its first `layers` layers, models unchanged.
 
     ``write_scene(keep_layers(scene, k))`` is byte-equal to truncating ``write_scene(scene)`` (SPEC §14).
     """

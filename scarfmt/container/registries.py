@@ -96,4 +96,4 @@ class Stream(IntEnum):
     LATENT = 10
     OFFSETS = 11
     FRAMING = 12
-    """The rest of a TILE block: its sub-stream table and anything not listed."""
+    """What else a TILE block holds: its sub-stream table and anything not listed."""

@@ -263,19 +263,19 @@ class PureRansDecoder:
         return symbol
 
     def decode(self, table: FrequencyTable, count: int) -> I32:
-        """As :meth:`RansDecoder.decode`."""
+        """The next symbols under one table, as the fast decoder gives them (SPEC §8.2)."""
         if len(table) == 1:
             return np.zeros(count, np.int32)
         return np.array([self._symbol(table) for _ in range(count)], dtype=np.int32)
 
     def decode_rows(self, weights: F64) -> I32:
-        """As :meth:`RansDecoder.decode_rows`."""
+        """One symbol for each row of weights, as the fast decoder gives them (SPEC §8.2)."""
         if weights.shape[1] == 1:
             return np.zeros(len(weights), np.int32)
         tables = (FrequencyTable(row.astype(np.int64) + 1) for row in weights)
         return np.array([self._symbol(table) for table in tables], dtype=np.int32)
 
     def finish(self) -> None:
-        """As :meth:`RansDecoder.finish`."""
+        """Check that the stream ended empty (SPEC §8.2); refuses as :meth:`RansDecoder.finish`."""
         if self._state or self._words:
             raise seal_error()

@@ -24,7 +24,8 @@ from scarfmt.kernel.structs import (
 )
 
 INTERFACE = 3
-"""That of kernel.h: it names the arguments of the functions below. Structs are compared field by field."""
+"""The number of the interface in kernel.h. It stands for the arguments of the functions below; structs are
+compared field by field."""
 
 _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_interface": (c_int64, []),

@@ -105,7 +105,7 @@ class PackedPredictorSet:
         return self._packed.get((stream, step))
 
     def steps(self, stream: Stream, steps: range, components: int) -> PackedPredictorSteps:
-        """Those of some steps."""
+        """Packed predictors of some steps."""
         if (stream, steps) not in self._steps:
             packed = [self.step(stream, step, components) for step in steps]
             self._steps[stream, steps] = PackedPredictorSteps(packed)

@@ -90,7 +90,7 @@ class PackedStaticTables:
         return self._packed[key]
 
     def steps(self, stream: int, components: int, steps: range) -> PackedSteps:
-        """Those of some steps of all components of a channel."""
+        """Packed tables of some steps of all components of a channel."""
         key = (stream, components, steps)
         if key not in self._steps:
             every = tuple(range(components))

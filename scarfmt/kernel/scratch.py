@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 class Scratch(threading.local):
-    """That of one thread. It grows to what the largest call needs."""
+    """The working memory of one thread. It grows to what the largest call needs."""
 
     def __init__(self) -> None:
         self._held: dict[str, tuple[NDArray[np.uint8], int]] = {}

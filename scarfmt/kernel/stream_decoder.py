@@ -20,7 +20,7 @@ ALL_READ = -1
 
 
 class KernelRansDecoder:
-    """As :class:`scarfmt.entropy.rans.RansDecoder`, and faster where many tables take turns.
+    """A rANS decoder equal to :class:`scarfmt.entropy.rans.RansDecoder`, and faster where many tables take turns.
 
     Args:
         library: the compiled library.

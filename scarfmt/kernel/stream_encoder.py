@@ -17,7 +17,7 @@ from scarfmt.kernel.stream_decoder import ALL_READ
 
 
 class KernelRansEncoder:
-    """As :class:`scarfmt.entropy.rans.RansEncoder`: the same bytes, and faster where many tables take turns.
+    """A rANS encoder equal to :class:`scarfmt.entropy.rans.RansEncoder`, and faster where many tables take turns.
 
     It keeps of each symbol where it lies in its table.
 
@@ -109,7 +109,7 @@ class KernelRansEncoder:
 
 
 def _narrowed(numbers: Ints, dtype: type[np.integer[Any]]) -> NDArray[Any]:
-    """The same in one piece; refused rather than wrapped."""
+    """Values as one piece of 32-bit numbers; what does not fit is refused rather than wrapped."""
     ends = np.iinfo(dtype)
     if numbers.dtype != dtype and not ends.min <= int(numbers.min()) <= int(numbers.max()) <= ends.max:
         raise InvalidInput("input-symbol", "a value that no table holds", field="symbols")

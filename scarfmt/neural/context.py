@@ -71,7 +71,7 @@ def depth_shifts(codes: U64, bits: int, occupancies: Sequence[int]) -> list[int]
 
 
 def passes(count: int, passes_log2: int) -> list[I64]:
-    """Ranks 0..count-1 of a group, split into passes (SPEC §10.2): every 2^passes_log2-th, then those halfway."""
+    """Ranks 0..count-1 of a cohort, split into passes (SPEC §10.2): every 2^passes_log2-th, then those halfway."""
     step = 1 << passes_log2
     out = [np.arange(0, count, step)]
     while step > 1:

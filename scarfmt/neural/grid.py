@@ -1,6 +1,6 @@
 """Binarised multi-resolution hash grid: features of an anchor from its lattice position alone (SPEC §10.6).
 
-The spatial embedding of the paper (§3.4, §3.8), as a hybrid of 3D levels, levels on the three coordinate
+The spatial embedding of the paper (§3.4, §3.7), as a hybrid of 3D levels, levels on the three coordinate
 planes and, beyond the paper, levels along one axis, which cost next to nothing. Every table entry is one bit
 a feature, read as -1 or +1; a feature is the multilinear interpolation of the 2^dims vertices of the anchor's
 cell, in exact integers.

@@ -107,9 +107,9 @@ class LayerContext(Keeper):
         """The rows of some anchors in :attr:`cells`."""
         return self._rows[anchors]
 
-    def parts(self, group: I64) -> list[I64]:
-        """The anchors of a group, pass by pass, each by (code, index)."""
-        ranked = self.by_code[np.sort(self._rows[group])]
+    def parts(self, cohort: I64) -> list[I64]:
+        """The anchors of a cohort, pass by pass, each by (code, index)."""
+        ranked = self.by_code[np.sort(self._rows[cohort])]
         return [ranked[part] for part in passes(len(ranked), self.model.context.passes_log2)]
 
     def grid_features(self, grid: HashGrid, anchors: I64) -> I16:

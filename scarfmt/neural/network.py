@@ -1,4 +1,4 @@
-"""The index network: P(index of a stage | indices before, decoded context) as integers (SPEC §10.5; paper §3.3).
+"""The index network: P(index of a stage | indices before, decoded context) as integers (SPEC §10.5; paper §3.4).
 
 An embedding of the decoded context, a recurrent state over the indices of earlier stages, attention over
 its history, a mixer, and for each codebook a head whose logits are products with the codewords themselves:

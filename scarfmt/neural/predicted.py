@@ -54,7 +54,7 @@ class PredictorSet(Keeper):
         return self._steps.get((stream, step), {})
 
     def groups(self, stream: Stream, step: int, components: int, depths: int) -> list[PredictorGroup] | None:
-        """The same, evaluated together where nothing decoded in between is an input; None for stand-ins."""
+        """The predictors of a step, evaluated together where no input is decoded in between; None for stand-ins."""
         found = {c: p for c, p in self.step(stream, step).items() if isinstance(p, Predictor)}
         if len(found) < len(self.step(stream, step)):
             return None

@@ -72,7 +72,7 @@ class GaussianScene:
         )
 
     def with_sh_degree(self, degree: int) -> GaussianScene:
-        """The same scene with bands above `degree` dropped."""
+        """A copy of the scene with bands above `degree` dropped."""
         return replace(self, sh=np.ascontiguousarray(self.sh[:, : (degree + 1) ** 2]))
 
     def invalid_rows(self) -> NDArray[np.bool_]:

@@ -71,7 +71,7 @@ def _normal_from_square(square: F64) -> F64:
 
 
 def sort_axes(log_scales: NDArray[np.floating], quaternions: NDArray[np.floating]) -> tuple[F64, F64]:
-    """The same ellipsoids with axes sorted by scale, longest first (ties keep their order).
+    """Ellipsoids described again with axes sorted by scale, longest first (ties keep their order).
 
     Returns:
         (N, 3) float64 log scales, descending, and (N, 3, 3) float64 matrices whose columns are the axes

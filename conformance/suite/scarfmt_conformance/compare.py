@@ -48,7 +48,7 @@ class Difference:
 
 
 def pinned_stages(stages: dict[str, Any], claimed: Iterable[str]) -> list[str]:
-    """Those stages, in order, that are claimed and have something pinned."""
+    """The stages, in order, that are claimed and have something pinned."""
     wanted = set(claimed)
     return [stage for stage in STAGES if stage in wanted and _contents(stage, stages.get(stage))]
 
