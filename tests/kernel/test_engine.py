@@ -23,11 +23,11 @@ pytestmark = needs_kernel
 SMALL = [path.read_bytes() for path in sorted(VECTORS.glob("[ve]*/*/input.scar")) if path.stat().st_size < 3000]
 
 
-def decoded(source: Any, engine: Engine) -> Any:
-    """Every array of every tile, and what was counted."""
+def decoded(source: Any, engine: Engine, layers: int | None = None) -> Any:
+    """Every array of every tile, and what was counted, of the first `layers` layers; None for all."""
     counters, found = Counters(), list[Any]()
     reader = SceneReader(source, engine=engine)
-    models = reader.models(counters=counters)
+    models = reader.models(layers, counters)
     for _, content in reader.tiles(models, counters=counters):
         found.append((content.codes, content.classes, content.values, content.first, content.indices))
         found.append(content.slot_layers)
@@ -45,9 +45,12 @@ def test_every_vector(folder: Path, tmp_path: Path) -> None:
         with path.open("r+b") as file:
             file.truncate(expect["extend_to"])
 
+    # Of some, later layers are damaged: no decoder is asked for them.
+    layers = expect["layers"][-1]["layer"] if expect["result"] == "decoded" else None
+
     def act(engine: Engine) -> Any:
         with open_source(str(path)) as source:
-            return decoded(source, engine)
+            return decoded(source, engine, layers)
 
     compiled, plain = both(act)
     assert same(compiled, plain)
