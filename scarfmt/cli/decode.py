@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from scarfmt.arrays import F64
 from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json, timeout_option
 from scarfmt.scene.streams import ATTRIBUTES
 
 if TYPE_CHECKING:
     from reference_decoder.decoded import Decoded
     from reference_decoder.request import DecodeRequest
+    from scarfmt.arrays import F64
     from scarfmt.container.source import ByteSource
     from scarfmt.counters import Counters
 

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from scarfmt.arrays import F32
 from scarfmt.cli.failures import requires_extra
 from scarfmt.cli.files import timeout_option
 from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
 
 if TYPE_CHECKING:
+    from scarfmt.arrays import F32
     from scarfmt.cli.scenes import SceneOrigin
     from scarfmt.render.camera import Camera
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from scarfmt.arrays import F32, F64
 from scarfmt.cli.files import STANDARD, open_input, read_origin
 from scarfmt.cli.progress import Report
 from scarfmt.container.schema import SIGNATURE
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 if TYPE_CHECKING:
+    from scarfmt.arrays import F32, F64
     from scarfmt.render.camera import Camera
 
     View = GaussianScene | Callable[[Camera], F32]

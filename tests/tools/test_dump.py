@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fuzz.testing.scenes import random_scene
+from reference_encoder.encode import encode
+from reference_encoder.options import EncodeOptions
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.registries import BlockKind
 from scarfmt.container.source import BytesSource
+from scarfmt.formats import load
+from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.tools.dump import Dump
 from scarfmt.tools.fields import SHOWN_ITEMS, Row
+from tests.conftest import REPOSITORY
 
 VECTORS = Path(__file__).parents[2] / "conformance" / "vectors"
 
@@ -53,6 +59,16 @@ def test_every_byte_of_a_decodable_vector_has_one_row(path: Path) -> None:
         rows, refusals = dumped(data, full)
         assert not refusals
         assert not [row for row in rows if "not read" in row.field]
+
+
+def test_every_byte_of_a_real_scene_has_one_row() -> None:
+    """Blocks of real files are larger than those of vectors: tables of hundreds of keys, many tiles."""
+    scene = load(REPOSITORY / "examples" / "plush-toys.ply")
+    assert isinstance(scene, GaussianScene)
+    data = encode(scene.take(np.arange(0, len(scene), 4)), EncodeOptions(effort=1, corrections=0, tile_anchors=1024))
+    rows, refusals = dumped(data)
+    assert not refusals
+    assert not [row for row in rows if "not read" in row.field]
 
 
 @pytest.mark.parametrize("folder", ["invalid", "truncated", "either"])

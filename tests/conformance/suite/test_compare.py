@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 from scarfmt_conformance.compare import Difference, differences, metadata_difference, pinned_stages
@@ -199,6 +199,7 @@ def test_a_damaged_reference_is_the_suites_fault(tmp_path: Path) -> None:
         differences("activated", pinned, answered, tmp_path)
 
 
+@settings(deadline=None)
 @given(JSON, st.sampled_from(["container", "values", "activated"]), st.booleans())
 def test_no_answer_breaks_the_comparison(tmp_path_factory: Any, value: Any, stage: str, deep: bool) -> None:
     """And what is shown of it can be printed."""
