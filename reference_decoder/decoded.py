@@ -169,7 +169,7 @@ def tile_part(
         if channel.stream not in streams:
             continue
         steps = model.steps(len(model.layers), index, content.classes)
-        if channel.stream == Stream.OFFSETS:
+        if channel.per_slot:
             values[channel.stream] = offset_values(content.values[index], channel.first_width)
         elif channel.stream == Stream.POSITION_RESIDUAL:
             residuals = content.values[index] * cell_widths(channel.first_width, steps)

@@ -31,6 +31,7 @@ from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.predicted import PredictedChannel, Predictors, PredictorSet
 from scarfmt.observe import LayerObserver
 from scarfmt.scene.model import SceneModel
+from scarfmt.scene.streams import STREAMS
 
 OpenStream = Callable[[Stream], SymbolReader]
 
@@ -88,10 +89,10 @@ class TileContent:
         """`count` anchors of class 0 with nothing received."""
         slots = model.slots if model.profile == Profile.ANCHOR else 0
         values = [
-            np.zeros((count, slots, c.components) if c.stream == Stream.OFFSETS else (count, c.components), np.int32)
+            np.zeros((count, slots, c.components) if c.per_slot else (count, c.components), np.int32)
             for c in model.channels
         ]
-        first = [np.zeros((count, c.components if c.stream != Stream.OFFSETS else 0), np.int32) for c in model.channels]
+        first = [np.zeros((count, 0 if c.per_slot else c.components), np.int32) for c in model.channels]
         return cls(
             np.zeros(count, np.uint64),
             np.zeros(count, np.int64),
@@ -118,7 +119,7 @@ def first_values(model: SceneModel, content: TileContent) -> list[I32]:
     layer = len(model.layers)
     out = []
     for index, channel in enumerate(model.channels):
-        if channel.stream == Stream.OFFSETS:
+        if channel.per_slot:
             out.append(np.zeros((len(content), 0), np.int32))
             continue
         steps = model.steps(layer, index, content.classes)
@@ -167,7 +168,7 @@ def put_layer(
     context = _context(model, frame, content, neural.sets, coder, engine)
     for index, channel in enumerate(model.channels):
         emitter = emitters(channel.stream)
-        if channel.stream == Stream.OFFSETS:
+        if channel.per_slot:
             put_offsets(emitter, channel, content.values[index], classes, after & ~before)
             continue
         before_steps, after_steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)
@@ -240,10 +241,12 @@ def needed_streams(model: SceneModel, wanted: Collection[Stream], neural: Neural
 
 def coded_streams(model: SceneModel, new: int) -> set[Stream]:
     """Sub-streams that may have bytes in a TILE block in which `new` anchors appear (SPEC §7.1)."""
-    streams = {Stream.INDICES, *(channel.stream for channel in model.channels)}
-    if new:
-        streams |= {Stream.POSITIONS, Stream.CLASSES}
-    return streams | ({Stream.MASKS} if model.profile == Profile.ANCHOR else set())
+    others = (
+        spec.stream
+        for spec in STREAMS.values()
+        if not spec.is_channel and model.profile in spec.profiles and (new or not spec.codec.of_new_anchors)
+    )
+    return {*others, *(channel.stream for channel in model.channels)}
 
 
 def get_layer(
@@ -283,7 +286,7 @@ def get_layer(
         if channel.stream not in need:
             continue
         with _opened(open_stream, channel.stream) as reader:
-            if channel.stream == Stream.OFFSETS:
+            if channel.per_slot:
                 get_offsets(reader, channel, content.values[index], classes, turned_on)
                 continue
             steps = model.steps(layer - 1, index, classes), model.steps(layer, index, classes)

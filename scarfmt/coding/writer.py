@@ -223,7 +223,7 @@ def _content_at(full: SceneModel, model: SceneModel, content: TileContent) -> Ti
     values = []
     for index, channel in enumerate(model.channels):
         here: Ints = content.values[index][kept]
-        if channel.stream == Stream.OFFSETS:
+        if channel.per_slot:
             here = here * (slot_layers > 0)[:, :, None]
         else:
             now, final = model.steps(layer, index, classes), full.steps(last, index, classes)

@@ -16,7 +16,7 @@ import numpy as np
 from scarfmt.arrays import I64
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import Malformed
-from scarfmt.scene.streams import CONTEXT_STREAMS, components, needed
+from scarfmt.scene.streams import CONTEXT_STREAMS, STREAMS, Codec, components, needed
 
 MAX_CLASSES = 15
 MAX_CHANNELS = 8
@@ -73,6 +73,11 @@ class Channel:
     def components(self) -> int:
         """Number of components."""
         return len(self.rules)
+
+    @property
+    def per_slot(self) -> bool:
+        """Whether every slot has values of its own, sent once, when it is turned on (SPEC §7.7)."""
+        return STREAMS[self.stream].codec is Codec.SLOT_CHANNEL
 
 
 @dataclass(frozen=True)
@@ -276,7 +281,7 @@ def _check_rule(rule: ContextRule, channels: tuple[Channel, ...], place: tuple[i
     if not earlier or rule.source_component >= channels[rule.source_channel].components or rule.shift > 31:
         raise _bad_channel("a context source must be coded earlier (SPEC §8.4)")
     # Nothing comes after OFFSETS, so it can be the source of nothing but itself.
-    if channels[place[0]].stream == Stream.OFFSETS:
+    if channels[place[0]].per_slot:
         raise _bad_channel("offsets take no context source (SPEC §8.4)")
 
 
