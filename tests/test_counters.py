@@ -45,7 +45,7 @@ from scarfmt.scene.gaussians import AnchorModel
 from scarfmt.tools.inspection import inspect
 from scarfmt.tools.truncate import truncate
 
-VECTORS = Path(__file__).resolve().parents[2] / "conformance" / "vectors"
+VECTORS = Path(__file__).resolve().parents[1] / "conformance" / "vectors"
 VALID = sorted((VECTORS / "valid").glob("*/input.scar"))
 NAMES = [path.parent.name for path in VALID]
 ALWAYS = {Stream.POSITIONS, Stream.CLASSES, Stream.MASKS}

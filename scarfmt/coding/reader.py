@@ -267,14 +267,14 @@ class SceneReader:
         """The bytes of the sub-streams needed: from the whole block where it was read, else by ranges."""
         if payload is not None:
             check_crc(entry, zlib.crc32(payload))
-            table = placed(entry, lambda: _table_of(payload, entry, model))
+            table = placed(entry, lambda: table_of(payload, entry, model))
             return {
                 kind: _checked(entry, kind, part, payload[part.start : part.start + part.length])
                 for kind, part in table.items()
             }
         wanted = streams | {Stream.POSITIONS, Stream.CLASSES, Stream.MASKS}
         head = self.container.read_range(entry, 0, min(entry.length, MAX_TABLE_SIZE))
-        table = placed(entry, lambda: _table_of(head, entry, model))
+        table = placed(entry, lambda: table_of(head, entry, model))
         out = {}
         for kind in wanted & set(table):
             part = table[kind]
@@ -298,8 +298,12 @@ def _batches(rows: Iterable[list[Entry | None]]) -> Iterator[list[list[Entry | N
         yield batch
 
 
-def _table_of(head: bytes, entry: Entry, model: SceneModel) -> dict[Stream, Substream]:
-    """The sub-stream table of a TILE block, of which nothing may go unread."""
+def table_of(head: bytes, entry: Entry, model: SceneModel) -> dict[Stream, Substream]:
+    """The sub-stream table of a TILE block, of which nothing may go unread.
+
+    Raises:
+        Malformed: ``bad-substream-table``, also for a sub-stream that codes nothing in this block (SPEC §7.1).
+    """
     table = unpack_table(head, entry.length)
     idle = set(table) - coded_streams(model, entry.count)
     if idle:

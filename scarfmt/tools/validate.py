@@ -16,7 +16,7 @@ import numpy as np
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import Reading
 from scarfmt.coding.models import NOTHING_OPENED, SceneModels
-from scarfmt.coding.reader import SceneReader
+from scarfmt.coding.reader import SceneReader, table_of
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.work import Contents
 from scarfmt.coding.writer import Report, silent
@@ -39,6 +39,7 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.errors import InvalidInput, Malformed, ScarError
 from scarfmt.limits import DEFAULT_LIMITS, Limits
+from scarfmt.scene.model import SceneModel
 from scarfmt.tools.inspection import read_metadata
 
 ERROR, WARNING = "error", "warning"
@@ -191,6 +192,7 @@ class _Check:
         """All checks; later ones leave out what earlier ones found broken. Rules marked (V) come last (SPEC §12.2)."""
         self._check_blocks()
         usable = self._usable_layers()
+        self._check_broken_tables(usable)
         complete = self._check_tiles(usable)
         for error in self._miscounted:
             self._add(error)
@@ -257,6 +259,16 @@ class _Check:
             self._streams[entry.layer, kind] += part.length
             rest -= part.length
         self._streams[entry.layer, Stream.FRAMING] += rest
+
+    def _check_broken_tables(self, usable: int) -> None:
+        """Sub-streams that code nothing, in the blocks whose damage keeps them from being decoded."""
+        if usable:
+            model = self._models_of(usable).model
+            for entry in [entry for entry in self._broken if entry.kind == BlockKind.TILE]:
+                self._attempt(entry, partial(self._check_table, entry, model))
+
+    def _check_table(self, entry: Entry, model: SceneModel) -> None:
+        table_of(self._container.read_block(entry), entry, model)
 
     def _check_stream_bytes(self) -> None:
         """Layer summaries against the sub-streams; a layer with a broken block cannot be summed."""

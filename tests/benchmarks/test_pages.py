@@ -14,6 +14,10 @@ from tests.conftest import REPOSITORY
 PAGES = [REPOSITORY / "README.md", REPOSITORY / "examples" / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
 
 
+SETTINGS = {("docs/encoder-effort.md", "efforts")}
+"""Sections that show what is set, not what was measured: other tests hold them to the code."""
+
+
 @pytest.mark.parametrize("shown", SHOWN, ids=lambda shown: f"{shown.page} {shown.section} {shown.results.stem}")
 def test_a_page_says_from_when_and_where_its_figures_are(shown: Shown) -> None:
     """What the file of results says; figures measured again without rewriting the page would fail here."""
@@ -27,7 +31,7 @@ def test_every_section_that_is_written_shows_known_results() -> None:
         for page in PAGES
         for section in re.findall(r"<!-- (\S+):begin -->\n(?!<!-- \1:end)", page.read_text(encoding="utf-8"))
     }
-    assert found == {(shown.page, shown.section) for shown in SHOWN}
+    assert found - SETTINGS == {(shown.page, shown.section) for shown in SHOWN}
 
 
 def test_every_file_of_results_is_shown() -> None:

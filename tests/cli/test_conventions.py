@@ -138,8 +138,9 @@ import os, signal, sys
 from pathlib import Path
 from scarfmt import cli as command
 import scarfmt.tools.truncate
-# A test run in the background of a shell hands down that SIGINT is ignored.
+# A test run in the background of a shell hands down that SIGINT is ignored, nohup that SIGHUP is.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 def interrupted(source, layers, target):
     target.write(b"half")
     os.kill(os.getpid(), signal.{signal})

@@ -26,11 +26,11 @@ from fuzz.testing.mutators import mutate
 from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode
+from scarfmt.coding.engine import NUMPY_ENGINE
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder
 from scarfmt.errors import ScarError
-from scarfmt.neural.operations import NUMPY
 
 CLI = Path(__file__).resolve().parents[2] / "conformance" / "decoders" / "js" / "cli.js"
 
@@ -68,7 +68,7 @@ def test_the_second_decoder_reads_scenes_the_same(
     path = tmp_path / "scene.scar"
     path.write_bytes(data)
     for layer in range(1, 2 + seed % 3):
-        ours = answers.answer(str(path), layer, "all", Manner(NUMPY))
+        ours = answers.answer(str(path), layer, "all", Manner(NUMPY_ENGINE))
         theirs = minimal_answers.answer(data, layer, "all")
         for stage in minimal_answers.EXACT:
             assert _hashes(ours, stage) == _hashes(theirs, stage)

@@ -97,7 +97,7 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     "a file of 2^53 bytes": (lambda: _with_count(16, 8, (1 << 53) - 1), "bad-file-length"),
     "blocks that overlap": (_overlapping, "entry-offset"),
     "tiles in a circle": (_prefix_cycle, "tile-order"),
-    "metadata a million deep": (_many_metadata, "bad-metadata"),
+    "metadata a million deep": (_many_metadata, "limit-metadata"),
 }
 
 

@@ -74,9 +74,12 @@ def _check_front(parsed, container):
     ]
 
 
-def _check_bodies(parsed, container):
+def _check_bodies(parsed, container, layers):
+    """The blocks of the first `layers` layers; later ones may be damaged on purpose."""
     opening = ((), DecodedContext())
     for theirs, entry in zip(parsed.entries, container.entries, strict=True):
+        if entry.layer > layers:
+            continue
         block = container.read_block(entry)
         if entry.kind == BlockKind.TILE:
             ours = {int(kind): (part.length, part.crc32) for kind, part in unpack_table(block, len(block)).items()}
@@ -111,4 +114,4 @@ def test_kaitai_and_the_reference_reader_agree(folder):
     parsed = Scar.from_bytes(data)
     _check_front(parsed, container)
     if expect["result"] == "decoded":
-        _check_bodies(parsed, container)
+        _check_bodies(parsed, container, expect["layers"][-1]["layer"])

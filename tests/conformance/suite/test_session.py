@@ -46,7 +46,7 @@ def test_a_session_answers_many_questions_in_one_process(suite: SuiteWriter) -> 
     question = Question(folder / "input.scar", 0, "all")
     answers = [session.ask(question).answer for _ in range(5)]
     session.close()
-    assert answers == [Refusal("bad-table", "no (byte 7)")] * 5
+    assert answers == [Refusal("bad-table", "no (byte 7)", 7)] * 5
     assert session.restarts == 0
 
 

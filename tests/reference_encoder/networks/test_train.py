@@ -271,7 +271,7 @@ def test_attention_codes_with_the_very_frequencies_of_training() -> None:
         embedded, states = model.embed(batch.inputs, True), model.histories(batch.codes, True, 2)
         mine = model.context(embedded, states, True)
         forgetful = model.context(embedded, states[:1] * 3, True)
-    np.testing.assert_array_equal(mine.numpy(), evaluator.context(h, state))
+    np.testing.assert_array_equal(mine.numpy(), evaluator.mixed(h, state))
     assert not torch.equal(mine, forgetful)
 
 
