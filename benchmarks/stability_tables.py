@@ -94,7 +94,7 @@ def _processes(found: Mapping[str, Mapping[str, Any]]) -> str:
             continue
         same = "yes" if one["same"] else "no"
         rows.append([name, f"{one['files']}", f"{len(one['differ'])}", same, _margin(one["worst"])])
-    head = ["process", "files", "exact values differ in", "activated float32 bits as usual", "margin to the tolerance"]
+    head = ["process", "files", "exact values differ in", "activated float32 bits of one file as usual", "its margin"]
     return table(head, rows)
 
 
