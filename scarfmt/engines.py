@@ -10,7 +10,7 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from scarfmt.errors import InvalidInput
-from scarfmt.kernel.library import Absent, load
+from scarfmt.kernel.loading import Absent, load
 
 if TYPE_CHECKING:
     from scarfmt.coding.engine import Engine

@@ -16,17 +16,17 @@ class Keeper:
     itself need not know what an engine is. Threads may share one: at worst two make the same thing.
     """
 
-    def kept(self, make: Callable[Concatenate[Self, P], T], *arguments: P.args, **_: P.kwargs) -> T:
+    def kept(self, make: Callable[Concatenate[Self, P], T], *arguments: P.args, **named: P.kwargs) -> T:
         """What `make` makes of this object and `arguments`: made at the first call, the same one at later calls.
 
         Args:
             make: a function or class that lives as long as what it makes is wanted.
-            arguments: hashable.
+            arguments, named: hashable.
         """
         found: dict[Any, Any] = self.__dict__.setdefault("_kept", {})
-        key = (make, *arguments)
+        key = (make, *arguments, *named.items())
         if key not in found:
-            found[key] = make(self, *arguments, **_)
+            found[key] = make(self, *arguments, **named)
         made: T = found[key]
         return made
 

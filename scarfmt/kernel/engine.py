@@ -40,7 +40,7 @@ class KernelEngine(NumpyEngine):
     where something else than NumPy does it, stand-ins for predictors.
 
     Args:
-        library: the compiled library (:func:`scarfmt.kernel.library.load`).
+        library: the compiled library (:func:`scarfmt.kernel.loading.load`).
         operations: array arithmetic of the index network, where the library does not do it.
     """
 

@@ -16,7 +16,7 @@ from scarfmt.entropy.rans import FrequencyTable, PureRansDecoder
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import ScarError
 from scarfmt.kernel.engine import KernelEngine
-from scarfmt.kernel.library import load
+from scarfmt.kernel.loading import load
 from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from scarfmt.neural.operations import NUMPY
 from scarfmt.neural.tables import exp2_table

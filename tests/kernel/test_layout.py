@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from scarfmt.kernel import library as module
+from scarfmt.kernel import loading as module
 from scarfmt.kernel.layout import declared, difference, layout_in, layout_of
-from scarfmt.kernel.library import Absent, opened
+from scarfmt.kernel.loading import Absent, opened
 from tests.kernel.samples import library, needs_kernel
 
 pytestmark = needs_kernel

@@ -15,7 +15,7 @@ import pytest
 
 from conformance.generate import VECTORS
 from scarfmt import kernel
-from scarfmt.kernel.library import INTERFACE, Absent, load
+from scarfmt.kernel.loading import INTERFACE, Absent, load
 
 _DECODE = """
 import hashlib, sys
