@@ -11,6 +11,7 @@ left before they are made, and rules are applied at the place in which they are 
 from __future__ import annotations
 
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -59,19 +60,19 @@ class Cursor(ByteReader):
         self.trace = trace
 
 
-class Element(Construct):  # type: ignore[misc]
+class Element(Construct, ABC):  # type: ignore[misc]  # construct has no types
     """A part of a payload."""
 
     spelled = ""
     """Its type, as SPEC prints it."""
 
+    @abstractmethod
     def take(self, reader: Cursor, scope: Scope) -> Any:
         """Read it; `scope` has what was read before."""
-        raise NotImplementedError
 
+    @abstractmethod
     def put(self, value: Any, scope: Values) -> bytes:
         """The bytes of a value."""
-        raise NotImplementedError
 
     def shown(self, value: Any) -> Any:
         """A value as people are told it."""

@@ -7,10 +7,10 @@ than asked for. Other protocols go through fsspec's plug-ins: they bound memory 
 from __future__ import annotations
 
 import asyncio
-import queue
 import re
 import threading
 from collections.abc import Awaitable, Callable
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from scarfmt.container.source import HEAD_BYTES, TIMEOUT_SECONDS, RangeSource, short_source
@@ -175,22 +175,17 @@ class _Plugin:
         return self._within(length, read)
 
     def _within(self, length: int, act: Callable[[], T]) -> T:
-        outcome: queue.SimpleQueue[tuple[T, None] | tuple[None, BaseException]] = queue.SimpleQueue()
+        outcome: Future[T] = Future()
 
         def work() -> None:
             try:
-                outcome.put((act(), None))
+                outcome.set_result(act())
             except BaseException as error:
-                outcome.put((None, error))
+                outcome.set_exception(error)
 
+        # Not a pool: the interpreter would wait at its end for a thread that is stuck in a read.
         threading.Thread(target=work, daemon=True, name="scarfmt-url").start()
-        try:
-            result, error = outcome.get(timeout=_seconds(self._timeout, length))
-        except queue.Empty:
-            raise TimeoutError from None
-        if error is not None:
-            raise error
-        return result  # type: ignore[return-value]
+        return outcome.result(timeout=_seconds(self._timeout, length))
 
     def close(self) -> None:
         """Nothing is held open between reads."""

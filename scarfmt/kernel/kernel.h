@@ -14,7 +14,7 @@ function allocates. What indexes an array comes from other arrays that the calle
 
 #define EXPORT __attribute__((visibility("default")))
 
-/* Grows with every change of a function's arguments: library.py loads no other. Structs are compared one by one. */
+/* Grows with every change of a function's arguments: loading.py loads no other. Structs are compared one by one. */
 #define INTERFACE 3
 
 /* Wider vectors where the machine has them, chosen when the library is loaded: glibc can, musl cannot. Not where the

@@ -22,6 +22,11 @@ pytest.importorskip("aiohttp", reason="URLs need the extra http")
 
 CONTENT = bytes(i * 7 % 251 for i in range(3 * HEAD_BYTES))
 TIMEOUT = 1.0
+"""For servers that never answer: seconds until they are given up."""
+LONGER = 6.0
+"""For a server that answers at first, which a busy machine has to manage within that time."""
+PATIENCE = 60.0
+"""For servers that do answer: it is never used up."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -111,8 +116,8 @@ def serve() -> Iterator[Callable[[Answer], _Server]]:
 Serve = Callable[[Answer], _Server]
 
 
-def open_url(server: _Server, **options: int) -> ByteSource:
-    return open_source(server.url, timeout=TIMEOUT, **options)
+def open_url(server: _Server, timeout: float = PATIENCE, **options: int) -> ByteSource:
+    return open_source(server.url, timeout=timeout, **options)
 
 
 def test_what_has_come_is_not_asked_for_again(serve: Serve) -> None:
@@ -208,14 +213,17 @@ def test_a_server_that_does_not_come_to_an_end_is_left(serve: Serve, answer: Ans
     server = serve(answer)
     start = time.monotonic()
     with pytest.raises(InvalidInput, match="no complete answer in time") as caught:
-        open_url(server, head_bytes=2048)
+        open_url(server, TIMEOUT, head_bytes=2048)
     assert caught.value.refusal == "input-source"
     assert time.monotonic() - start < 10  # a hang, not a slow machine, is what this tells apart
 
 
 def test_a_read_is_bounded_in_time_as_opening_is(serve: Serve) -> None:
     server = serve(lambda to: ranges(to) if to.range()[0] == 0 else silent(to))
-    with open_url(server) as source, pytest.raises(InvalidInput, match=r"cannot read .* no complete answer") as caught:
+    with (
+        open_url(server, LONGER) as source,
+        pytest.raises(InvalidInput, match=r"cannot read .* no complete answer") as caught,
+    ):
         source.read(HEAD_BYTES, 10)
     assert caught.value.offset == HEAD_BYTES
 
