@@ -27,7 +27,6 @@ def _slug(heading: str) -> str:
     return kept.replace(" ", "-")
 
 
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(REPOSITORY)))
 def test_links_lead_somewhere(page: Path) -> None:
     """Every relative link names a file of the repository, and its anchor a heading of that file."""

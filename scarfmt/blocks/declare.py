@@ -282,9 +282,7 @@ class Rule(Element):
         refusal: the error, where not.
     """
 
-    def __init__(
-        self, number: str, holds: Callable[[Scope], bool], refusal: Callable[[Scope], ScarError]
-    ) -> None:
+    def __init__(self, number: str, holds: Callable[[Scope], bool], refusal: Callable[[Scope], ScarError]) -> None:
         super().__init__()
         self.number, self._holds, self._refusal = number, holds, refusal
 

@@ -50,9 +50,7 @@ _PREDICTOR = Record(
 
 PREDICTORS = Record(
     "predictor_count" / Count(MAX_PREDICTORS),
-    Rule(
-        "R-10.3-1", lambda at: at["predictor_count"] > 0, lambda at: bad_predictor("the block holds no predictor")
-    ),
+    Rule("R-10.3-1", lambda at: at["predictor_count"] > 0, lambda at: bad_predictor("the block holds no predictor")),
     "predictors" / Repeat(this.predictor_count, _PREDICTOR),
 )
 

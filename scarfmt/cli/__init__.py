@@ -29,6 +29,7 @@ from scarfmt.cli.validate import validate
 
 __all__ = ["cli", "main"]
 
+
 def _version(context: click.Context, _option: click.Parameter, wanted: bool) -> None:
     if not wanted or context.resilient_parsing:
         return

@@ -174,9 +174,7 @@ def get_neural_indices(
     _code(coder, context, indices, (before, after), get, columns)
 
 
-def count_pass(
-    coder: IndexCoder, context: LayerContext, part: I64, indices: Ints, stages: tuple[I64, I64]
-) -> None:
+def count_pass(coder: IndexCoder, context: LayerContext, part: I64, indices: Ints, stages: tuple[I64, I64]) -> None:
     """Count the work of a pass that was coded elsewhere.
 
     Args:

@@ -45,9 +45,7 @@ def check_networks(
             raise _bad(f"a network of {len(network.layers)} layers and {network.inputs} inputs", "scene_mlps")
 
 
-def check_index_network(
-    model: SceneModel, books: Codebooks, network: IndexNetwork, grid: HashGrid | None
-) -> None:
+def check_index_network(model: SceneModel, books: Codebooks, network: IndexNetwork, grid: HashGrid | None) -> None:
     """Check the index network and its grid against the scene (SPEC §10.5).
 
     Raises:

@@ -127,9 +127,7 @@ class SceneModels:
     def work(self) -> DeclaredWork:
         """What decoding with these models takes."""
         networks = (*(() if self.decoder is None else (self.decoder,)), *self.scene_mlps)
-        return DeclaredWork(
-            self.model, self.tables, self.predictors, self.network, self.codebooks, self.grid, networks
-        )
+        return DeclaredWork(self.model, self.tables, self.predictors, self.network, self.codebooks, self.grid, networks)
 
     def neural(self, engine: Engine = NUMPY_ENGINE, *, indices: bool = True) -> tuple[NeuralModels, ...]:
         """What codes symbols beside static tables, per layer, prepared for an engine.

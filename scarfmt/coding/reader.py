@@ -246,7 +246,18 @@ class SceneReader:
             parts = self._substreams(entry, payload, model, streams) if entry else {}
             here, readers = content.head(known), _Readers(parts, tables, observer, self.engine)
             decode = partial(
-                get_layer, model, layer, frame, here, new, readers.open, streams, sizes, beside, observer, counters,
+                get_layer,
+                model,
+                layer,
+                frame,
+                here,
+                new,
+                readers.open,
+                streams,
+                sizes,
+                beside,
+                observer,
+                counters,
                 self.engine,
             )
             if entry is None:

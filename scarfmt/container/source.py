@@ -180,9 +180,7 @@ Origin = str | os.PathLike[str] | bytes | bytearray | memoryview | ByteSource
 """What a file can be read from: a path, a URL, its bytes, or a source that is open already."""
 
 
-def open_source(
-    origin: Origin, *, timeout: float = TIMEOUT_SECONDS, head_bytes: int = HEAD_BYTES
-) -> ByteSource:
+def open_source(origin: Origin, *, timeout: float = TIMEOUT_SECONDS, head_bytes: int = HEAD_BYTES) -> ByteSource:
     """The source for bytes, a path, or a URL (any string with ``://``); an open one is given back as it is.
 
     Use it as a context manager.

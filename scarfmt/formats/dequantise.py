@@ -11,7 +11,6 @@ SH_C0 = 0.28209479177387814
 """Value of the degree 0 spherical harmonic, 1 / (2 sqrt(pi))."""
 
 
-
 def logit_of_alpha(alpha: U8) -> F32:
     """Opacity logits of 8-bit opacities.
 

@@ -35,7 +35,6 @@ _COORDINATE_SYSTEM = 0xADBE0003
 _MAX_EXTENSION_BYTES = 1 << 20
 
 
-
 def sniff(source: Source) -> bool:
     """Whether the content starts as SPZ, within gzip or not."""
     head = source.head(512)

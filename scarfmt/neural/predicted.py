@@ -80,9 +80,7 @@ class PredictedChannel:
         components: of the channel.
     """
 
-    def __init__(
-        self, context: LayerContext, channel: int, predictors: PredictorSet, values: Ints, steps: I64
-    ) -> None:
+    def __init__(self, context: LayerContext, channel: int, predictors: PredictorSet, values: Ints, steps: I64) -> None:
         self.context = context
         self.predictors = predictors
         self._stream = context.model.channels[channel].stream

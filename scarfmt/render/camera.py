@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,8 @@ _HORIZON = {
 # INRIA's near plane, world units; orbits of scenes smaller than a unit need one that scales with them.
 NEAR = 0.2
 _NEAR_PART_OF_RADIUS = 0.2
+# INRIA's: every splat is widened by as much, pixels^2.
+DILATION_PX2 = 0.3
 # Part of the distance that would show the whole sphere round the core box: the box's corners are mostly empty.
 _FILL = 0.85
 
@@ -43,6 +45,7 @@ class Camera:
         name: photo file name or a label; may be empty.
         split: ``"train"``, ``"test"`` or empty.
         near: Gaussians whose centre is no further than this in front of the eye are not drawn, world units.
+        dilation: variance that the renderer adds to every splat, pixels^2.
     """
 
     width: int
@@ -55,6 +58,7 @@ class Camera:
     name: str = ""
     split: str = ""
     near: float = NEAR
+    dilation: float = DILATION_PX2
 
     @property
     def centre(self) -> F64:
@@ -77,7 +81,17 @@ class Camera:
             self.name,
             self.split,
             self.near,
+            self.dilation,
         )
+
+    def sampled(self, every: int) -> Camera:
+        """One pixel of each `every` x `every` of this view, as it is there: splats are as wide as in the whole picture.
+
+        The mean over many such pictures is that over as many whole ones, at a fraction of the time. A picture that is
+        :meth:`scaled` is another one: its splats are dilated by pixels that are larger.
+        """
+        smaller = self.scaled(1 / every)
+        return replace(smaller, dilation=self.dilation * (smaller.width / self.width) ** 2)
 
 
 @dataclass(frozen=True)
@@ -119,6 +133,12 @@ class Arc:
         if self.span_deg == 360 or count == 1:
             return self.centre_deg + np.arange(count, dtype=np.float64) * (self.span_deg / count)
         return self.centre_deg + self.span_deg * np.linspace(-0.5, 0.5, count, dtype=np.float64)
+
+
+def upward_axes(up: str) -> F64:
+    """(3, 3) float64 rows: the horizontal axes at azimuth 0 and 90 degrees, and `up`, one of `Arc.up`."""
+    upward, zero, ninety = _HORIZON[up]
+    return np.array([zero, ninety, upward], dtype=np.float64)
 
 
 def look_at(
@@ -199,7 +219,7 @@ def orbit_cameras(
         InvalidInput: `up` cannot be read, or the scene is empty.
     """
     arc = Arc.parse(up)
-    upward, zero, ninety = (np.array(axis, dtype=np.float64) for axis in _HORIZON[arc.up])
+    zero, ninety, upward = upward_axes(arc.up)
     target, half_extent = core(scene, upward)
     half_fov = math.atan(math.tan(math.radians(fov_deg) / 2) * min(1.0, height / width))
     # A scene of one point has no extent; any positive radius shows it.

@@ -16,7 +16,6 @@ from scarfmt.render.camera import Camera
 from scarfmt.render.jit import device, kernel
 from scarfmt.scene.gaussians import GaussianScene
 
-DILATION = 0.3
 MIN_ALPHA = 1.0 / 255.0
 MAX_ALPHA = 0.99
 MIN_TRANSMITTANCE = 1e-4
@@ -94,7 +93,7 @@ def _axes(rotation: F32, log_scale: F32, axes: F64) -> None:
 @device
 def _ellipse(x: float, y: float, z: float, axes: F64, pose: F64, lens: F64, splat: F64) -> bool:
     """Fill centre, conic and half extents of a splat whose opacity is set; False where nothing can be seen."""
-    fx, fy, cx, cy, width, height = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5]
+    fx, fy, cx, cy, width, height, dilation = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[7]
     limit_x, limit_y = FRUSTUM_MARGIN * width / (2.0 * fx), FRUSTUM_MARGIN * height / (2.0 * fy)
     tx = min(limit_x, max(-limit_x, x / z))
     ty = min(limit_y, max(-limit_y, y / z))
@@ -107,9 +106,9 @@ def _ellipse(x: float, y: float, z: float, axes: F64, pose: F64, lens: F64, spla
     cov_xx, cov_xy, cov_yy = a0 * a0 + a1 * a1 + a2 * a2, a0 * b0 + a1 * b1 + a2 * b2, b0 * b0 + b1 * b1 + b2 * b2
     # |a x b|^2 is the undilated determinant (Cauchy-Binet), free of the cancellation of xx * yy - xy^2.
     n0, n1, n2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
-    determinant = n0 * n0 + n1 * n1 + n2 * n2 + DILATION * (cov_xx + cov_yy) + DILATION * DILATION
-    cov_xx += DILATION
-    cov_yy += DILATION
+    determinant = n0 * n0 + n1 * n1 + n2 * n2 + dilation * (cov_xx + cov_yy) + dilation * dilation
+    cov_xx += dilation
+    cov_yy += dilation
     if not (determinant < np.inf):
         return False
     splat[MEAN_X], splat[MEAN_Y] = fx * x / z + cx, fy * y / z + cy
@@ -230,7 +229,8 @@ def project(
     splats = np.empty((len(scene), SPLAT_COLUMNS))
     depths = np.empty(len(scene), dtype=np.float32)
     lens = np.array(
-        [camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.near], dtype=np.float64
+        [camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.near, camera.dilation],
+        dtype=np.float64,
     )
     fixed = np.zeros((0, 3)) if colours is None else np.ascontiguousarray(colours, dtype=np.float64)
     pose = np.ascontiguousarray(camera.world_to_camera, dtype=np.float64)

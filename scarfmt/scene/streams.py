@@ -80,9 +80,7 @@ STREAMS: Mapping[Stream, StreamSpec] = {
         # What users ask for as latents are indices and, where there are any, their refinements.
         StreamSpec(Stream.INDICES, Codec.INDICES, attribute="latents"),
         StreamSpec(Stream.LATENT, Codec.CHANNEL, {_EXPLICIT: None, _ANCHOR: None}),
-        StreamSpec(
-            Stream.OFFSETS, Codec.SLOT_CHANNEL, {_ANCHOR: 3}, needed=frozenset({_ANCHOR}), attribute="offsets"
-        ),
+        StreamSpec(Stream.OFFSETS, Codec.SLOT_CHANNEL, {_ANCHOR: 3}, needed=frozenset({_ANCHOR}), attribute="offsets"),
     )
 }
 """Every stream kind a TILE block may hold, ascending."""

@@ -301,5 +301,3 @@ def _structure(structure: Any, name: str, section: str, data: bytes, at: int) ->
         elif row.name.endswith("crc32") or (row.name == "tile" and value == NO_TILE):
             value = f"0x{value:08X}"
         yield Row(start, row.size, f"{name}.{row.name}", value, section)
-
-

@@ -90,9 +90,7 @@ def test_payloads_that_break_the_rule_are_refused(name: str) -> None:
     refuses(refusal, lambda: unpack_codebooks(data))
 
 
-@pytest.mark.parametrize(
-    "data", [payload(dimension=MAX_LATENT + 1), payload(books=3), payload(size=MAX_CODEWORDS + 1)]
-)
+@pytest.mark.parametrize("data", [payload(dimension=MAX_LATENT + 1), payload(books=3), payload(size=MAX_CODEWORDS + 1)])
 def test_numbers_above_the_maxima_pass_a_limit(data: bytes) -> None:
     """Refused before anything is read or allocated."""
     with pytest.raises(LimitExceeded):

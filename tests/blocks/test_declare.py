@@ -159,7 +159,15 @@ def test_a_declaration_is_listed_field_by_field() -> None:
     lines = listing("thing()", THING).splitlines()
     assert lines[0] == "thing():"
     text = "\n".join(" ".join(line.split()) for line in lines)
-    for wanted in ("kind u8 # 0 or 1", "check R-1-1", "if kind == 1:", "low svarint(33)", "pairs count times pair(2)",
-                   "weights size times varint(24)", "halves count times i8 or i16", "blob kind bytes # the end",
-                   "total = count + size"):
+    for wanted in (
+        "kind u8 # 0 or 1",
+        "check R-1-1",
+        "if kind == 1:",
+        "low svarint(33)",
+        "pairs count times pair(2)",
+        "weights size times varint(24)",
+        "halves count times i8 or i16",
+        "blob kind bytes # the end",
+        "total = count + size",
+    ):
         assert wanted in text

@@ -216,7 +216,6 @@ def decoded(model: SceneModel, content: TileContent, layers: int = 2) -> TileCon
         )
         streams = {stream: writer.finish() for stream, writer in writers.items()}
 
-
         def opened(stream: Stream, data: dict[Stream, bytes] = streams, known: Tables = tables) -> SymbolReader:
             return SymbolReader(data.get(stream, b""), known)
 

@@ -117,8 +117,6 @@ def test_symbols_left_in_a_stream_break_the_seal() -> None:
     assert caught.value.refusal == "rans-seal"
 
 
-
-
 def one_by_one(counter: SymbolCounter, key: StepKey, kinds: Ints, values: Ints) -> None:
     """Each group by itself."""
     for kind in np.unique(kinds).tolist():
@@ -153,9 +151,7 @@ def test_counting_many_groups_at_once_is_counting_each(
     same_histograms(mixed, plain)
 
 
-@pytest.mark.parametrize(
-    ("kinds", "wide"), [(1, 1 << 16), (1, (1 << 16) + 1), (256, 256), (256, 257), (MOST_KINDS, 4)]
-)
+@pytest.mark.parametrize(("kinds", "wide"), [(1, 1 << 16), (1, (1 << 16) + 1), (256, 256), (256, 257), (MOST_KINDS, 4)])
 @pytest.mark.parametrize("low", [-EDGE, -5, 0, EDGE - (1 << 17)])
 def test_counts_on_both_sides_of_what_is_counted_without_sorting(kinds: int, wide: int, low: int) -> None:
     """The first and the last kind with the least and the greatest value."""

@@ -84,9 +84,7 @@ def test_metadata_only_when_asked() -> None:
     assert inspect(BytesSource(without), metadata=True)["metadata"] is None
 
 
-@pytest.mark.parametrize(
-    "payload", [b"{", b"[1]", b"\xff", b'{"a": NaN}', b"{} {}", b'{"a": ' + b"1" * 5000 + b"}"]
-)
+@pytest.mark.parametrize("payload", [b"{", b"[1]", b"\xff", b'{"a": NaN}', b"{} {}", b'{"a": ' + b"1" * 5000 + b"}"])
 def test_metadata_that_is_not_one_json_object_is_malformed(payload: bytes) -> None:
     """Whatever the JSON parser raises is one refusal."""
     data = write_container(FIELDS, [], [Block(BlockKind.METADATA, 1, payload)], [(0, 0)])

@@ -19,7 +19,8 @@ RECORDS = st.lists(
         st.integers(0, (1 << 32) - 1),
         st.sets(st.integers(-(2**31) + 1, 2**31 - 1), min_size=1, max_size=5),
     ),
-    max_size=4, unique_by=lambda record: record.key,
+    max_size=4,
+    unique_by=lambda record: record.key,
 ).map(lambda records: sorted(records, key=lambda record: record.key))
 
 

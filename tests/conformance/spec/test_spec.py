@@ -318,7 +318,7 @@ def test_the_worked_file_decodes_to_the_values_printed() -> None:
     for layer in (1, 2):
         whole = decode(data, layers=layer)
         models = SceneReader(BytesSource(data)).models(layer)
-        (_, content), = SceneReader(BytesSource(data)).tiles(models)
+        ((_, content),) = SceneReader(BytesSource(data)).tiles(models)
         for anchor in range(len(whole)):
             row = next(wanted)
             assert [int(cell) for cell in row[:4]] == [layer, anchor, content.classes[anchor], content.codes[anchor]]

@@ -1,0 +1,131 @@
+"""Views from everywhere a viewer may stand: drawn by a seed, of three kinds, the same on every machine.
+
+    orbit    from outside, 1.2 to 4 radii away, any direction, looking about the middle
+    near     the subject fills the picture: 0.5 to 1.2 radii away, or 0.1 to 0.6 from some piece of the scene
+    inside   standing within the core, looking outwards, mostly level
+
+A radius is half the diagonal of the 10-90 % box of the positions (:func:`scarfmt.render.camera.core`). Views of one
+seed fill their space evenly; views of two seeds have nothing in common but the distribution.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from scarfmt.arrays import F64
+from scarfmt.render.camera import NEAR, Arc, Camera, core, look_at, upward_axes
+from scarfmt.scene.gaussians import GaussianScene
+
+WIDTH, HEIGHT, FOV_DEG = 640, 480, 60.0
+_NEAR_PART = 0.05
+_AIM = 0.5
+"""How far from the middle, in half extents, a view looks at most."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What is known of a scene before it is looked at.
+
+    Attributes:
+        middle: (3,) float64, of the core.
+        half: (3,) float64 half extents of the core.
+        axes: (3, 3) float64 rows: azimuth 0, azimuth 90 degrees, up.
+        places: (n, 3) float64 finite positions, those near views look at.
+        arc: azimuths (degrees) that eyes outside stay within.
+    """
+
+    middle: F64
+    half: F64
+    axes: F64
+    places: F64
+    arc: Arc
+
+    @staticmethod
+    def of(scene: GaussianScene, frame: str) -> Surroundings:
+        """Of a scene with the up axis, and perhaps the arc, of `frame`.
+
+        Raises:
+            InvalidInput: ``input-frame``; ``input-empty`` if no position is finite.
+        """
+        arc = Arc.parse(frame)
+        axes = upward_axes(arc.up)
+        middle, half = core(scene, axes[2])
+        places = scene.positions[np.isfinite(scene.positions).all(axis=1)]
+        return Surroundings(middle, half, axes, places, arc)
+
+    @property
+    def radius(self) -> float:
+        """Half the diagonal of the core, world units; 1 for a scene of one point."""
+        return float(np.linalg.norm(self.half)) or 1.0
+
+    def direction(self, turn: float, elevation_deg: float) -> F64:
+        """(3,) unit vector `turn` (0..1) through the arc, so many degrees above the horizon."""
+        azimuth = math.radians(self.arc.centre_deg + (turn - 0.5) * self.arc.span_deg)
+        elevation = math.radians(elevation_deg)
+        level = math.cos(azimuth) * self.axes[0] + math.sin(azimuth) * self.axes[1]
+        return np.asarray(math.cos(elevation) * level + math.sin(elevation) * self.axes[2])
+
+    def camera(self, eye: F64, target: F64, name: str) -> Camera:
+        """The view from `eye` towards `target`."""
+        return look_at(eye, target, self.axes[2], WIDTH, HEIGHT, FOV_DEG, name, min(NEAR, _NEAR_PART * self.radius))
+
+
+def _orbit(around: Surroundings, u: F64) -> tuple[F64, F64]:
+    distance = 1.2 * (4 / 1.2) ** float(u[0])
+    # Even over the upper part of the sphere: sin(elevation) uniform from -0.3 to 1.
+    elevation = math.degrees(math.asin(-0.3 + 1.3 * float(u[2])))
+    target = around.middle + _AIM * 0.6 * around.half * (2 * u[3:6] - 1)
+    return around.middle + distance * around.radius * around.direction(float(u[1]), elevation), target
+
+
+def _near(around: Surroundings, u: F64) -> tuple[F64, F64]:
+    elevation = math.degrees(math.asin(-0.3 + 1.2 * float(u[2])))
+    towards = around.direction(float(u[1]), elevation)
+    if u[6] < 0.5:
+        distance = 0.5 + 0.7 * float(u[0])
+        return around.middle + distance * around.radius * towards, around.middle + _AIM * around.half * (2 * u[3:6] - 1)
+    piece = around.places[min(int(u[3] * len(around.places)), len(around.places) - 1)]
+    distance = 0.1 * 6 ** float(u[0])
+    return piece + distance * around.radius * towards, piece
+
+
+def _inside(around: Surroundings, u: F64) -> tuple[F64, F64]:
+    spread = (2 * u[3:6] - 1) * around.half
+    vertical = np.abs(around.axes[2])
+    low_high = around.middle + spread * (1 - vertical) + 0.6 * spread * vertical
+    # An eye inside an arc looks the way those outside do.
+    elevation = -20 + 40 * float(u[2])
+    away = (
+        -around.direction(float(u[1]), elevation)
+        if around.arc.span_deg < 360
+        else around.direction(float(u[1]), elevation)
+    )
+    return low_high, low_high + around.radius * away
+
+
+KINDS: dict[str, Callable[[Surroundings, F64], tuple[F64, F64]]] = {"orbit": _orbit, "near": _near, "inside": _inside}
+"""Kind -> (where, numbers (7,) in 0..1) -> eye and target."""
+
+
+def even_numbers(count: int, dimensions: int, seed: int) -> F64:
+    """(count, dimensions) float64 in 0..1 that fill the cube evenly: an additive recurrence, shifted by the seed.
+
+    Its steps are the powers of 1 / phi_d, the generalised golden ratio.
+    """
+    phi = 2.0
+    for _ in range(60):
+        phi = (1 + phi) ** (1 / (dimensions + 1))
+    steps = phi ** -np.arange(1.0, dimensions + 1)
+    shift = np.random.default_rng(seed).random(dimensions)
+    return np.asarray((shift + np.arange(1, count + 1)[:, None] * steps) % 1)
+
+
+def viewpoints(around: Surroundings, kind: str, count: int, seed: int) -> list[Camera]:
+    """`count` views of 640x480 pixels of a kind, one of :data:`KINDS`."""
+    numbers = even_numbers(count, 7, seed)
+    made = (KINDS[kind](around, u) for u in numbers)
+    return [around.camera(eye, target, f"{kind} {number}") for number, (eye, target) in enumerate(made, 1)]

@@ -1,0 +1,61 @@
+"""Views from everywhere: even, reproducible, and where their kind says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scarfmt.render.camera import look_at
+from scarfmt.render.rasterise import render
+from scarfmt.render.viewpoints import KINDS, Surroundings, even_numbers, viewpoints
+from tests.render.scenes import random_scene
+
+
+@pytest.fixture
+def around() -> Surroundings:
+    return Surroundings.of(random_scene(3, 2000), "z")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_seed_gives_the_same_views_and_another_seed_others(around: Surroundings, kind: str) -> None:
+    def eyes(seed: int) -> np.ndarray:
+        return np.stack([camera.centre for camera in viewpoints(around, kind, 12, seed)])
+
+    assert np.array_equal(eyes(1), eyes(1))
+    assert not np.isclose(eyes(1)[:, None], eyes(2)[None]).all(axis=2).any()
+
+
+def test_eyes_are_as_far_as_their_kind_says(around: Surroundings) -> None:
+    def distances(kind: str) -> np.ndarray:
+        eyes = np.stack([camera.centre for camera in viewpoints(around, kind, 64, 5)])
+        return np.asarray(np.linalg.norm(eyes - around.middle, axis=1) / around.radius)
+
+    assert 1.2 <= distances("orbit").min() < 1.4
+    assert 3.5 < distances("orbit").max() <= 4
+    assert distances("inside").max() <= 1
+
+
+def test_eyes_outside_stay_in_the_arc_and_those_inside_look_along_it() -> None:
+    around = Surroundings.of(random_scene(3, 2000), "z:90:40")
+    for camera in viewpoints(around, "orbit", 32, 5):
+        x, y, _ = camera.centre - around.middle
+        assert abs(np.degrees(np.arctan2(y, x)) - 90) <= 20 + 1e-6
+    for camera in viewpoints(around, "inside", 32, 5):
+        assert camera.world_to_camera[2, 1] < -np.cos(np.radians(45))
+
+
+@pytest.mark.parametrize("dimensions", [1, 2, 7])
+def test_numbers_fill_their_range_more_evenly_than_chance(dimensions: int) -> None:
+    numbers = even_numbers(256, dimensions, seed=1)
+    assert numbers.shape == (256, dimensions)
+    assert (numbers >= 0).all()
+    assert (numbers < 1).all()
+    for column in numbers.T:
+        assert np.bincount((column * 16).astype(int), minlength=16).min() >= 10
+
+
+def test_sampled_pixels_are_those_of_the_whole_picture() -> None:
+    """With an odd stride the centre of a small pixel is that of a large one, so that the values agree."""
+    scene = random_scene(2, 300)
+    whole = look_at(np.array([0.0, 0, -4]), np.zeros(3), np.array([0.0, -1, 0]), 90, 60)
+    np.testing.assert_allclose(render(scene, whole.sampled(3)), render(scene, whole)[1::3, 1::3], atol=1e-5)
