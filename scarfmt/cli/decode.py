@@ -168,7 +168,7 @@ def _eyes(cameras: str | None) -> F64 | None:
         return None
     import numpy as np
 
-    from scarfmt.render.camera import load_cameras
+    from scarfmt.render.capture import load_cameras
 
     return np.array([camera.centre for camera in load_cameras(cameras)]).reshape(-1, 3)
 

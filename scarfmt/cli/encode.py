@@ -178,7 +178,7 @@ def _encode(scene: GaussianScene | AnchorModel, said: dict[str, Any], report: Re
 
     options = {name: value for name, value in said.items() if value is not None}
     if "cameras" in options:
-        from scarfmt.render.camera import load_cameras
+        from scarfmt.render.capture import load_cameras
 
         options["cameras"] = load_cameras(options["cameras"])
     return encode(scene, EncodeOptions(**options), report)

@@ -88,7 +88,7 @@ def choose_cameras(scene: GaussianScene, options: ViewOptions) -> list[Camera]:
 
 def _listed_cameras(path: str, options: ViewOptions) -> list[Camera]:
     from scarfmt.errors import InvalidInput
-    from scarfmt.render.camera import load_cameras
+    from scarfmt.render.capture import load_cameras
 
     cameras = load_cameras(path)
     cameras = [camera for camera in cameras if camera.split == "test"] or cameras

@@ -1,11 +1,9 @@
-"""Pinhole cameras: the project's evaluation orbit, and the cameras of a photo capture."""
+"""Pinhole cameras, and the project's evaluation orbit."""
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -235,28 +233,3 @@ def orbit_cameras(
         label = f"{azimuth % 360:.0f} deg"
         cameras.append(look_at(eye, target, upward, width, height, fov_deg, label, near))
     return cameras
-
-
-def load_cameras(path: str | Path) -> list[Camera]:
-    """Cameras of a photo capture: a JSON file ``{"images": [{name, W, H, fx, fy, cx, cy, world_to_camera, split}]}``.
-
-    Raises:
-        InvalidInput: the file is not JSON of that shape.
-        OSError: the file cannot be read.
-    """
-    text = Path(path).read_text(encoding="utf-8")
-    try:
-        return [_camera_from_json(entry) for entry in json.loads(text)["images"]]
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInput(
-            "input-cameras", f"{path} is not a camera list ({type(error).__name__}: {error})", field="images"
-        ) from error
-
-
-def _camera_from_json(entry: dict[str, object]) -> Camera:
-    pose = np.array(entry["world_to_camera"], dtype=np.float64)
-    if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        raise ValueError(f"world_to_camera must be 4x4 finite numbers, got shape {pose.shape}")
-    fx, fy, cx, cy = (float(str(entry[key])) for key in ("fx", "fy", "cx", "cy"))
-    width, height = int(str(entry["W"])), int(str(entry["H"]))
-    return Camera(width, height, fx, fy, cx, cy, pose, str(entry["name"]), str(entry.get("split", "")))
