@@ -21,6 +21,8 @@ _HORIZON = {
     "z": ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
     "-z": ((0, 0, -1), (1, 0, 0), (0, -1, 0)),
 }
+AUTO = "auto"
+"""A frame that is to be found out."""
 # INRIA's near plane, world units; orbits of scenes smaller than a unit need one that scales with them.
 NEAR = 0.2
 _NEAR_PART_OF_RADIUS = 0.2
@@ -82,6 +84,11 @@ class Camera:
             self.dilation,
         )
 
+    def sized(self, width: int, height: int) -> Camera:
+        """A picture of that size with this view's horizontal field, and the principal point in its middle."""
+        focal = self.fx * width / self.width
+        return replace(self, width=width, height=height, fx=focal, fy=focal, cx=width / 2, cy=height / 2)
+
     def sampled(self, every: int) -> Camera:
         """One pixel of each `every` x `every` of this view, as it is there: splats are as wide as in the whole picture.
 
@@ -114,16 +121,15 @@ class Arc:
             InvalidInput: the text has another shape, or numbers out of range.
         """
         up, *numbers = text.split(":")
-        try:
-            centre, span = (float(number) for number in numbers) if numbers else (0.0, 360.0)
-        except ValueError:
-            up, centre, span = "", 0.0, 0.0
-        if up not in _HORIZON or not math.isfinite(centre) or not 0 <= span <= 360:
-            raise InvalidInput(
-                "input-frame",
-                f"cannot read the frame {text!r}: give UP or UP:CENTRE_DEG:SPAN_DEG with UP one of "
-                f"{', '.join(_HORIZON)} and the span 0..360, e.g. -y:125:70",
-            )
+        if up not in _HORIZON:
+            raise _frame_fault(text, f"{up!r} is no up axis: {', '.join(_HORIZON)} are known")
+        if not numbers:
+            return Arc(up)
+        if len(numbers) != 2:
+            raise _frame_fault(text, "an arc has two numbers, its centre and its span: UP:CENTRE_DEG:SPAN_DEG")
+        centre, span = (_degrees(text, number) for number in numbers)
+        if not 0 <= span <= 360:
+            raise _frame_fault(text, f"the span is {span:g} and has to be 0 to 360 degrees")
         return Arc(up, centre, span)
 
     def azimuths(self, count: int) -> F64:
@@ -131,6 +137,30 @@ class Arc:
         if self.span_deg == 360 or count == 1:
             return self.centre_deg + np.arange(count, dtype=np.float64) * (self.span_deg / count)
         return self.centre_deg + self.span_deg * np.linspace(-0.5, 0.5, count, dtype=np.float64)
+
+
+def check_frame(text: str) -> None:
+    """Check what an encoder takes for a frame: :data:`AUTO`, or what :meth:`Arc.parse` reads.
+
+    Raises:
+        InvalidInput: ``input-frame``.
+    """
+    if text != AUTO:
+        Arc.parse(text)
+
+
+def _degrees(frame: str, text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise _frame_fault(frame, f"{text!r} is no number of degrees")
+    return number
+
+
+def _frame_fault(text: str, message: str) -> InvalidInput:
+    return InvalidInput("input-frame", f"cannot read the frame {text[:80]!r}: {message}; e.g. -y or -y:125:70")
 
 
 def upward_axes(up: str) -> F64:

@@ -41,9 +41,19 @@ class Comparison:
         return float(np.mean(self.psnr_db))
 
     @property
+    def p5_psnr_db(self) -> float:
+        """5th percentile of the views' PSNR, dB: the view that at most one in twenty falls behind."""
+        return sorted(self.psnr_db)[(len(self.psnr_db) - 1) // 20]
+
+    @property
     def worst_psnr_db(self) -> float:
         """PSNR of the worst view, dB."""
         return min(self.psnr_db)
+
+    def part(self, first: int, count: int) -> Comparison:
+        """That of `count` views, the first of which is number `first`, from 0."""
+        rows = slice(first, first + count)
+        return Comparison(self.names[rows], self.psnr_db[rows], self.ssim[rows])
 
     @property
     def mean_ssim(self) -> float:

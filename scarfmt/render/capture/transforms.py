@@ -100,9 +100,7 @@ def _camera(record: Record, placed: _Placement, splits: dict[str, str]) -> Camer
     if record.values.get("is_fisheye") is True:
         model = "FISHEYE"
     if model not in PINHOLE_MODELS:
-        message = (
-            f"lenses of model {model[:40]} cannot be drawn; undistort the photos, and give the cameras that result"
-        )
+        message = f"lenses of model {model[:40]} cannot be drawn; undistort the photos, and give the resulting cameras"
         raise record.fault("camera_model", message)
     width, height = size = _size(record)
     focal_x = _focal(record, "fl_x", "camera_angle_x", width, None)
