@@ -12,7 +12,8 @@ from typing import Any
 from benchmarks.views import View, judged_views
 from reference_encoder.options import EncodeOptions
 from scarfmt.cli.scenes import Subject
-from scarfmt.render.camera import Camera, load_cameras
+from scarfmt.render.camera import Camera
+from scarfmt.render.capture import load_cameras
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("SCAR_DATA", REPOSITORY.parent / "shared" / "data"))
