@@ -50,9 +50,9 @@ def tables(runs: Sequence[Run]) -> str:
     return "\n\n".join([*parts, "### Where the bits go", _streams_table(known), "### Time and memory", _costs(known)])
 
 
-def titles() -> dict[str, str]:
-    """Scenes as headlines name them: marked where constants were fitted on them."""
-    return {scene.name: scene.title for scene in SCENES}
+def title(name: str) -> str:
+    """A scene as headlines name it: marked where constants were fitted on it."""
+    return next((scene.title for scene in SCENES if scene.name == name), name)
 
 
 def asked(runs: Sequence[Run]) -> str:
@@ -65,7 +65,7 @@ def asked(runs: Sequence[Run]) -> str:
         photos = last["photos_psnr_db"]
         rows.append(
             [
-                titles()[run["scene"]],
+                title(run["scene"]),
                 f"{goal:g}" + ("" if run["effort"] == 2 else f", effort {run['effort']}"),
                 f"{last['bytes_per_source']:.2f}",
                 _bold(last["psnr_db"], abs(last["psnr_db"] - goal) <= MEAN_WITHIN),
@@ -137,11 +137,11 @@ def _headline(run: Run) -> list[str]:
     last = run["layers"][-1]
     source = run["source_bytes"] / run["source_count"]
     size = f"{last['bytes_per_source']:.2f}"
-    return [titles()[run["scene"]], f"{source:.0f}", size, levels_text(last), *kinds_text(last)]
+    return [title(run["scene"]), f"{source:.0f}", size, levels_text(last), *kinds_text(last)]
 
 
 def _against(run: Run, rivals: Run, files: Sequence[Row]) -> list[str]:
-    cells = [titles()[run["scene"]], str(rivals["sh_degree"])]
+    cells = [title(run["scene"]), str(rivals["sh_degree"])]
     rival = smallest(rivals["rivals"], RIVAL_DB)
     if rival is None:
         return [*cells, "none", *[""] * 7]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.judged import kinds_text, levels_text
-from benchmarks.quality_report import FIRST_SHARE, equal_cells, ordered, titles
+from benchmarks.quality_report import FIRST_SHARE, equal_cells, ordered, title
 from benchmarks.quality_report import NAME as QUALITY
 from benchmarks.report import dated, load_results, replace_section, table
 from benchmarks.scenes import REPOSITORY
@@ -70,14 +70,14 @@ def smallest_layer(run: Run, goal: float) -> Run | None:
 
 
 def _verdict_row(run: Run, rival: Run) -> list[str]:
-    cells = [titles().get(run["scene"], run["scene"]), str(run["sh_degree"]), rival["name"]]
+    cells = [title(run["scene"]), str(run["sh_degree"]), rival["name"]]
     cells += [f"{rival['bytes'] / run['count']:.2f}", levels_text(rival)]
     files = [file["layers"][-1] for file in run["scar"]]
     return [*cells, *equal_cells(run, files, rival, LEVELS[:1]), *equal_cells(run, files, rival)]
 
 
 def _first_row(run: Run) -> list[str]:
-    cells = [titles().get(run["scene"], run["scene"]), str(run["sh_degree"])]
+    cells = [title(run["scene"]), str(run["sh_degree"])]
     for goal in FIRST_PICTURES:
         ours, rival = smallest_layer(run, goal), smallest(run["rivals"], goal)
         cells.append("not reached" if ours is None else f"{ours['bytes'] / 1e3:,.0f}")
