@@ -88,7 +88,6 @@ SCENES = (
     Scene("fruit-drops", _SPLATS / "fruit-drops.ply", note="raw float, SH 3"),
     Scene("flower-tile", _SPLATS / "flower-tile.ply", "z", note="raw float, SH 3, of which all rest values are 0"),
     Scene("biker", _SPLATS / "biker.spz", note="SPZ file, SH 0"),
-    Scene("biker, PLY", _SPLATS / "biker.compressed.ply", note="PlayCanvas compressed PLY, SH 0"),
     Scene("plant", _SPLATS / "plant.splat", note="`.splat` file, SH 0", fitted=True),
     Scene("angel", _SPLATS / "angel.sog", note="SOG file, SH 0", fitted=True),
     Scene("massa", _SPLATS / "massa.sog", note="SOG file, SH 0"),
