@@ -20,6 +20,11 @@ from benchmarks.child import note_path
 from benchmarks.report import SCRATCH
 from benchmarks.scenes import REPOSITORY, Scene
 
+DRAWING = (
+    "scarfmt/formats",
+    *(f"scarfmt/render/{name}.py" for name in ("projection", "rasterise", "compare", "metrics")),
+)
+"""What decides how far a picture of a scene file is from another."""
 ENCODER = ("reference_encoder", "scarfmt")
 """Packages whose source decides what a file holds."""
 _NOT_ENCODER = ("scarfmt/cli", "conformance/suite/scarfmt_conformance", "fuzz/testing")
@@ -30,9 +35,14 @@ _DIGITS = 12
 
 @lru_cache
 def source_key(packages: tuple[str, ...] = ENCODER) -> str:
-    """Hex digits that change with any source file of `packages`; the command line and test helpers do not count."""
-    paths = (path for package in packages for path in (REPOSITORY / package).rglob("*") if path.suffix in _SOURCE)
-    names = {path.relative_to(REPOSITORY).as_posix(): path for path in paths}
+    """Hex digits that change with any source file of `packages`; the command line and test helpers do not count.
+
+    Args:
+        packages: folders, or single files, in the repository.
+    """
+    roots = [REPOSITORY / package for package in packages]
+    paths = (path for root in roots for path in ([root] if root.is_file() else root.rglob("*")))
+    names = {path.relative_to(REPOSITORY).as_posix(): path for path in paths if path.suffix in _SOURCE}
     digest = hashlib.sha256()
     for name in sorted(names):
         if not name.startswith(_NOT_ENCODER):
@@ -58,6 +68,13 @@ def scene_parts(scene: Scene) -> list[str]:
     """What of a scene an encoded file depends on: the bytes of its files."""
     known = [] if scene.known is None else [file_key(scene.known)]
     return [file_key(scene.path), *known]
+
+
+def judging_key(scene: Scene) -> str:
+    """Changes with the views a scene is judged from, and with what is made of their pictures."""
+    how = (file_key(REPOSITORY / "benchmarks" / name) for name in ("views.py", "judged.py"))
+    captured = "" if scene.captured is None else file_key(scene.captured)
+    return "\0".join([*how, scene.up, captured])
 
 
 def kept_path(scene: Scene, what: str, suffix: str = ".scar") -> Path:

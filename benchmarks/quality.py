@@ -19,12 +19,12 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import child
-from benchmarks.encoded import encoded, file_key, key_of, source_key
+from benchmarks.encoded import encoded, judging_key, key_of, source_key
 from benchmarks.encoded import encoded_path as encoded_path
 from benchmarks.judged import judgement, photos_psnr_db
 from benchmarks.quality_report import NAME, pages, tables
 from benchmarks.report import add_arguments, dated, load_results, save_results
-from benchmarks.scenes import REPOSITORY, Scene, chosen
+from benchmarks.scenes import Scene, chosen
 from benchmarks.views import View
 from scarfmt.cli.scenes import Subject, layer_table, load_subject
 from scarfmt.container.source import open_source
@@ -36,7 +36,6 @@ MORE_QUALITIES = (52.0, 58.0)
 """Measured as a whole, of scenes that rivals write so well: for bytes at equal quality."""
 FINE_SCENES = ("plush-toys", "plush-dog", "fruit-drops", "flower-tile", "biker", "plant", "angel", "massa")
 SHORT_SCENES, SHORT_QUALITY = ["plush-toys"], 45.0
-_JUDGES = ("views.py", "judged.py", "scenes.py")
 
 
 def measure(scene: Scene, quality: float, effort: int, whole: bool = False) -> dict[str, Any]:
@@ -69,7 +68,8 @@ def distortion(scene: Scene, path: Path, whole: bool = False) -> dict[str, Any]:
     Returns:
         ``source_photos_psnr_db``, and ``layers``: of each, or with `whole` of the last, its bytes and its `judgement`.
     """
-    kept = path.with_name(f"{path.name}.{_judge_key()}.{'whole' if whole else 'layers'}.json")
+    key = key_of([source_key(("reference_decoder",)), judging_key(scene)])
+    kept = path.with_name(f"{path.name}.{key}.{'whole' if whole else 'layers'}.json")
     if not kept.exists():
         original = load_subject(str(scene.path)).remembering()
         views = scene.judged_views(original)
@@ -78,11 +78,6 @@ def distortion(scene: Scene, path: Path, whole: bool = False) -> dict[str, Any]:
         found = {"source_photos_psnr_db": photos_psnr_db(scene, original), "layers": layers}
         kept.write_text(json.dumps(found), encoding="utf-8")
     return dict(json.loads(kept.read_text(encoding="utf-8")))
-
-
-def _judge_key() -> str:
-    how = (file_key(REPOSITORY / "benchmarks" / name) for name in _JUDGES)
-    return key_of([source_key(("reference_decoder",)), *how])
 
 
 def _layer(original: Subject, views: Sequence[View], scene: Scene, path: Path, row: dict[str, Any]) -> dict[str, Any]:

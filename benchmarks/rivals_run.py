@@ -22,7 +22,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from benchmarks.encoded import file_key, source_key
+from benchmarks.encoded import DRAWING, file_key, judging_key, source_key
 from benchmarks.judged import judgement, photos_psnr_db
 from benchmarks.report import add_arguments, load_results, save_results
 from benchmarks.rivals_formats import FAMILIES, Format, formats, read
@@ -42,7 +42,6 @@ SCENES = (
     *("plush-on-bed", "flowers", "plush-dog", "plush-toys", "fruit-drops", "flower-tile"),
     *("biker", "plant", "angel", "massa"),
 )
-_JUDGES = ("views.py", "judged.py", "scenes.py")
 
 Judge = tuple[Subject, list[View]]
 """The source, which remembers its pictures, and the views it is judged from."""
@@ -151,9 +150,9 @@ def kept_file(scene: Scene, source: Path, rival: Format) -> Path:
 
 def _pictures(scene: Scene, judge: Judge, path: Path, rival: Format) -> dict[str, Any]:
     """How far its pictures are from the source's; kept beside the file until a picture could change."""
-    drawn = source_key(("scarfmt/render", "scarfmt/formats")), file_key(path)
-    key = sha256(repr((drawn, [file_key(REPOSITORY / "benchmarks" / name) for name in _JUDGES])).encode())
-    kept = path.with_name(f"{path.name}.{key.hexdigest()[:12]}.pictures.json")
+    drawn = source_key(DRAWING), file_key(path)
+    key = sha256(repr((drawn, judging_key(scene))).encode()).hexdigest()[:12]
+    kept = path.with_name(f"{path.name}.{key}.pictures.json")
     if not kept.exists():
         gaussians = clean(read(path, rival.scale), drop_invalid=True)[0]
         assert isinstance(gaussians, GaussianScene)
