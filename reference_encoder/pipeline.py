@@ -23,7 +23,7 @@ from importlib.util import find_spec
 
 from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision, decide
-from reference_encoder.decide.layering import Entry, LayerChoice, best_looking, first_picture, predicted
+from reference_encoder.decide.layering import Entry, Look, best_looking, first_picture, predicted
 from reference_encoder.decide.plans import Plans, layer_costs, planned
 from reference_encoder.decide.problem import Problem
 from reference_encoder.judge.calibrate import calibrated
@@ -32,7 +32,7 @@ from reference_encoder.networks.file_costs import index_bytes, latent_cost, with
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
-from reference_encoder.tuning import LARGE_SCENE, LAYER_VIEWS
+from reference_encoder.tuning import FIRST_CAP_DB, LARGE_SCENE
 from scarfmt.coding.writer import Report, silent, write_scene
 from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput, missing_package
@@ -138,20 +138,24 @@ def allowed_corrections(options: EncodeOptions, source_count: int) -> int:
 def layered_by_looks(profile: Profile, attempt: Attempt) -> Attempt:
     """The attempt with layers that are best by their looks; as it is where none can be drawn."""
     problem, plans, options = attempt.problem, attempt.plans, profile.options
-    if profile.judge is None:
+    looks = profile.looks
+    if looks is None:
         return attempt
-    judge = profile.judge.fewer(LAYER_VIEWS)
 
-    def look(entries: Sequence[Entry], part: float = 1.0) -> float:
-        profile.report("layers", 0.0)
-        # The names of this function: a problem that was split is looked at as it is then.
-        return judge.psnr_db(rough(problem, plans, entries, part))
+    def look(most: float) -> Look:
+        def decibels(entries: Sequence[Entry], parts: Sequence[float]) -> float:
+            profile.report("layers", 0.0)
+            # The names of the function around: a problem that was split is looked at as it is then.
+            return looks.psnr_db(rough(problem, plans, entries, parts), most)
 
-    first = first_picture(layer_costs(problem, plans), look, options.quality, problem.budget.base_share)
-    if first.part < 1:
-        problem, first = problem.split(first.shown - 1, first.part), LayerChoice(first.lambda_, first.shown)
+        return decibels
+
+    share, costs = problem.budget.base_share, layer_costs(problem, plans)
+    first = first_picture(costs, look(FIRST_CAP_DB), options.quality, share, plain=True)
+    if min(first.parts) < 1:
+        problem, first = problem.split(first.parts), replace(first, parts=(1.0,) * first.shown)
         plans = planned(problem)
-    choices = best_looking(layer_costs(problem, plans), look, first, options.layers)
+    choices = best_looking(layer_costs(problem, plans), look(options.quality), first, options.layers)
     profile.report("layers", 1.0)
     return Attempt(problem, plans, decide(problem, plans, choices))
 

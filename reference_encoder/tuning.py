@@ -73,6 +73,9 @@ PLANNED_ANCHORS = 12_000
 """Anchors of a class that stand for all of it when steps are priced [0014]."""
 STAGGER = 3.0**0.5
 """Factor of lambda, up or down, by which channels and classes refine in different layers [0007]."""
+COLOUR_FIRST = 9.0
+"""Before the last layer an error of colour counts so many times: neighbours that all round to grey make a grey meadow
+[0026]."""
 CONTEXT_ANCHORS = 200_000
 """Anchors that stand for all when contexts are chosen [0014]."""
 ROUNDING_ROUNDS = 2
@@ -118,12 +121,23 @@ GAUSSIAN_BASE_SHARE, ANCHOR_BASE_SHARE = 0.265, 0.28
 COARSE_ABSENCE = 3.0
 """How much worse than predicted leaving out a whole class is in early layers: holes, where one Gaussian leaves none
 [0007]."""
-LAYER_VIEWS = 3
-"""Pictures that decide what a layer holds [0018]."""
+LAYER_VIEWS, LAYER_VIEW_SAMPLING = 4, 4
+"""Views of each kind that decide what a layer holds, and every how many pixels are looked at along either axis [0026]."""
+LAYER_BLOCK = 8
+"""Pixels looked at along either side of the blocks whose mean colours are compared, too [0026]."""
+FIRST_CAP_DB = 35.0
+"""A view of next to nothing does not make up for another: at least as good a view counts as much [0026]."""
 PICTURE_DB = 25.4
-"""A first picture, dB: one recognises everything, and nobody takes it for the last [0018]."""
-WORTH_DB = 0.5
-"""A layer in between that gains fewer dB is left out [0018]."""
+"""A first picture, dB over all kinds of views: one recognises everything, and nobody takes it for the last [0018, 0026]."""
+NEIGHBOURS = 8
+"""Of so many neighbours of a class those that cover most are shown before the others [0026]."""
+FRONT_CLASSES, FRONT_STEP = 3.0, 0.5
+"""Over so many classes the part that a first layer shows falls from all to nothing, and in which steps that is tried,
+classes [0026]."""
+FEWEST_DIVIDED = 64
+"""Anchors of a class that may be shown in part [0026]."""
+WORTH_DB = 1.0
+"""A layer in between that gains fewer dB, or leaves fewer to the last, is left out [0018, 0026]."""
 BELOW_DB = 8.0
 """dB that the first picture is at least worse than the last layer [0018]."""
 LARGEST_SHARE = 0.4
@@ -132,8 +146,6 @@ LARGEST_LAMBDA_RATIO, LAMBDAS = 1e7, 80
 """Lambdas a layer may have: the largest over that of the last layer, and how many [0018]."""
 LOOKS, DB_A_LAMBDA = 3, 0.3
 """To find how coarse a layer may be: how often to look, and about how many dB the next lambda costs [0018]."""
-PARTS = (0.75, 0.5, 0.25)
-"""Parts of the last class of the first layer that are tried [0018]."""
 
 # --- Latents and codewords: latent/ ---
 

@@ -13,7 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reference_encoder.tuning import FINEST_STEP, IMPORTANCE_RATIO, PLANNED_ANCHORS, STAGGER, TABLE_ENTRY_BITS
+from reference_encoder.tuning import (
+    COLOUR_FIRST,
+    FINEST_STEP,
+    IMPORTANCE_RATIO,
+    PLANNED_ANCHORS,
+    STAGGER,
+    TABLE_ENTRY_BITS,
+)
 from scarfmt.arrays import F64, I64
 from scarfmt.codecs.channels import coarsen
 from scarfmt.container.schema import Stream
@@ -194,6 +201,11 @@ class LatentChain:
     bits: F64
     error: F64
 
+    @property
+    def nothing(self) -> LatentChain:
+        """The chain that ends before it begins."""
+        return LatentChain(0, self.bits[:, :1], self.error[:, :1])
+
 
 def increment(
     plans: Sequence[ChannelPlan], latent: LatentChain, klass: int, lambda_: float, last: float
@@ -201,13 +213,15 @@ def increment(
     """(stages, steps per plan, latent steps), error left and bits of one class at `lambda_`.
 
     Aligned steps would all refine at the same lambda, one layer gaining everything and the next nothing. So
-    in layers before the last, every other channel of every other class goes half a step early or late.
+    in layers before the last, every other channel of every other class goes half a step early or late. Colour comes
+    before detail.
     """
 
-    def staggered(number: int) -> float:
-        return max(lambda_ * (STAGGER if (klass + number) % 2 else 1 / STAGGER), last)
+    def staggered(number: int, counts: float = 1.0) -> float:
+        return max(lambda_ / counts * (STAGGER if (klass + number) % 2 else 1 / STAGGER), last)
 
-    picks = [_pick(plan, klass, staggered(number)) for number, plan in enumerate(plans)]
+    counts = {Stream.COLOUR: COLOUR_FIRST}
+    picks = [_pick(plan, klass, staggered(number, counts.get(plan.stream, 1.0))) for number, plan in enumerate(plans)]
     link = hull_choice(latent.bits[klass], latent.error[klass], staggered(len(plans)))
     error = latent.error[klass, link] + sum(plan.error[klass, n] for plan, n in zip(plans, picks, strict=True))
     bits = latent.bits[klass, link] + sum(plan.bits[klass, n] for plan, n in zip(plans, picks, strict=True))
