@@ -142,7 +142,7 @@ class Effort:
         sample: vectors the codebooks are trained on.
         epochs: passes over them.
         stages: RVQ stages tried.
-        thorough_views: twice the survey views.
+        survey_views: views of the survey; more where a scene holds more.
         judged_views: pictures a result is judged by.
         corrections: of lambda, by what these show.
         corrects_large_scenes: also in scenes of more than `tuning.LARGE_SCENE` Gaussians.
@@ -157,7 +157,7 @@ class Effort:
     sample: int
     epochs: int
     stages: int
-    thorough_views: bool
+    survey_views: int
     judged_views: int
     corrections: int
     corrects_large_scenes: bool
@@ -174,7 +174,7 @@ EFFORTS = {
         sample=32768,
         epochs=5,
         stages=2,
-        thorough_views=False,
+        survey_views=96,
         judged_views=4,
         corrections=2,
         corrects_large_scenes=False,
@@ -189,7 +189,7 @@ EFFORTS = {
         sample=65536,
         epochs=7,
         stages=2,
-        thorough_views=False,
+        survey_views=192,
         judged_views=6,
         corrections=2,
         corrects_large_scenes=True,
@@ -204,7 +204,7 @@ EFFORTS = {
         sample=262144,
         epochs=12,
         stages=3,
-        thorough_views=True,
+        survey_views=384,
         judged_views=12,
         corrections=3,
         corrects_large_scenes=True,
