@@ -151,7 +151,7 @@ def layered_by_looks(profile: Profile, attempt: Attempt) -> Attempt:
         return decibels
 
     share, costs = problem.budget.base_share, layer_costs(problem, plans)
-    first = first_picture(costs, look(FIRST_CAP_DB), options.quality, share, plain=True)
+    first = first_picture(costs, look(FIRST_CAP_DB), options.quality, share)
     if min(first.parts) < 1:
         problem, first = problem.split(first.parts), replace(first, parts=(1.0,) * first.shown)
         plans = planned(problem)

@@ -137,13 +137,13 @@ COARSE_ABSENCE = 3.0
 """How much worse than predicted leaving out a whole class is in early layers: holes, where one Gaussian leaves none
 [0007]."""
 LAYER_VIEWS, LAYER_VIEW_SAMPLING = 4, 4
-"""Views of each kind that decide what a layer holds, and every how many pixels are looked at along either axis [0026]."""
+"""Views of each kind that decide what a layer holds; one pixel of so many along either axis is looked at [0026]."""
 LAYER_BLOCK = 8
 """Pixels looked at along either side of the blocks whose mean colours are compared, too [0026]."""
 FIRST_CAP_DB = 35.0
 """A view of next to nothing does not make up for another: at least as good a view counts as much [0026]."""
 PICTURE_DB = 25.4
-"""A first picture, dB over all kinds of views: one recognises everything, and nobody takes it for the last [0018, 0026]."""
+"""A first picture, dB over all kinds of views: one recognises everything, nobody takes it for the last [0018, 0026]."""
 NEIGHBOURS = 8
 """Of so many neighbours of a class those that cover most are shown before the others [0026]."""
 FRONT_CLASSES, FRONT_STEP = 3.0, 0.5

@@ -3,9 +3,9 @@
 A layer shows the most important classes at some lambda; later layers show more classes at smaller lambdas. The first is
 the picture somebody sees before the rest has arrived, the last is what `quality` asks for, and in between bytes grow by
 like factors. The model of errors (docs/decisions/0003) is meant for small errors and ranks coarse pictures badly, so an
-encoder with time to spare draws them (docs/decisions/0018-layers-by-looks.md). A first layer must not have holes: of the
-classes it cannot show whole it shows those that cover most among their neighbours, and it does without colours that
-depend on the view where it can (docs/decisions/0026-first-layers.md).
+encoder with time to spare draws them (docs/decisions/0018-layers-by-looks.md). A first layer must not have holes: of
+the classes it cannot show whole it shows those that cover most among their neighbours, and it does without colours
+that depend on the view where it can (docs/decisions/0026-first-layers.md).
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class LayerCosts:
         return [replace(choice, lambda_=float(lambda_)) for lambda_ in self.lambdas if lambda_ > choice.lambda_]
 
     def fronts(self) -> list[tuple[float, ...]]:
-        """Parts that a first layer may show, growing: less and less of each of the :data:`FRONT_CLASSES` last classes."""
+        """Parts that a first layer may show, growing: of the :data:`FRONT_CLASSES` last classes less and less."""
         classes = np.arange(len(self.sizes))
         found: dict[tuple[float, ...], None] = {}
         for front in np.arange(0, len(self.sizes), FRONT_STEP):
@@ -172,8 +172,8 @@ def _affordable(costs: LayerCosts, bits: float) -> list[LayerChoice]:
     return [choice for choice in found if choice]
 
 
-def first_picture(costs: LayerCosts, look: Look, quality: float, share: float, plain: bool) -> LayerChoice:
-    """The smallest first layer that looks as good as :data:`PICTURE_DB`.
+def first_picture(costs: LayerCosts, look: Look, quality: float, share: float) -> LayerChoice:
+    """The smallest first layer that looks as good as :data:`PICTURE_DB`, with or without latents.
 
     If none does within :data:`LARGEST_SHARE` of the bits, the best within `share`.
 
@@ -182,26 +182,37 @@ def first_picture(costs: LayerCosts, look: Look, quality: float, share: float, p
         look: draws a layer.
         quality: of the last layer, dB: the first stays well below.
         share: of the bits.
-        plain: whether a first layer may do without latents.
     """
-    wanted, most = min(PICTURE_DB, quality - BELOW_DB), LARGEST_SHARE * costs.bits(costs.final)
-    kinds = [LayerChoice(costs.last, parts, not plain) for parts in costs.fronts()]
-
-    def enough(kind: LayerChoice) -> bool:
-        finest = costs.affordable(kind, most)
-        # What is out of reach is too much, not too little: smaller ones are looked for before it.
-        return finest is None or _looks(costs, look, finest) >= wanted
-
+    wanted = min(PICTURE_DB, quality - BELOW_DB)
     found: LayerChoice | None = None
-    for kind in kinds[_first_that(len(kinds), lambda index: enough(kinds[index])) :]:
-        better = _smaller(costs, look, kind, wanted, costs.bits(found) if found else most)
-        if better is None:
-            break
-        found = better
+    kinds: list[LayerChoice] = []
+    for latent in (False, True) if costs.model_bits else (True,):
+        most = costs.bits(found) if found else LARGEST_SHARE * costs.bits(costs.final)
+        kinds = [LayerChoice(costs.last, parts, latent) for parts in costs.fronts()]
+        found = _smallest(costs, look, kinds, wanted, most) or found
     if found is not None:
         return found
     affordable = (costs.affordable(kind, share * costs.bits(costs.final)) for kind in kinds)
     return max((choice for choice in affordable if choice), key=lambda c: _looks(costs, look, c), default=costs.least)
+
+
+def _smallest(
+    costs: LayerCosts, look: Look, kinds: Sequence[LayerChoice], wanted: float, most: float
+) -> LayerChoice | None:
+    """About the smallest layer of one of the growing `kinds` that looks good enough, None if that takes too much."""
+
+    def enough(index: int) -> bool:
+        finest = costs.affordable(kinds[index], most)
+        # What is out of reach is too much, not too little: smaller ones are looked for before it.
+        return finest is None or _looks(costs, look, finest) >= wanted
+
+    found: LayerChoice | None = None
+    for kind in kinds[_first_that(len(kinds), enough) :]:
+        better = _smaller(costs, look, kind, wanted, costs.bits(found) if found else most)
+        if better is None:
+            break
+        found = better
+    return found
 
 
 def _first_that(count: int, holds: Callable[[int], bool]) -> int:

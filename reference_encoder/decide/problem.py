@@ -58,7 +58,7 @@ class Classes:
         of: (N,) class of each anchor, 0 the most important.
         count: how many classes.
         importance: (N,) squared picture error of leaving an anchor out.
-        standing: (N,) 0..1, which anchors of a class come first where only a part of it is shown: those below that part.
+        standing: (N,) 0 to below 1; where a part of a class is shown, it is the anchors below that part.
         presence_bits: lambda -> (count,) bits that being there costs a class.
     """
 
