@@ -86,11 +86,11 @@ TABLE_ENTRY_BITS = 8.0
 """Bits of an entry of a static table [0001]."""
 PLANNED_ANCHORS = 12_000
 """Anchors of a class that stand for all of it when steps are priced [0014]."""
+COARSEST_COLOUR = 0.3
+"""No layer has wider cells of colour, in coefficients of degree 0: neighbours that all round to grey make a grey meadow
+[0026]."""
 STAGGER = 3.0**0.5
 """Factor of lambda, up or down, by which channels and classes refine in different layers [0007]."""
-COLOUR_FIRST = 9.0
-"""Before the last layer an error of colour counts so many times: neighbours that all round to grey make a grey meadow
-[0026]."""
 CONTEXT_ANCHORS = 200_000
 """Anchors that stand for all when contexts are chosen [0014]."""
 ROUNDING_ROUNDS = 2
@@ -149,6 +149,8 @@ NEIGHBOURS = 8
 FRONT_CLASSES, FRONT_STEP = 3.0, 0.5
 """Over so many classes the part that a first layer shows falls from all to nothing, and in which steps that is tried,
 classes [0026]."""
+FRONT_LAMBDA, MOST_MODEL_SHARE = 100.0, 0.25
+"""Of a first layer that nobody looks at: lambda in that of the last layer, and the most that models may take [0026]."""
 FEWEST_DIVIDED = 64
 """Anchors of a class that may be shown in part [0026]."""
 WORTH_DB = 1.0

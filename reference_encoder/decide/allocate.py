@@ -8,13 +8,14 @@ are taken along the lower convex hull, so that a smaller lambda never takes anyt
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from reference_encoder.tuning import (
-    COLOUR_FIRST,
+    COARSEST_COLOUR,
     FINEST_STEP,
     IMPORTANCE_RATIO,
     PLANNED_ANCHORS,
@@ -213,15 +214,13 @@ def increment(
     """(stages, steps per plan, latent steps), error left and bits of one class at `lambda_`.
 
     Aligned steps would all refine at the same lambda, one layer gaining everything and the next nothing. So
-    in layers before the last, every other channel of every other class goes half a step early or late. Colour comes
-    before detail.
+    in layers before the last, every other channel of every other class goes half a step early or late.
     """
 
-    def staggered(number: int, counts: float = 1.0) -> float:
-        return max(lambda_ / counts * (STAGGER if (klass + number) % 2 else 1 / STAGGER), last)
+    def staggered(number: int) -> float:
+        return max(lambda_ * (STAGGER if (klass + number) % 2 else 1 / STAGGER), last)
 
-    counts = {Stream.COLOUR: COLOUR_FIRST}
-    picks = [_pick(plan, klass, staggered(number, counts.get(plan.stream, 1.0))) for number, plan in enumerate(plans)]
+    picks = [_pick(plan, klass, staggered(number)) for number, plan in enumerate(plans)]
     link = hull_choice(latent.bits[klass], latent.error[klass], staggered(len(plans)))
     error = latent.error[klass, link] + sum(plan.error[klass, n] for plan, n in zip(plans, picks, strict=True))
     bits = latent.bits[klass, link] + sum(plan.bits[klass, n] for plan, n in zip(plans, picks, strict=True))
@@ -231,6 +230,15 @@ def increment(
 
 def _pick(plan: ChannelPlan, klass: int, lambda_: float) -> int:
     best = hull_choice(plan.bits[klass], plan.error[klass], lambda_)
-    # Far from the truth the model of errors is too kind: an anchor that shows has at least a coarse shape,
-    # opacity and colour.
-    return min(max(best, 0 if plan.stream == Stream.POSITION_RESIDUAL else 1), MAX_STEPS)
+    return min(max(best, _least_steps(plan)), MAX_STEPS)
+
+
+def _least_steps(plan: ChannelPlan) -> int:
+    """Steps of an anchor that shows: far from the truth the model of errors is too kind.
+
+    It has at least a coarse shape and opacity, and a colour that is not another one.
+    """
+    if plan.stream == Stream.COLOUR:
+        steps = 1 + math.ceil(math.log(max(plan.step) / COARSEST_COLOUR, 3))
+        return min(max(steps, 1), FINEST_STEP)
+    return 0 if plan.stream == Stream.POSITION_RESIDUAL else 1

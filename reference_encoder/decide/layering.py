@@ -21,11 +21,13 @@ from reference_encoder.tuning import (
     DB_A_LAMBDA,
     FEWEST_DIVIDED,
     FRONT_CLASSES,
+    FRONT_LAMBDA,
     FRONT_STEP,
     LAMBDAS,
     LARGEST_LAMBDA_RATIO,
     LARGEST_SHARE,
     LOOKS,
+    MOST_MODEL_SHARE,
     NEIGHBOURS,
     PICTURE_DB,
     WORTH_DB,
@@ -155,8 +157,13 @@ def predicted(costs: LayerCosts, share: float, layers: int) -> list[LayerChoice]
     if layers == 1:
         return [costs.final]
     budget = share * costs.bits(costs.final)
-    choices = [min(_affordable(costs, budget), key=costs.error, default=costs.least)]
-    for lambda_ in reversed(costs.lambdas[costs.lambdas < choices[0].lambda_]):
+    return predicted_after(min(_affordable(costs, budget), key=costs.error, default=costs.least), costs, layers)
+
+
+def predicted_after(first: LayerChoice, costs: LayerCosts, layers: int) -> list[LayerChoice]:
+    """The `first` layer of at least two, and those that are predicted to be best after it."""
+    choices = [first]
+    for lambda_ in reversed(costs.lambdas[costs.lambdas < first.lambda_]):
         paying = [klass + 1 for klass in range(costs.final.shown) if costs.pays(klass, float(lambda_))]
         choices.append(whole(float(lambda_), max([choices[-1].shown, *paying])))
     choices.append(costs.final)
@@ -164,6 +171,19 @@ def predicted(costs: LayerCosts, share: float, layers: int) -> list[LayerChoice]
     between = _budgets(bits[0], bits[-1], layers)[1:-1]
     kept = {int(np.argmin(np.abs(bits - budget))) for budget in between} - {0, len(bits) - 1}
     return [choices[0], *(choices[k] for k in sorted(kept)), costs.final]
+
+
+def likely_first(costs: LayerCosts, share: float) -> LayerChoice:
+    """The first layer of `share` of the bits that is good as a rule, without a look at it.
+
+    Of the best looking ones lambda is about :data:`FRONT_LAMBDA` times that of the last layer; they have latents where
+    the models that these need leave most of the bits to the scene.
+    """
+    budget = share * costs.bits(costs.final)
+    latent = costs.model_bits <= MOST_MODEL_SHARE * budget
+    kinds = (LayerChoice(costs.last, parts, latent) for parts in costs.fronts())
+    choices = [choice for choice in (costs.affordable(kind, budget) for kind in kinds) if choice]
+    return min(choices, key=lambda c: abs(np.log(c.lambda_ / (FRONT_LAMBDA * costs.last))), default=costs.least)
 
 
 def _affordable(costs: LayerCosts, bits: float) -> list[LayerChoice]:

@@ -18,10 +18,12 @@ from reference_encoder.decide.layering import (
     LayerCosts,
     best_looking,
     first_picture,
+    likely_first,
     predicted,
+    predicted_after,
     whole,
 )
-from reference_encoder.tuning import LARGEST_SHARE, PICTURE_DB, WORTH_DB
+from reference_encoder.tuning import FRONT_LAMBDA, LARGEST_SHARE, PICTURE_DB, WORTH_DB
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
@@ -136,6 +138,22 @@ def test_first_picture_out_of_reach_is_the_best_of_the_share(costs: LayerCosts) 
     kinds = (LayerChoice(costs.last, parts) for parts in costs.fronts())
     affordable = [costs.affordable(kind, 0.3 * costs.bits(costs.final)) for kind in kinds]
     assert sum(found.parts) == max(sum(choice.parts) for choice in affordable if choice)
+
+
+def test_likely_first_layer_keeps_to_its_share_at_a_good_lambda(costs: LayerCosts) -> None:
+    """Unseen, it is the one of all fronts in its share whose lambda is nearest to what is best as a rule."""
+    found = likely_first(costs, 0.3)
+    budget = 0.3 * costs.bits(costs.final)
+    assert costs.bits(found) <= budget
+    others = (costs.affordable(replace(found, parts=parts), budget) for parts in costs.fronts())
+    off = [abs(np.log(choice.lambda_ / (FRONT_LAMBDA * costs.last))) for choice in others if choice]
+    assert abs(np.log(found.lambda_ / (FRONT_LAMBDA * costs.last))) == min(off)
+    assert likely_first(costs, 0.01).latent is False
+
+
+def test_predicted_layers_after_a_first_are_a_valid_table(costs: LayerCosts) -> None:
+    """Nothing that the first layer shows is taken back."""
+    checked(costs, predicted_after(whole(float(costs.lambdas[30]), 3), costs, 4))
 
 
 def test_low_quality_wants_less_of_its_first_picture(costs: LayerCosts) -> None:
