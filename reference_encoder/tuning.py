@@ -86,7 +86,7 @@ TABLE_ENTRY_BITS = 8.0
 """Bits of an entry of a static table [0001]."""
 PLANNED_ANCHORS = 12_000
 """Anchors of a class that stand for all of it when steps are priced [0014]."""
-COARSEST_COLOUR = 0.3
+COARSEST_COLOUR = 0.42
 """No layer has wider cells of colour, in coefficients of degree 0: neighbours that all round to grey make a grey meadow
 [0026]."""
 STAGGER = 3.0**0.5

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import LAYER_BLOCK, LAYER_VIEW_SAMPLING, LAYER_VIEWS
 from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import Camera
 from scarfmt.render.rasterise import render
-from scarfmt.render.viewpoints import KINDS, Surroundings, viewpoints
+from scarfmt.render.viewpoints import KINDS, WIDTH, Surroundings, viewpoints
 from scarfmt.scene.gaussians import GaussianScene
 
 _LEAST_ERROR = 1e-10
@@ -35,11 +36,9 @@ class Looks:
     pictures: Sequence[F32]
 
     @classmethod
-    def of(cls, scene: GaussianScene, frame: str, seed: int) -> Looks:
-        """For `scene`, with the up axis and perhaps the arc of `frame`."""
-        around = Surroundings.of(scene, frame)
-        views = (view for kind in KINDS for view in viewpoints(around, kind, LAYER_VIEWS, seed))
-        cameras = [view.sampled(LAYER_VIEW_SAMPLING) for view in views]
+    def of(cls, scene: GaussianScene, options: EncodeOptions) -> Looks:
+        """For `scene`, from everywhere with its up axis; of cameras that are a fence, from some of those."""
+        cameras = _fence(options) or _everywhere(scene, options)
         return cls(cameras, [render(scene, camera) for camera in cameras])
 
     def psnr_db(self, scene: GaussianScene, most: float) -> float:
@@ -47,6 +46,21 @@ class Looks:
         pairs = zip(self.cameras, self.pictures, strict=True)
         errors = (looked_error(render(scene, camera), picture) for camera, picture in pairs)
         return float(np.mean([min(-10 * math.log10(max(error, _LEAST_ERROR)), most) for error in errors]))
+
+
+def _everywhere(scene: GaussianScene, options: EncodeOptions) -> list[Camera]:
+    around = Surroundings.of(scene, options.frame)
+    views = (view for kind in KINDS for view in viewpoints(around, kind, LAYER_VIEWS, options.seed))
+    return [view.sampled(LAYER_VIEW_SAMPLING) for view in views]
+
+
+def _fence(options: EncodeOptions) -> list[Camera]:
+    """Some of the cameras that nobody will leave, evenly spread; none where there is no such fence."""
+    if not options.only_cameras or not options.cameras:
+        return []
+    every = max(1, -(-len(options.cameras) // (len(KINDS) * LAYER_VIEWS)))
+    wide = WIDTH / LAYER_VIEW_SAMPLING
+    return [camera.sampled(max(1, round(camera.width / wide))) for camera in options.cameras[::every]]
 
 
 def looked_error(picture: F32, truth: F32) -> float:

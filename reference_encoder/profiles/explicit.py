@@ -79,7 +79,7 @@ class ExplicitProfile:
     @cached_property
     def looks(self) -> Looks:
         """Small pictures of the source from everywhere, drawn when they are first wanted."""
-        return Looks.of(self.scene, self.options.frame, self.options.seed)
+        return Looks.of(self.scene, self.options)
 
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted."""

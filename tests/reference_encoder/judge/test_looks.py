@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from reference_encoder.judge.looks import Looks, looked_error
+from reference_encoder.options import EncodeOptions
 from scarfmt.arrays import F32
-from scarfmt.render.viewpoints import KINDS
+from scarfmt.render.viewpoints import KINDS, Surroundings, viewpoints
 from tests.render.scenes import random_scene
 
 
@@ -35,8 +36,19 @@ def test_noise_is_forgiven_and_a_hole_is_not() -> None:
 def test_views_of_all_kinds_are_looked_at() -> None:
     """As many of each kind; the scene itself looks perfect, each view counting as no more than allowed."""
     scene = random_scene(1, 300, 0)
-    looks = Looks.of(scene, "-y", 3)
+    looks = Looks.of(scene, EncodeOptions(seed=3))
     counts = [sum(camera.name.startswith(kind) for camera in looks.cameras) for kind in KINDS]
     assert len(set(counts)) == 1
     assert looks.psnr_db(scene, 35.0) == 35.0
     assert looks.psnr_db(scene.take(np.arange(150)), 35.0) < 35.0
+
+
+def test_a_fence_of_cameras_is_not_left() -> None:
+    """Where only the given cameras count, layers are looked at from those, in small."""
+    scene = random_scene(1, 300, 0)
+    given = [view.scaled(2) for view in viewpoints(Surroundings.of(scene, "-y"), "orbit", 30, 5)]
+    looks = Looks.of(scene, EncodeOptions(cameras=given, only_cameras=True))
+    centres = {camera.centre.tobytes() for camera in given}
+    assert 10 <= len(looks.cameras) <= 12
+    assert {camera.centre.tobytes() for camera in looks.cameras} <= centres
+    assert {camera.width for camera in looks.cameras} == {160}
