@@ -27,7 +27,7 @@ from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS
 if TYPE_CHECKING:
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-FORMAT_IDS = ("compressed-ply", "ply", "spz", "sog", "anchor-npz", "splat")
+FORMAT_IDS = ("compressed-ply", "ply", "spz", "streamed-sog", "sog", "anchor-npz", "splat")
 DEFAULTS = EncodeOptions()
 
 
