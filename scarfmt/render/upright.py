@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scarfmt.arrays import F64
+from scarfmt.render.camera import AUTO
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.rotation import matrix_from_quaternion
 
@@ -34,12 +35,19 @@ class Upright:
     """Which way is up.
 
     Attributes:
-        up: one of `Arc.up`.
+        up: a frame (:class:`Arc`).
         other: the next best guess where it is doubtful, else None.
+        given: whether somebody said so.
     """
 
     up: str
     other: str | None = None
+    given: bool = False
+
+
+def resolved(scene: GaussianScene, frame: str) -> Upright:
+    """Which way up a scene is: as `frame` says, or where that is :data:`AUTO`, as the scene does."""
+    return upright(scene) if frame == AUTO else Upright(frame, given=True)
 
 
 def upright(scene: GaussianScene) -> Upright:
@@ -81,12 +89,12 @@ class _Faces:
     def of(scene: GaussianScene) -> _Faces | None:
         """Of every so many-th Gaussian about the core; None if nothing there shows."""
         part = scene.take(np.arange(0, len(scene), -(-len(scene) // _SAMPLE)))
-        part = part.take(np.isfinite(part.positions).all(axis=1))
+        part = part.take(np.flatnonzero(np.isfinite(part.positions).all(axis=1)))
         if not len(part):
             return None
         low, middle, high = np.percentile(part.positions, [10, 50, 90], axis=0)
         extent = np.maximum(high - low, 1e-300)
-        part = part.take((np.abs(part.positions - middle) <= extent + (high - low) / 2).all(axis=1))
+        part = part.take(np.flatnonzero((np.abs(part.positions - middle) <= extent + (high - low) / 2).all(axis=1)))
         scales = np.sort(part.log_scales.astype(np.float64), axis=1)
         area = np.exp(scales[:, 1] + scales[:, 2]) / (1 + np.exp(-part.opacity_logits.astype(np.float64)))
         area = np.minimum(area, np.percentile(area, 99)) if len(area) else area
