@@ -36,7 +36,6 @@ from reference_encoder import pipeline
 from reference_encoder.decide import allocate, decision, plans
 from reference_encoder.decide import lattice as cells
 from reference_encoder.decide.allocate import LatentChain, plan_channel
-from reference_encoder.decide.assemble import Quantised
 from reference_encoder.judge.reconstruct import reconstructed
 from reference_encoder.networks import candidates as neural
 from reference_encoder.networks import view
@@ -154,6 +153,7 @@ NETWORK: dict[str, Switch] = {"two-level heads": flat_heads, "all waves but the 
 def deciding(scene: Scene, effort: int) -> Iterator[tuple[str, Record]]:
     """(mechanism, points of its curve and of the encoder's own): bytes and dB at both lambdas."""
     source, _ = clean(load(scene.path), drop_invalid=True)
+    assert isinstance(source, GaussianScene)
     profile = explicit.ExplicitProfile.measured(source, _options(scene, QUALITY, effort), silent)
     cameras = judged_cameras(source, scene.frame)
     pictures = [render(source, camera) for camera in cameras]
