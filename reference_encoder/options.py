@@ -35,6 +35,7 @@ class EncodeOptions:
         layers: most layers, 1..16. The first takes about a quarter of the bytes, from effort 2 as few as give a picture
             of 25 dB.
         cameras: views that matter, e.g. those of the photos; None for rings round the core.
+        only_cameras: whether nothing but `cameras` matters: what they do not see is coarse or gone.
         frame: up axis, or UP:CENTRE_DEG:SPAN_DEG for a scene seen from one side.
         latent: "linear" (a weighted Karhunen-Loève basis, the default as measured) or "learned" (the paper's
             RVQ-VAE).
@@ -55,6 +56,7 @@ class EncodeOptions:
     corrections: int | None = None
     layers: int = 5
     cameras: Sequence[Camera] | None = None
+    only_cameras: bool = False
     frame: str = "-y"
     latent: str = "linear"
     estimator: str = "rotation"
@@ -93,6 +95,8 @@ class EncodeOptions:
         if self.tile_anchors is not None and not MIN_TILE_ANCHORS <= self.tile_anchors <= MAX_ANCHORS_PER_TILE:
             message = f"tiles of {self.tile_anchors}: {MIN_TILE_ANCHORS}..{MAX_ANCHORS_PER_TILE} anchors are possible"
             raise InvalidInput("input-options", message, field="tile_anchors")
+        if self.only_cameras and self.cameras is None:
+            raise InvalidInput("input-options", "only the cameras, but no cameras were given", field="only_cameras")
         pack_metadata(self.metadata)
         for name, choices in (("latent", LATENTS), ("estimator", ESTIMATORS)):
             if getattr(self, name) not in choices:
@@ -138,7 +142,7 @@ class Effort:
         sample: vectors the codebooks are trained on.
         epochs: passes over them.
         stages: RVQ stages tried.
-        thorough_views: twice the survey views.
+        survey_views: views of the survey; more where a scene holds more.
         judged_views: pictures a result is judged by.
         corrections: of lambda, by what these show.
         corrects_large_scenes: also in scenes of more than `tuning.LARGE_SCENE` Gaussians.
@@ -153,7 +157,7 @@ class Effort:
     sample: int
     epochs: int
     stages: int
-    thorough_views: bool
+    survey_views: int
     judged_views: int
     corrections: int
     corrects_large_scenes: bool
@@ -170,7 +174,7 @@ EFFORTS = {
         sample=32768,
         epochs=5,
         stages=2,
-        thorough_views=False,
+        survey_views=96,
         judged_views=4,
         corrections=2,
         corrects_large_scenes=False,
@@ -185,7 +189,7 @@ EFFORTS = {
         sample=65536,
         epochs=7,
         stages=2,
-        thorough_views=False,
+        survey_views=192,
         judged_views=6,
         corrections=2,
         corrects_large_scenes=True,
@@ -200,7 +204,7 @@ EFFORTS = {
         sample=262144,
         epochs=12,
         stages=3,
-        thorough_views=True,
+        survey_views=384,
         judged_views=12,
         corrections=3,
         corrects_large_scenes=True,

@@ -14,12 +14,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from reference_encoder.measure.sensitivity import ring, survey
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.tuning import (
     GREATEST_SLOPE,
-    JUDGED_ELEVATION_DEG,
-    JUDGED_TURN,
+    JUDGED_SEED,
     LEAST_SLOPE,
     MOST_DOWN_DB,
     MOST_UP_DB,
@@ -29,6 +27,7 @@ from scarfmt.arrays import F32
 from scarfmt.render.camera import Camera
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
+from scarfmt.render.viewpoints import KINDS, Surroundings, viewpoints
 from scarfmt.scene.gaussians import GaussianScene
 
 T = TypeVar("T")
@@ -64,16 +63,12 @@ class Judge:
 
 
 def judged_cameras(scene: GaussianScene, options: EncodeOptions) -> list[Camera]:
-    """A ring round the core, or some of the given cameras.
-
-    What the survey does not see is coded coarsely or dropped, so that its own views flatter the result by a dB or two.
-    """
+    """Some views from everywhere that the survey has not, or some of the given cameras."""
     views = EFFORTS[options.effort].judged_views
     if options.cameras is None:
-        return ring(scene, options.frame, views, JUDGED_TURN, JUDGED_ELEVATION_DEG, 1.0)
-    surveyed = {id(camera) for camera in survey(scene, options)}
-    others = [camera for camera in options.cameras if camera.split != "test" and id(camera) not in surveyed]
-    others = others or survey(scene, options)
+        around = Surroundings.of(scene, options.frame)
+        return [camera for kind in KINDS for camera in viewpoints(around, kind, -(-views // len(KINDS)), JUDGED_SEED)]
+    others = [camera for camera in options.cameras if camera.split != "test"] or list(options.cameras)
     return others[:: max(1, -(-len(others) // views))]
 
 

@@ -16,7 +16,7 @@ from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry
 from reference_encoder.decide.rdo import choose_values
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
 from reference_encoder.measure.anchor_sensitivity import AnchorSensitivity, measure_anchors
-from reference_encoder.measure.sensitivity import survey
+from reference_encoder.measure.survey import survey
 from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import (
     ANCHOR_BASE_SHARE,
@@ -235,7 +235,7 @@ def _cameras(model: AnchorModel, options: EncodeOptions) -> list[Camera]:
         np.zeros(n, np.float32),
         np.zeros((n, 1, 3), np.float32),
     )
-    return survey(shell, options)
+    return survey(shell, options).cameras
 
 
 def _taken(model: AnchorModel, index: I64) -> AnchorModel:

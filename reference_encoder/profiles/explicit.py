@@ -17,7 +17,9 @@ from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry
 from reference_encoder.judge.calibrate import Judge
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
 from reference_encoder.measure.attributes import Attributes, from_scene
-from reference_encoder.measure.sensitivity import Sensitivity, measure, survey
+from reference_encoder.measure.sensitivity import Sensitivity, measure
+from reference_encoder.measure.survey import survey
+from reference_encoder.measure.weights import weighed
 from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import (
     GAUSSIAN_BASE_SHARE,
@@ -58,8 +60,8 @@ class ExplicitProfile:
         """A scene without NaN or infinity, looked at from the views that matter."""
         report("visibility", 0.0)
         attributes = from_scene(scene)
-        sensitivity = measure(scene, attributes, survey(scene, options))
-        report("visibility", 1.0)
+        weights = weighed(scene, survey(scene, options), lambda part: report("visibility", part))
+        sensitivity = measure(attributes, weights)
         return cls(scene, attributes, sensitivity, options, report)
 
     @property
