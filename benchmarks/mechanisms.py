@@ -75,7 +75,9 @@ def coding(scene: Scene, effort: int) -> Iterator[tuple[str, Record]]:
     """(mechanism, bytes with and without it) of the same integers."""
     options = _options(scene, QUALITY, effort)
     source, _ = clean(load(scene.path), drop_invalid=True)
-    plain = pipeline.quantised(source, options)
+    profile = pipeline.measured(source, options, silent)
+    attempt = pipeline.attempted(profile, QUALITY)
+    plain = profile.finish(attempt.problem, attempt.decision)
     with_rules = _predicted(plain.scene, options)
     learned = with_index_network(with_rules, options, silent)
     best = with_rules if learned is None else learned.scene
