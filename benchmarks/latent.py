@@ -41,7 +41,7 @@ from scarfmt.blocks.codebooks import pack_codebooks
 from scarfmt.blocks.mlp import pack_networks
 from scarfmt.formats import anchor_npz, inria_ply
 from scarfmt.formats.source import Source
-from scarfmt.render.camera import load_cameras
+from scarfmt.render.capture import load_cameras
 
 STAGES = 4
 RATE_FACTORS = (1.0, 8.0, 64.0)

@@ -79,8 +79,11 @@ class EncodeOptions:
         """Check ranges, and that a file can hold the metadata.
 
         Raises:
-            InvalidInput: ``input-options``.
+            InvalidInput: ``input-options``, ``input-frame``.
         """
+        from scarfmt.render.camera import check_frame
+
+        check_frame(self.frame)
         if not MIN_QUALITY <= self.quality <= MAX_QUALITY:
             raise InvalidInput("input-options", f"quality {self.quality} is not in 20..80", field="quality")
         if self.effort not in EFFORTS:
