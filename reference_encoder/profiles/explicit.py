@@ -16,7 +16,7 @@ from reference_encoder.decide.plans import position_bits
 from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem
 from reference_encoder.judge.calibrate import Judge
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
-from reference_encoder.measure.attributes import Attributes, from_scene
+from reference_encoder.measure.attributes import Attributes, from_scene, without_hidden_scales
 from reference_encoder.measure.sensitivity import Sensitivity, measure
 from reference_encoder.measure.survey import survey
 from reference_encoder.measure.weights import weighed
@@ -44,7 +44,7 @@ class ExplicitProfile:
 
     Attributes:
         scene: the source.
-        attributes: of all its Gaussians, in the terms of SPEC §9.
+        attributes: of all its Gaussians, in the terms of SPEC §9; axes that nobody sees are no shorter than that.
         sensitivity: what errors in them show.
         options, report: of the encoder.
     """
@@ -61,6 +61,7 @@ class ExplicitProfile:
         report("visibility", 0.0)
         attributes = from_scene(scene)
         weights = weighed(scene, survey(scene, options), lambda part: report("visibility", part))
+        attributes = without_hidden_scales(attributes, weights.pixel)
         sensitivity = measure(attributes, weights)
         return cls(scene, attributes, sensitivity, options, report)
 
