@@ -53,6 +53,6 @@ def _table(records: Sequence[Record]) -> str:
     rows = []
     for mechanism in dict.fromkeys(record["mechanism"] for record in records):
         mine = {record["scene"]: worth(record) for record in records if record["mechanism"] == mechanism}
-        cells = [f"{mine[scene]:+.1%}" if scene in mine else "" for scene in scenes]
-        rows.append([mechanism, *cells, f"{max(mine.values()):+.1%}"])
+        cells = [f"{mine[scene]:+.2%}" if scene in mine else "" for scene in scenes]
+        rows.append([mechanism, *cells, f"{max(mine.values()):+.2%}"])
     return table(["without", *scenes, "most"], rows)

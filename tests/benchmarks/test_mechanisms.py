@@ -28,4 +28,4 @@ def test_tables_have_a_row_a_mechanism_and_a_column_a_scene() -> None:
     assert worth(record) == pytest.approx(0.04)
     found = texts({"coding": {"one": record, "two": {**record, "scene": "angel", "without": 99}}})
     assert list(found) == ["coding"]
-    assert found["coding"].splitlines()[2] == "| predictors | +4.0% | -1.0% | +4.0% |"
+    assert found["coding"].splitlines()[2] == "| predictors | +4.00% | -1.00% | +4.00% |"
