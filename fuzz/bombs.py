@@ -109,7 +109,9 @@ WIDE = (SCALE, (Stream.LATENT, 64))
 
 def _mlp(*widths: int) -> bytes:
     pairs = itertools.pairwise(widths)
-    return pack_networks((QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in pairs)),))
+    return pack_networks(
+        (QuantisedMlp(tuple(Linear.quantised(np.ones((b, a)), np.zeros(b)) for a, b in pairs)),)
+    )
 
 
 def _filler(size: int) -> list[tuple[int, int, bytes, int]]:

@@ -176,7 +176,9 @@ class Runner:
             # A decoder does not read blocks it has no need of (SPEC §5.6).
             tally.outcomes["noticed by validate alone"] += 1
 
-    def _ask(self, what: str, act: Callable[[bytes], str], one: Input, tally: Tally, count: bool = True) -> str | None:
+    def _ask(
+        self, what: str, act: Callable[[bytes], str], one: Input, tally: Tally, count: bool = True
+    ) -> str | None:
         signal.setitimer(signal.ITIMER_REAL, SECONDS)
         start = time.perf_counter()
         answer: str | None = None

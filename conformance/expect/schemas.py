@@ -58,10 +58,7 @@ def _object(properties: dict[str, Any], optional: tuple[str, ...] = ()) -> dict[
 def _named(pattern: str, value: dict[str, Any]) -> dict[str, Any]:
     """An object whose keys match a pattern, at least one."""
     return {
-        "type": "object",
-        "minProperties": 1,
-        "additionalProperties": False,
-        "patternProperties": {pattern: value},
+        "type": "object", "minProperties": 1, "additionalProperties": False, "patternProperties": {pattern: value},
     }
 
 
@@ -79,29 +76,23 @@ def _structure(*layouts: Layout) -> dict[str, Any]:
 
 
 def _stages() -> dict[str, Any]:
-    array = _object(
-        {
-            "dtype": {"enum": _DTYPES},
-            "shape": _SHAPE,
-            "sha256": _SHA256,
-            "first": {**_list({"type": "number"}), "maxItems": 8},
-        }
-    )
-    reference = _object(
-        {
-            "shape": _SHAPE,
-            "reference": {"type": "string", "pattern": rf"^activated/[0-9]+-{_ACTIVATED_NAME}\.bin$"},
-            "magnitude": {"type": "boolean"},
-        }
-    )
-    container = _object(
-        {
-            "header": _structure(FILE_HEADER, HEADER_CHECKSUM),
-            "layers": _list(_structure(LAYER_SUMMARY), 1),
-            "tiles": _list(_structure(TILE_RECORD)),
-            "entries": _list(_structure(DIRECTORY_ENTRY)),
-        }
-    )
+    array = _object({
+        "dtype": {"enum": _DTYPES},
+        "shape": _SHAPE,
+        "sha256": _SHA256,
+        "first": {**_list({"type": "number"}), "maxItems": 8},
+    })
+    reference = _object({
+        "shape": _SHAPE,
+        "reference": {"type": "string", "pattern": rf"^activated/[0-9]+-{_ACTIVATED_NAME}\.bin$"},
+        "magnitude": {"type": "boolean"},
+    })
+    container = _object({
+        "header": _structure(FILE_HEADER, HEADER_CHECKSUM),
+        "layers": _list(_structure(LAYER_SUMMARY), 1),
+        "tiles": _list(_structure(TILE_RECORD)),
+        "entries": _list(_structure(DIRECTORY_ENTRY)),
+    })
     stages = {"container": _object({"container": container})}
     stages |= {stage: _object({"arrays": _named(_ARRAY_NAMES[stage], array)}) for stage in EXACT}
     stages["activated"] = _object({"arrays": _named(f"^{_ACTIVATED_NAME}$", reference)})
@@ -181,12 +172,10 @@ def manifest_schema() -> dict[str, Any]:
     return {
         "$schema": _DRAFT,
         "title": "The conformance vectors of the .scar file format",
-        **_object(
-            {
-                "format": {"const": FORMAT},
-                "bitstream": {"const": BITSTREAM},
-                "licence": {"const": LICENCE},
-                "vectors": _list(vector, 1, unique=True),
-            }
-        ),
+        **_object({
+            "format": {"const": FORMAT},
+            "bitstream": {"const": BITSTREAM},
+            "licence": {"const": LICENCE},
+            "vectors": _list(vector, 1, unique=True),
+        }),
     }

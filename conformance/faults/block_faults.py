@@ -55,30 +55,17 @@ def table_faults(static: bytes) -> Iterator[Fault]:
     yield "alphabet-first-high", "an alphabet from 2^31", *_TABLE, last(top + 1)
     yield "alphabet-last-high", "an alphabet up to 2^31", *_TABLE, last(0, top + 1, weights=(1, 1))
     yield ("alphabet-wide-gap", "a gap of 2^32 - 1, to far above 2^31", *_TABLE, last(-top, 1 + top, weights=(1, 1)))
-
     def cut_after(record: Record) -> bytes:
         return content(lambda c: varint(c[0] + 1) + c[1:] + record.packed()[:-1])
 
-    yield (
-        "alphabet-high-cut",
-        "an alphabet that leaves 2^31 - 1, and then ends too early",
-        *_TABLE,
-        cut_after(Record(_UNUSED, (top, top + 1), (1, 1))),
-    )
-    yield (
-        "weight-zero-cut",
-        "a weight of 0, and then the block ends too early",
-        *_TABLE,
-        cut_after(Record(_UNUSED, (0, 1, 2), (1, 0, 1))),
-    )
+    yield ("alphabet-high-cut", "an alphabet that leaves 2^31 - 1, and then ends too early", *_TABLE,
+           cut_after(Record(_UNUSED, (top, top + 1), (1, 1))))
+    yield ("weight-zero-cut", "a weight of 0, and then the block ends too early", *_TABLE,
+           cut_after(Record(_UNUSED, (0, 1, 2), (1, 0, 1))))
     yield "key-33-bits", "a key of 33 bits", *_VARINT, records(lambda r: [*r, Record(1 << 32, (0,), (1,))])
     yield "weight-25-bits", "a weight of 2^24", *_VARINT, last(0, weights=(1 << 24,))
-    yield (
-        "weight-two-bytes",
-        "a weight of 1 in two bytes",
-        *_VARINT,
-        content(lambda c: varint(c[0] + 1) + c[1:] + Record(_UNUSED, (0,), (1,)).packed()[:-1] + b"\x81\0"),
-    )
+    yield ("weight-two-bytes", "a weight of 1 in two bytes", *_VARINT,
+           content(lambda c: varint(c[0] + 1) + c[1:] + Record(_UNUSED, (0,), (1,)).packed()[:-1] + b"\x81\0"))
     yield "table-4097", "a table of 4097 symbols", *_LIMIT, last(*range(4097), weights=(1,) * 4097)
     yield "tables-65537", "65537 tables", *_LIMIT, content(lambda c: varint(65537) + c[1:])
     yield "tables-short", "tables that end early", *_SHORT, content(lambda c: c[:-1])
@@ -115,21 +102,13 @@ def codebook_faults(static: bytes, refined: bytes) -> Iterator[Fault]:
     twice = columns + bytes([0]) + varint(size) + columns
     yield "books-equal", "codebook 0 twice", *_BOOK, block((dimension, 2, 0, size), twice, 1)
     yield "codeword-low", "a component of -65536", *_BOOK, _with_component(static, -65536)
-    yield (
-        "codeword-lowest",
-        "a component of -2^31, whose magnitude 32 bits do not hold",
-        *_BOOK,
-        _with_component(static, -(1 << 31)),
-    )
+    yield ("codeword-lowest", "a component of -2^31, whose magnitude 32 bits do not hold", *_BOOK,
+           _with_component(static, -(1 << 31)))
     yield "books-three", "three codebooks", *_LIMIT, block((dimension, 3, 0, size), columns, 2)
     yield "book-dimensions-65", "65 dimensions", *_LIMIT, block((65, 1, 0, size))
     yield "book-4097", "4097 codewords", *_LIMIT, block((dimension, 1, 0, 4097))
-    yield (
-        "books-short",
-        "a CODEBOOKS block that ends in its last dimension",
-        *_SHORT,
-        _cut(static, BlockKind.CODEBOOKS, 1),
-    )
+    yield ("books-short", "a CODEBOOKS block that ends in its last dimension", *_SHORT,
+           _cut(static, BlockKind.CODEBOOKS, 1))
     yield "books-long", "a byte after the last codebook", *_LONG, _longer(static, BlockKind.CODEBOOKS, 1)
     yield from _book_places(static, refined, words)
 
@@ -137,54 +116,24 @@ def codebook_faults(static: bytes, refined: bytes) -> Iterator[Fault]:
 def _book_places(static: bytes, refined: bytes, words: np.ndarray) -> Iterator[Fault]:
     rule = "R-7.8-2"
     one = codebooks_block({1: words})
-    yield (
-        "book-other",
-        "codebook 1 where codebook 0 is first needed",
-        rule,
-        "bad-codebook",
-        changed(static, BlockKind.CODEBOOKS, 1, lambda _: one),
-    )
+    yield ("book-other", "codebook 1 where codebook 0 is first needed", rule, "bad-codebook",
+           changed(static, BlockKind.CODEBOOKS, 1, lambda _: one))
     both = codebooks_block({0: words, 1: words})
-    yield (
-        "book-early",
-        "codebook 1 beside codebook 0, but no layer needs it",
-        rule,
-        "bad-codebook",
-        changed(static, BlockKind.CODEBOOKS, 1, lambda _: both, 1),
-    )
-    yield (
-        "book-late",
-        "codebook 1 is first needed in layer 2, but absent",
-        rule,
-        "missing-block",
-        without(refined, BlockKind.CODEBOOKS, 2),
-    )
+    yield ("book-early", "codebook 1 beside codebook 0, but no layer needs it", rule, "bad-codebook",
+           changed(static, BlockKind.CODEBOOKS, 1, lambda _: both, 1))
+    yield ("book-late", "codebook 1 is first needed in layer 2, but absent", rule, "missing-block",
+           without(refined, BlockKind.CODEBOOKS, 2))
     later = next(b.payload for b in blocks_of(refined) if (b.kind, b.layer) == (BlockKind.CODEBOOKS, 2))
     first = next(b.payload for b in blocks_of(refined) if (b.kind, b.layer) == (BlockKind.CODEBOOKS, 1))
     again = codebooks_block({**unpack_codebooks(first), **unpack_codebooks(later)})
-    yield (
-        "book-again",
-        "codebook 0 again, beside codebook 1 in the layer that first needs that",
-        rule,
-        "bad-codebook",
-        changed(refined, BlockKind.CODEBOOKS, 2, lambda _: again, 1),
-    )
+    yield ("book-again", "codebook 0 again, beside codebook 1 in the layer that first needs that", rule, "bad-codebook",
+           changed(refined, BlockKind.CODEBOOKS, 2, lambda _: again, 1))
     narrow = codebooks_block({0: words[:, :1]})
-    yield (
-        "book-narrow",
-        "codewords of a dimension less than DECODER_MLP takes",
-        "R-7.8-3",
-        "bad-mlp",
-        changed(static, BlockKind.CODEBOOKS, 1, lambda _: narrow),
-    )
+    yield ("book-narrow", "codewords of a dimension less than DECODER_MLP takes", "R-7.8-3", "bad-mlp",
+           changed(static, BlockKind.CODEBOOKS, 1, lambda _: narrow))
     wide = {n: np.pad(book, ((0, 0), (0, 1))) for n, book in unpack_codebooks(later).items()}
-    yield (
-        "book-wide",
-        "codebook 1 of a dimension more than codebook 0",
-        "R-7.8-3",
-        "bad-mlp",
-        changed(refined, BlockKind.CODEBOOKS, 2, lambda _: codebooks_block(wide)),
-    )
+    yield ("book-wide", "codebook 1 of a dimension more than codebook 0", "R-7.8-3", "bad-mlp",
+           changed(refined, BlockKind.CODEBOOKS, 2, lambda _: codebooks_block(wide)))
 
 
 def _with_component(data: bytes, value: int) -> bytes:
@@ -257,20 +206,10 @@ def decoder_faults(static: bytes, coloured: bytes) -> Iterator[Fault]:
     yield "mlp-no-network", "no network in DECODER_MLP", "R-7.9-2", "bad-mlp", decoder()
     yield "mlp-absent", "a stage, but no DECODER_MLP", "R-7.9-2", "missing-block", without(static, kind, 1)
     yield "mlp-again", "a second DECODER_MLP", "R-7.9-2", "unexpected-block", _copied(coloured, kind, 2)
-    yield (
-        "mlp-outputs",
-        "no outputs for the coefficients of degree 0",
-        "R-7.9-3",
-        "bad-mlp",
-        decoder((RawLayer(9, 2),)),
-    )
-    yield (
-        "mlp-outputs-colour",
-        "outputs for the coefficients of degree 0, which COLOUR gives",
-        "R-7.9-3",
-        "bad-mlp",
-        changed(coloured, kind, 1, lambda _: _raw((RawLayer(27, 5),))),
-    )
+    yield ("mlp-outputs", "no outputs for the coefficients of degree 0", "R-7.9-3", "bad-mlp",
+           decoder((RawLayer(9, 2),)))
+    yield ("mlp-outputs-colour", "outputs for the coefficients of degree 0, which COLOUR gives", "R-7.9-3", "bad-mlp",
+           changed(coloured, kind, 1, lambda _: _raw((RawLayer(27, 5),))))
     yield "mlp-nine-networks", "nine networks", *_LIMIT, content(varint(9), 8)
     yield "mlp-five-layers", "five layers", *_LIMIT, content(bytes([1, 5]))
     yield "mlp-1025-rows", "1025 rows", *_LIMIT, content(bytes([1, 1]) + varint(1025) + bytes([2, 1]))
@@ -306,13 +245,8 @@ def idle_faults(static: bytes, bare: bytes) -> Iterator[Fault]:
     """Of a file with a codebook and DECODER_MLP, put into one that has neither stages nor LATENT."""
     for name, kind, rule in (("book", BlockKind.CODEBOOKS, "R-7.8-2"), ("mlp", BlockKind.DECODER_MLP, "R-7.9-2")):
         block = next(block for block in blocks_of(static) if block.kind == kind)
-        yield (
-            f"{name}-without-stages",
-            f"{kind.name} in a file without stages or LATENT",
-            rule,
-            "unexpected-block",
-            rebuilt(bare, [*blocks_of(bare), block]),
-        )
+        yield (f"{name}-without-stages", f"{kind.name} in a file without stages or LATENT", rule, "unexpected-block",
+               rebuilt(bare, [*blocks_of(bare), block]))
 
 
 def scene_faults(anchors: bytes, explicit: bytes) -> Iterator[Fault]:
@@ -328,13 +262,10 @@ def scene_faults(anchors: bytes, explicit: bytes) -> Iterator[Fault]:
     opacity, covariance, colour = two(10), two(70), two(30)
     yield "scene-two", "two networks in SCENE_MLP", *_SCENE, scene(opacity, covariance)
     yield "scene-four", "four networks in SCENE_MLP", *_SCENE, scene(opacity, covariance, colour, colour)
-    yield ("scene-one-layer", "an opacity network of one layer", *_SCENE, scene((RawLayer(10, 8),), covariance, colour))
-    yield (
-        "scene-three-layers",
-        "a colour network of three layers",
-        *_SCENE,
-        scene(opacity, covariance, (RawLayer(5, 8), RawLayer(5, 5), RawLayer(30, 5))),
-    )
+    yield ("scene-one-layer", "an opacity network of one layer", *_SCENE,
+           scene((RawLayer(10, 8),), covariance, colour))
+    yield ("scene-three-layers", "a colour network of three layers", *_SCENE,
+           scene(opacity, covariance, (RawLayer(5, 8), RawLayer(5, 5), RawLayer(30, 5))))
     yield "scene-order", "covariance and colour swapped", *_SCENE, scene(opacity, colour, covariance)
     yield "scene-outputs", "opacities of nine slots of ten", *_SCENE, scene(two(9), covariance, colour)
     yield "scene-inputs", "networks of D + 2 inputs", *_SCENE, scene(two(10, 6), two(70, 6), two(30, 6))
@@ -342,19 +273,10 @@ def scene_faults(anchors: bytes, explicit: bytes) -> Iterator[Fault]:
     yield ("scene-inputs-mixed", "D + 4, D + 3 and D + 4 inputs", *_SCENE, scene(opacity, two(70, 7), colour))
     yield "scene-short", "SCENE_MLP ends early", *_SHORT, _cut(anchors, kind, 1)
     yield "scene-long", "a byte after the third network", *_LONG, _longer(anchors, kind, 1)
-    yield (
-        "scene-content",
-        "a SCENE_MLP frame that states 16 MiB and a byte",
-        *_CONTENT_LIMIT,
-        _stated(anchors, kind, _MLP_BYTES + 1),
-    )
+    yield ("scene-content", "a SCENE_MLP frame that states 16 MiB and a byte", *_CONTENT_LIMIT,
+           _stated(anchors, kind, _MLP_BYTES + 1))
     yield "scene-later", "a second SCENE_MLP, in layer 2", "R-7.9-4", "unexpected-block", _copied(anchors, kind, 2)
     block = next(block for block in blocks_of(anchors) if block.kind == kind)
     idle = Block(kind, 1, stored_frame(content_of(block)), count=block.count)
-    yield (
-        "scene-explicit",
-        "SCENE_MLP in the explicit profile",
-        "R-7.9-4",
-        "unexpected-block",
-        rebuilt(explicit, [*blocks_of(explicit), idle]),
-    )
+    yield ("scene-explicit", "SCENE_MLP in the explicit profile", "R-7.9-4", "unexpected-block",
+           rebuilt(explicit, [*blocks_of(explicit), idle]))

@@ -66,54 +66,24 @@ def _front_faults(base: bytes) -> Iterator[Fault]:
     yield "later-version", "version 0.2; the CRC is wrong too", "R-5.1-2", "unsupported-version", later
     flipped = base[:60] + bytes([base[60] ^ 1]) + base[61:]
     yield "header-bit", "one bit of the header is flipped", "R-5.2-4", "header-crc-mismatch", flipped
-    yield (
-        "reserved-set",
-        "a reserved byte is 1",
-        "R-5.2-14",
-        "bad-reserved",
-        patched(base, FILE_HEADER, 0, "reserved", 1),
-    )
-    yield (
-        "slots-two",
-        "two slots in the explicit profile",
-        "R-5.2-10",
-        "bad-slots",
-        patched(base, FILE_HEADER, 0, "slots", 2),
-    )
+    yield ("reserved-set", "a reserved byte is 1", "R-5.2-14", "bad-reserved",
+           patched(base, FILE_HEADER, 0, "reserved", 1))
+    yield ("slots-two", "two slots in the explicit profile", "R-5.2-10", "bad-slots",
+           patched(base, FILE_HEADER, 0, "slots", 2))
     fewer = container.header.layers[0].anchor_count - 1
-    yield (
-        "gaussians-missing",
-        "fewer Gaussians than anchors",
-        "R-5.3-2",
-        "layer-counts",
-        patched(base, LAYER_SUMMARY, FILE_HEADER_SIZE, "gaussian_count", fewer),
-    )
+    yield ("gaussians-missing", "fewer Gaussians than anchors", "R-5.3-2", "layer-counts",
+           patched(base, LAYER_SUMMARY, FILE_HEADER_SIZE, "gaussian_count", fewer))
     yield "trailing-byte", "one byte too many", "R-5.3-7", "trailing-bytes", base + b"\0"
     yield "cut", "the last byte is missing", "R-5.3-8", "truncated-file", base[:-1]
     middle, past = tiles + 12, tiles + 24
     swapped = base[:tiles] + base[middle:past] + base[tiles:middle] + base[past:]
     yield "tiles-swapped", "tile records in wrong order", "R-5.4-8", "tile-order", resealed_front(swapped)
-    yield (
-        "tile-too-deep",
-        "local bits below 0",
-        "R-5.4-6",
-        "tile-local-bits",
-        patched(base, TILE_RECORD, tiles, "shift", 16),
-    )
-    yield (
-        "entry-hole",
-        "a block starts one byte late",
-        "R-5.5-9",
-        "entry-offset",
-        patched(base, DIRECTORY_ENTRY, directory + 32, "offset", container.entries[1].offset + 1),
-    )
-    yield (
-        "unknown-critical",
-        "the last block has an unknown critical kind",
-        "R-5.5-13",
-        "unknown-critical-block",
-        _unknown_kind(base),
-    )
+    yield ("tile-too-deep", "local bits below 0", "R-5.4-6", "tile-local-bits",
+           patched(base, TILE_RECORD, tiles, "shift", 16))
+    yield ("entry-hole", "a block starts one byte late", "R-5.5-9", "entry-offset",
+           patched(base, DIRECTORY_ENTRY, directory + 32, "offset", container.entries[1].offset + 1))
+    yield ("unknown-critical", "the last block has an unknown critical kind", "R-5.5-13", "unknown-critical-block",
+           _unknown_kind(base))
 
 
 def _unknown_kind(base: bytes) -> bytes:
@@ -126,56 +96,26 @@ def _block_faults(base: bytes) -> Iterator[Fault]:
     damaged = bytearray(base)
     damaged[past - 1] ^= 0x40
     yield "block-bit", "one bit of a TILE block is flipped", "R-5.6-1", "crc-mismatch", bytes(damaged)
-    yield (
-        "substream-crc",
-        "the CRC of a sub-stream is wrong, that of the block is right",
-        "R-7.1-5",
-        "crc-mismatch",
-        changed(base, BlockKind.TILE, 1, _wrong_crc),
-    )
-    yield (
-        "idle-substream",
-        "a sub-stream of a kind the layer does not code",
-        "R-7.1-4",
-        "bad-substream-table",
-        changed(base, BlockKind.TILE, 1, _with_masks),
-    )
+    yield ("substream-crc", "the CRC of a sub-stream is wrong, that of the block is right", "R-7.1-5", "crc-mismatch",
+           changed(base, BlockKind.TILE, 1, _wrong_crc))
+    yield ("idle-substream", "a sub-stream of a kind the layer does not code", "R-7.1-4", "bad-substream-table",
+           changed(base, BlockKind.TILE, 1, _with_masks))
 
 
 def _payload_faults(base: bytes) -> Iterator[Fault]:
     cut = changed(base, BlockKind.LAYER, 2, lambda payload: payload[:-1])
     yield "layer-cut", "a LAYER block ends early", "R-5.7-2", "payload-short", cut
-    yield (
-        "layer-long",
-        "a LAYER block has a byte too many",
-        "R-5.7-2",
-        "payload-long",
-        changed(base, BlockKind.LAYER, 2, lambda payload: payload + b"\0"),
-    )
+    yield ("layer-long", "a LAYER block has a byte too many", "R-5.7-2", "payload-long",
+           changed(base, BlockKind.LAYER, 2, lambda payload: payload + b"\0"))
     long = changed(base, BlockKind.LAYER, 2, lambda payload: payload[:1] + bytes([payload[1] | 0x80, 0]) + payload[2:])
     yield "long-varint", "a varint with a superfluous byte", "R-5.7-1", "bad-varint", long
-    yield (
-        "frame-tail",
-        "a byte after the Zstandard frame",
-        "R-5.8-4",
-        "bad-zstd",
-        _raw_tables(base, lambda frame: frame + b"\0"),
-    )
-    yield (
-        "frame-size",
-        "the frame states one byte more than it holds",
-        "R-5.8-4",
-        "bad-zstd",
-        _raw_tables(base, _larger_size),
-    )
+    yield ("frame-tail", "a byte after the Zstandard frame", "R-5.8-4", "bad-zstd",
+           _raw_tables(base, lambda frame: frame + b"\0"))
+    yield ("frame-size", "the frame states one byte more than it holds", "R-5.8-4", "bad-zstd",
+           _raw_tables(base, _larger_size))
     huge = bytes.fromhex("28b52ffd a0") + ((64 << 20) + 1).to_bytes(4, "little") + b"\1\0\0"
-    yield (
-        "frame-too-large",
-        "a TABLES frame that states 64 MiB and a byte",
-        "R-5.8-2",
-        "content-limit",
-        _raw_tables(base, lambda _: huge),
-    )
+    yield ("frame-too-large", "a TABLES frame that states 64 MiB and a byte", "R-5.8-2", "content-limit",
+           _raw_tables(base, lambda _: huge))
 
 
 def _wrong_crc(payload: bytes) -> bytes:
@@ -205,52 +145,22 @@ def _larger_size(frame: bytes) -> bytes:
 
 
 def _model_faults(base: bytes, anchors: bytes, small: bytes) -> Iterator[Fault]:
-    yield (
-        "channels-descend",
-        "POSITION_RESIDUAL became COLOUR, before SCALE",
-        "R-6.4-1",
-        "bad-channel",
-        changed(base, BlockKind.LAYER, 1, lambda p: p[:2] + bytes([Stream.COLOUR]) + p[3:]),
-    )
-    yield (
-        "steps-taken-back",
-        "a class has fewer steps than in the layer before",
-        "R-6.5-2",
-        "bad-layer-table",
-        changed(base, BlockKind.LAYER, 2, lambda p: p[:4] + b"\0" + p[5:]),
-    )
+    yield ("channels-descend", "POSITION_RESIDUAL became COLOUR, before SCALE", "R-6.4-1", "bad-channel",
+           changed(base, BlockKind.LAYER, 1, lambda p: p[:2] + bytes([Stream.COLOUR]) + p[3:]))
+    yield ("steps-taken-back", "a class has fewer steps than in the layer before", "R-6.5-2", "bad-layer-table",
+           changed(base, BlockKind.LAYER, 2, lambda p: p[:4] + b"\0" + p[5:]))
     yield "no-layer-block", "layer 3 has no LAYER block", "R-6.5-1", "missing-block", without(base, BlockKind.LAYER, 3)
-    yield (
-        "no-codebook",
-        "a stage without its codebook",
-        "R-7.8-2",
-        "missing-block",
-        without(base, BlockKind.CODEBOOKS, 1),
-    )
+    yield ("no-codebook", "a stage without its codebook", "R-7.8-2", "missing-block",
+           without(base, BlockKind.CODEBOOKS, 1))
     yield "idle-codebook", "a codebook that no layer first needs", "R-7.8-2", "unexpected-block", _idle_codebook(base)
-    yield (
-        "no-scene-networks",
-        "the anchor profile without SCENE_MLP",
-        "R-7.9-4",
-        "bad-mlp",
-        without(anchors, BlockKind.SCENE_MLP, 1),
-    )
+    yield ("no-scene-networks", "the anchor profile without SCENE_MLP", "R-7.9-4", "bad-mlp",
+           without(anchors, BlockKind.SCENE_MLP, 1))
     books = unpack_codebooks(next(b.payload for b in blocks_of(base) if b.kind == BlockKind.CODEBOOKS))
     books[0][0, 0] = MAX_VALUE + 1
-    yield (
-        "codeword-large",
-        "a component of 65536",
-        "R-7.8-1",
-        "bad-codebook",
-        changed(base, BlockKind.CODEBOOKS, 1, lambda _: codebooks_block(books)),
-    )
-    yield (
-        "weight-zero",
-        "a weight of 0",
-        "R-8.3-1",
-        "bad-table",
-        changed(small, BlockKind.TABLES, 1, lambda content: content[:-1] + b"\0"),
-    )
+    yield ("codeword-large", "a component of 65536", "R-7.8-1", "bad-codebook",
+           changed(base, BlockKind.CODEBOOKS, 1, lambda _: codebooks_block(books)))
+    yield ("weight-zero", "a weight of 0", "R-8.3-1", "bad-table",
+           changed(small, BlockKind.TABLES, 1, lambda content: content[:-1] + b"\0"))
 
 
 def _idle_codebook(base: bytes) -> bytes:
@@ -261,20 +171,10 @@ def _idle_codebook(base: bytes) -> bytes:
 
 def _symbol_faults(base: bytes, small: bytes) -> Iterator[Fault]:
     yield "no-table", "a group without a table", "R-8.3-3", "missing-table", without(base, BlockKind.TABLES, 1)
-    yield (
-        "stream-flipped",
-        "a rANS stream that does not end in the empty state",
-        "R-8.2-2",
-        "rans-seal",
-        changed(small, BlockKind.TILE, 1, _one_word_more),
-    )
-    yield (
-        "last-word-zero",
-        "the last word of a rANS stream is 0",
-        "R-8.2-1",
-        "rans-last-word",
-        changed(small, BlockKind.TILE, 1, _zero_word),
-    )
+    yield ("stream-flipped", "a rANS stream that does not end in the empty state", "R-8.2-2", "rans-seal",
+           changed(small, BlockKind.TILE, 1, _one_word_more))
+    yield ("last-word-zero", "the last word of a rANS stream is 0", "R-8.2-1", "rans-last-word",
+           changed(small, BlockKind.TILE, 1, _zero_word))
     yield "small-book", "an index without a codeword", "R-7.6-1", "bad-index", _small_book(small)
 
 

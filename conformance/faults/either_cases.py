@@ -15,13 +15,7 @@ from scarfmt.coding.writer import QuantisedScene
 
 _METADATA = 64
 _KINDS = {
-    "layer": 1,
-    "tables": 2,
-    "codebooks": 3,
-    "decoder-mlp": 4,
-    "scene-mlp": 5,
-    "hash-grid": 6,
-    "entropy-network": 7,
+    "layer": 1, "tables": 2, "codebooks": 3, "decoder-mlp": 4, "scene-mlp": 5, "hash-grid": 6, "entropy-network": 7,
     "predictors": 8,
 }
 
@@ -36,14 +30,8 @@ def either_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterator[
     neural, scene = files["anchors-neural"]
     for name, kind in _KINDS.items():
         data = broken(neural, _counted_more(kind))
-        yield _taken(
-            f"count-{name}",
-            f"the directory counts one element too many in {name.upper()}",
-            data,
-            scene,
-            "R-5.5-14",
-            "entry-count",
-        )
+        yield _taken(f"count-{name}", f"the directory counts one element too many in {name.upper()}", data, scene,
+                     "R-5.5-14", "entry-count")
     yield from _short_cases()
     yield from _idle_block_cases()
 
@@ -68,22 +56,10 @@ def _sum_cases() -> Iterator[Case]:
     )
     for name, purpose, change in changes:
         yield _taken(name, purpose, broken(anchors, change), anchor_scene(), "R-5.3-9", "layer-counts")
-    yield _taken(
-        "stream-bytes",
-        "four bytes of SCALE are counted as POSITIONS",
-        broken(plain, lambda p: _moved(p, 5, 1)),
-        plain_scene(),
-        "R-5.3-10",
-        "layer-stream-bytes",
-    )
-    yield _taken(
-        "stream-bytes-framing",
-        "four bytes of SCALE are counted as framing",
-        broken(plain, lambda p: _moved(p, 5, 12)),
-        plain_scene(),
-        "R-5.3-10",
-        "layer-stream-bytes",
-    )
+    yield _taken("stream-bytes", "four bytes of SCALE are counted as POSITIONS",
+                 broken(plain, lambda p: _moved(p, 5, 1)), plain_scene(), "R-5.3-10", "layer-stream-bytes")
+    yield _taken("stream-bytes-framing", "four bytes of SCALE are counted as framing",
+                 broken(plain, lambda p: _moved(p, 5, 12)), plain_scene(), "R-5.3-10", "layer-stream-bytes")
 
 
 def _gaussians(parts: Parts, more: int) -> None:
@@ -106,41 +82,18 @@ def _short_cases() -> Iterator[Case]:
         ("cut-in-tables", first - 40, "R-5.4-1", "truncated-directory", "the file ends inside the directory"),
         ("cut-in-first-block", first + 4, "R-5.3-8", "truncated-block", "the file ends inside its first block"),
     ):
-        yield Case(
-            f"either/{name}",
-            f"{purpose}; the second id is that of a reader of incomplete files",
-            data[:length],
-            (rule,),
-            refusals=("truncated-file", refusal),
-            stage="container",
-        )
+        yield Case(f"either/{name}", f"{purpose}; the second id is that of a reader of incomplete files", data[:length],
+                   (rule,), refusals=("truncated-file", refusal), stage="container")
 
 
 def _idle_block_cases() -> Iterator[Case]:
     """Faults in blocks that no decoder has need of (R-5.6-3): one that looks at them all the same may refuse."""
     plain, silent = plain_file(), replace(plain_scene(), metadata={})
-    yield _taken(
-        "metadata-not-json",
-        "METADATA that is not JSON, which a decoder does not look at",
-        remade(plain, block_with(_METADATA, b"{title: container}")),
-        silent,
-        "R-7.10-1",
-        "bad-metadata",
-    )
-    yield _taken(
-        "metadata-crc",
-        "METADATA with a wrong CRC",
-        broken(plain, lambda p: _add(p.entry(_METADATA), "crc32", -1)),
-        plain_scene(),
-        "R-5.6-1",
-        "crc-mismatch",
-    )
+    yield _taken("metadata-not-json", "METADATA that is not JSON, which a decoder does not look at",
+                 remade(plain, block_with(_METADATA, b"{title: container}")), silent, "R-7.10-1", "bad-metadata")
+    yield _taken("metadata-crc", "METADATA with a wrong CRC",
+                 broken(plain, lambda p: _add(p.entry(_METADATA), "crc32", -1)), plain_scene(), "R-5.6-1",
+                 "crc-mismatch")
     annotated = remade(plain, block_added(b"annotation", kind=65, layer=2))
-    yield _taken(
-        "annotation-crc",
-        "an unknown block with a wrong CRC",
-        broken(annotated, lambda p: _add(p.entries[-1], "crc32", 1)),
-        plain_scene(),
-        "R-5.6-1",
-        "crc-mismatch",
-    )
+    yield _taken("annotation-crc", "an unknown block with a wrong CRC",
+                 broken(annotated, lambda p: _add(p.entries[-1], "crc32", 1)), plain_scene(), "R-5.6-1", "crc-mismatch")

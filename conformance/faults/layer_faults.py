@@ -75,77 +75,33 @@ def _channel_faults(explicit: File, anchor: File) -> Iterator[Fault]:
     plain = {c.stream: _of(c, c.components) for c in anchor[1].model.channels}
     offsets, scales = plain[Stream.OFFSETS], plain[Stream.SCALE]
     three = _of(scale, 3)
-    yield (
-        "channels-nine",
-        "nine channels",
-        "R-6.4-1",
-        _LIMIT,
-        _with_channels(explicit, residual, three, rotation, opacity, colour, latent, latent, latent, latent),
-    )
+    yield ("channels-nine", "nine channels", "R-6.4-1", _LIMIT,
+           _with_channels(explicit, residual, three, rotation, opacity, colour, latent, latent, latent, latent))
     yield "channels-none", "no channel", *_CHANNELS, _with_channels(explicit)
     yield "channel-twice", "two channels SCALE", *_CHANNELS, _with_channels(explicit, three, three)
     yield "channel-no-scale", "no channel SCALE", *_CHANNELS, _with_channels(explicit, _of(opacity, 1))
     yield "channel-offsets", "OFFSETS in the explicit profile", *_CHANNELS, _with_channels(explicit, three, offsets)
-    yield (
-        "channel-rotation",
-        "ROTATION in the anchor profile",
-        *_CHANNELS,
-        _with_channels(anchor, scales, _of(rotation, 3), plain[Stream.LATENT], offsets),
-    )
-    yield (
-        "channel-no-offsets",
-        "the anchor profile without OFFSETS",
-        *_CHANNELS,
-        _with_channels(anchor, scales, plain[Stream.LATENT]),
-    )
-    yield (
-        "channel-anchor-no-scale",
-        "the anchor profile without SCALE",
-        *_CHANNELS,
-        _with_channels(anchor, plain[Stream.LATENT], offsets),
-    )
+    yield ("channel-rotation", "ROTATION in the anchor profile", *_CHANNELS,
+           _with_channels(anchor, scales, _of(rotation, 3), plain[Stream.LATENT], offsets))
+    yield ("channel-no-offsets", "the anchor profile without OFFSETS", *_CHANNELS,
+           _with_channels(anchor, scales, plain[Stream.LATENT]))
+    yield ("channel-anchor-no-scale", "the anchor profile without SCALE", *_CHANNELS,
+           _with_channels(anchor, plain[Stream.LATENT], offsets))
     yield "scale-four", "SCALE of four components", "R-6.4-2", "bad-channel", _with_channels(explicit, _of(scale, 4))
-    yield (
-        "opacity-two",
-        "OPACITY of two components",
-        "R-6.4-2",
-        "bad-channel",
-        _with_channels(explicit, three, _of(opacity, 2)),
-    )
-    yield (
-        "scale-three-anchor",
-        "SCALE of three components in the anchor profile",
-        "R-6.4-2",
-        "bad-channel",
-        _with_channels(anchor, _of(scale, 3), plain[Stream.LATENT], offsets),
-    )
-    for name, channel in (
-        ("residual-two", _of(residual, 2)),
-        ("rotation-four", _of(rotation, 4)),
-        ("colour-two", _of(colour, 2)),
-    ):
+    yield ("opacity-two", "OPACITY of two components", "R-6.4-2", "bad-channel",
+           _with_channels(explicit, three, _of(opacity, 2)))
+    yield ("scale-three-anchor", "SCALE of three components in the anchor profile", "R-6.4-2", "bad-channel",
+           _with_channels(anchor, _of(scale, 3), plain[Stream.LATENT], offsets))
+    for name, channel in (("residual-two", _of(residual, 2)), ("rotation-four", _of(rotation, 4)),
+                          ("colour-two", _of(colour, 2))):
         others = (channel, three) if channel.stream < Stream.SCALE else (three, channel)
-        yield (
-            name,
-            f"{channel.stream.name} of {channel.components} components",
-            "R-6.4-2",
-            "bad-channel",
-            _with_channels(explicit, *others),
-        )
-    yield (
-        "offsets-two",
-        "OFFSETS of two components",
-        "R-6.4-2",
-        "bad-channel",
-        _with_channels(anchor, scales, plain[Stream.LATENT], _of(offsets, 2)),
-    )
+        yield (name, f"{channel.stream.name} of {channel.components} components", "R-6.4-2", "bad-channel",
+               _with_channels(explicit, *others))
+    yield ("offsets-two", "OFFSETS of two components", "R-6.4-2", "bad-channel",
+           _with_channels(anchor, scales, plain[Stream.LATENT], _of(offsets, 2)))
     for name, channel in (("opacity", _of(opacity, 1)), ("colour", _of(colour, 3))):
-        yield (
-            f"channel-{name}",
-            f"{channel.stream.name} in the anchor profile",
-            *_CHANNELS,
-            _with_channels(anchor, scales, channel, plain[Stream.LATENT], offsets),
-        )
+        yield (f"channel-{name}", f"{channel.stream.name} in the anchor profile", *_CHANNELS,
+               _with_channels(anchor, scales, channel, plain[Stream.LATENT], offsets))
     yield from _latent_faults(explicit, anchor, three)
 
 
@@ -161,29 +117,18 @@ def _latent_faults(explicit: File, anchor: File, three: Channel) -> Iterator[Fau
     for name, more in (("wide", 1), ("narrow", -1)):
         purpose = f"LATENT of a component {'more' if more > 0 else 'less'} than DECODER_MLP takes"
         yield (f"latent-{name}", purpose, *rule, _with_channels(explicit, three, _of(latent, latent.components + more)))
-        yield (
-            f"latent-{name}-anchor",
-            f"{purpose}, anchor profile",
-            *rule,
-            _with_channels(anchor, scales, _of(features, features.components + more), offsets),
-        )
-        yield (
-            f"latent-{name}-alone",
-            f"{purpose}, no codebooks",
-            *rule,
-            _with_channels(alone, three, _of(latent, 3 + more)),
-        )
+        yield (f"latent-{name}-anchor", f"{purpose}, anchor profile", *rule,
+               _with_channels(anchor, scales, _of(features, features.components + more), offsets))
+        yield (f"latent-{name}-alone", f"{purpose}, no codebooks", *rule,
+               _with_channels(alone, three, _of(latent, 3 + more)))
 
 
 def _step_faults(static: File) -> Iterator[Fault]:
     scale = static[1].model.channels[0]
     above = math.nextafter(2.0**96, math.inf)
     for name, what, width in (
-        ("zero", "0", 0.0),
-        ("negative", "-1", -1.0),
-        ("nan", "not a number", math.nan),
-        ("infinite", "infinite", math.inf),
-        ("large", "the next number above 2^96", above),
+        ("zero", "0", 0.0), ("negative", "-1", -1.0), ("nan", "not a number", math.nan),
+        ("infinite", "infinite", math.inf), ("large", "the next number above 2^96", above),
     ):
         channel = replace(scale, first_width=(*scale.first_width[:2], width))
         yield f"step-{name}", f"a step that is {what}", *_STEP, _with_channels(static, channel)
@@ -213,8 +158,7 @@ def _rule_faults(explicit: File, anchor: File) -> Iterator[Fault]:
     yield "source-of-offsets", "OFFSETS with a source", *_SOURCE, offset(ContextRule(False, 0, 0))
     yield "source-offsets", "OFFSETS as the source of OFFSETS", *_SOURCE, offset(ContextRule(False, last, 0))
     for name, rule in (
-        ("component", ContextRule(False, 255, 1)),
-        ("low", ContextRule(False, 255, 0, -1)),
+        ("component", ContextRule(False, 255, 1)), ("low", ContextRule(False, 255, 0, -1)),
         ("shift", ContextRule(False, 255, 0, 0, 1)),
     ):
         yield f"no-source-{name}", f"a rule without a source, but with a {name}", *_SOURCE, scaled(rule)
@@ -230,34 +174,20 @@ def _row_faults(explicit: File, anchor: File) -> Iterator[Fault]:
     wide = tuple((1,) * channels for _ in range(16))
     yield "classes-sixteen", "sixteen classes", "R-6.5-2", _LIMIT, row(3, stages=(8,) * 16, steps=wide)
     yield "classes-none", "no class", *_ROWS, row(1, stages=(), steps=())
-    yield (
-        "classes-taken-back",
-        "fewer classes than in the layer before",
-        *_ROWS,
-        row(3, stages=third.stages[:1], steps=third.steps[:1]),
-    )
+    yield ("classes-taken-back", "fewer classes than in the layer before", *_ROWS,
+           row(3, stages=third.stages[:1], steps=third.steps[:1]))
     yield "stages-nine", "nine stages", *_ROWS, row(3, stages=(9, *third.stages[1:]))
     yield "stages-taken-back", "a class has fewer stages than before", *_ROWS, row(3, stages=(1, *third.stages[1:]))
     steps = third.steps[0]
     yield "steps-21", "twenty-one steps", *_ROWS, row(3, steps=((*steps[:1], 21, *steps[2:]), *third.steps[1:]))
     opening = anchor[1].model.layers[0]
     for number in (0, 2):
-        yield (
-            f"offsets-steps-{number}",
-            f"OFFSETS in {number} steps",
-            "R-6.5-3",
-            "bad-layer-table",
-            _with_offset_steps(anchor, number),
-        )
+        yield (f"offsets-steps-{number}", f"OFFSETS in {number} steps", "R-6.5-3", "bad-layer-table",
+               _with_offset_steps(anchor, number))
     latent = anchor[1].model.channel_index(Stream.LATENT)
     bare = tuple(tuple(0 if i == latent else n for i, n in enumerate(have)) for have in opening.steps)
-    yield (
-        "anchor-no-feature",
-        "neither a stage nor a step of LATENT in layer 1 of the anchor profile",
-        "R-6.5-4",
-        "bad-layer-table",
-        row(1, anchor, stages=(0,) * opening.class_count, steps=bare),
-    )
+    yield ("anchor-no-feature", "neither a stage nor a step of LATENT in layer 1 of the anchor profile", "R-6.5-4",
+           "bad-layer-table", row(1, anchor, stages=(0,) * opening.class_count, steps=bare))
 
 
 def _with_offset_steps(anchor: File, number: int) -> bytes:
@@ -272,18 +202,10 @@ def _with_offset_steps(anchor: File, number: int) -> bytes:
 def _mode_faults(explicit: File) -> Iterator[Fault]:
     rule = "R-7.11-1", "unsupported-entropy-mode"
     data, _ = explicit
-    yield (
-        "entropy-mode-255",
-        "entropy mode 255 in layer 2",
-        *rule,
-        changed(data, BlockKind.LAYER, 2, lambda p: b"\xff" + p[1:]),
-    )
-    yield (
-        "entropy-mode-first",
-        "an entropy mode that is not assigned, and nothing after it",
-        *rule,
-        changed(data, BlockKind.LAYER, 1, lambda _: b"\2"),
-    )
+    yield ("entropy-mode-255", "entropy mode 255 in layer 2", *rule,
+           changed(data, BlockKind.LAYER, 2, lambda p: b"\xff" + p[1:]))
+    yield ("entropy-mode-first", "an entropy mode that is not assigned, and nothing after it", *rule,
+           changed(data, BlockKind.LAYER, 1, lambda _: b"\2"))
 
 
 def _number_faults(static: File) -> Iterator[Fault]:
@@ -303,20 +225,10 @@ def _number_faults(static: File) -> Iterator[Fault]:
     yield "components-0", "a channel without components", *_RECORD, at(components, b"\0")
     yield "components-65", "a channel of 65 components", *_RECORD, at(components, bytes([65]))
     yield "by-class-2", "by_class is 2", *_RECORD, at(by_class, b"\2")
-    yield (
-        "low-34-bits",
-        "a number of 34 bits where 33 are allowed",
-        "R-5.7-1",
-        "bad-varint",
-        at(low, bytes([0x80, 0x80, 0x80, 0x80, 0x20])),
-    )
-    yield (
-        "low-six-bytes",
-        "a varint(33) of six bytes",
-        "R-5.7-1",
-        "bad-varint",
-        at(low, bytes([0x80, 0x80, 0x80, 0x80, 0x80, 1])),
-    )
+    yield ("low-34-bits", "a number of 34 bits where 33 are allowed", "R-5.7-1", "bad-varint",
+           at(low, bytes([0x80, 0x80, 0x80, 0x80, 0x20])))
+    yield ("low-six-bytes", "a varint(33) of six bytes", "R-5.7-1", "bad-varint",
+           at(low, bytes([0x80, 0x80, 0x80, 0x80, 0x80, 1])))
     yield ("count-63-bits", "a count of 2^63", "R-5.7-1", "bad-varint", at(1, b"\x80" * 9 + b"\1"))
     yield ("count-2-62", "a count of 2^62", "R-5.7-3", _LIMIT, at(1, b"\x80" * 8 + b"\x40"))
     yield ("count-two-bytes", "a count of 1 in two bytes", "R-5.7-1", "bad-varint", at(1, b"\x81\0"))

@@ -36,9 +36,8 @@ def limit_faults() -> Iterator[Case]:
 
 
 def _refused(id_: str, purpose: str, rule: str, refusal: str, data: bytes, extend_to: int = 0) -> Case:
-    return Case(
-        f"invalid/{id_}", purpose, data, (rule, "R-13.1-1"), refusals=(refusal,), stage="container", extend_to=extend_to
-    )
+    return Case(f"invalid/{id_}", purpose, data, (rule, "R-13.1-1"), refusals=(refusal,), stage="container",
+                extend_to=extend_to)
 
 
 def _either(id_: str, purpose: str, rule: str, data: bytes, *refusals: str) -> Case:
@@ -52,47 +51,20 @@ def _header_limits() -> Iterator[Case]:
         ("limit-entries", "entry_count", _MAX_ENTRIES + 1, size_of("DIRECTORY_ENTRY")),
     ):
         parts = _longer_tables(base, field, number, size)
-        yield _refused(
-            name,
-            f"{field} is {number}, and so many are there, all zeros",
-            "R-5.2-19",
-            name,
-            parts.raw(),
-            parts.header["file_length"],
-        )
-    yield _refused(
-        "limit-tiles-top",
-        "tile_count is 2^32 - 1 in a small file",
-        "R-5.2-19",
-        "limit-tiles",
-        broken(base, header_with(tile_count=(1 << 32) - 1)),
-    )
-    yield _refused(
-        "limit-entries-top",
-        "entry_count is 2^32 - 1 in a small file",
-        "R-5.2-19",
-        "limit-entries",
-        broken(base, header_with(entry_count=(1 << 32) - 1)),
-    )
+        yield _refused(name, f"{field} is {number}, and so many are there, all zeros", "R-5.2-19", name,
+                       parts.raw(), parts.header["file_length"])
+    yield _refused("limit-tiles-top", "tile_count is 2^32 - 1 in a small file", "R-5.2-19", "limit-tiles",
+                   broken(base, header_with(tile_count=(1 << 32) - 1)))
+    yield _refused("limit-entries-top", "entry_count is 2^32 - 1 in a small file", "R-5.2-19", "limit-entries",
+                   broken(base, header_with(entry_count=(1 << 32) - 1)))
     for name, count in (("limit-anchors", _MAX_ANCHORS + 1), ("limit-anchors-2-63", 1 << 63)):
         yield _refused(name, f"{count} anchors declared", "R-5.2-19", "limit-anchors", _with_anchors(base, count))
-    yield _either(
-        "limit-anchors",
-        "2^26 + 1 anchors declared; the TILE blocks have three",
-        "R-5.2-19",
-        _with_anchors(base, _READER_ANCHORS + 1),
-        "limit-anchors",
-        "limit-expansion",
-        "layer-directory-anchors",
-    )
-    yield _either(
-        "limit-gaussians",
-        "2^28 + 1 Gaussians declared, more than the anchors can have",
-        "R-5.2-19",
-        broken(anchor_file(), lambda p: _set_gaussians(p, _READER_GAUSSIANS + 1)),
-        "limit-gaussians",
-        "layer-counts",
-    )
+    yield _either("limit-anchors", "2^26 + 1 anchors declared; the TILE blocks have three", "R-5.2-19",
+                  _with_anchors(base, _READER_ANCHORS + 1), "limit-anchors", "limit-expansion",
+                  "layer-directory-anchors")
+    yield _either("limit-gaussians", "2^28 + 1 Gaussians declared, more than the anchors can have", "R-5.2-19",
+                  broken(anchor_file(), lambda p: _set_gaussians(p, _READER_GAUSSIANS + 1)), "limit-gaussians",
+                  "layer-counts")
 
 
 def _longer_tables(base: bytes, field: str, number: int, size: int) -> Parts:
@@ -118,20 +90,10 @@ def _set_gaussians(parts: Parts, count: int) -> None:
 
 
 def _expansion_limits() -> Iterator[Case]:
-    yield _either(
-        "limit-expansion",
-        "69536 anchors in 500 bytes; all is well otherwise",
-        "R-5.2-19",
-        vector_file(crowd_scene((_MAX_TILE_ANCHORS, 4000))),
-        "limit-expansion",
-    )
-    yield _either(
-        "limit-expansion-slots",
-        "592000 slots, none of them on, in 6 kB; all is well otherwise",
-        "R-5.2-19",
-        vector_file(idle_slots_scene(18500)),
-        "limit-expansion",
-    )
+    yield _either("limit-expansion", "69536 anchors in 500 bytes; all is well otherwise", "R-5.2-19",
+                  vector_file(crowd_scene((_MAX_TILE_ANCHORS, 4000))), "limit-expansion")
+    yield _either("limit-expansion-slots", "592000 slots, none of them on, in 6 kB; all is well otherwise", "R-5.2-19",
+                  vector_file(idle_slots_scene(18500)), "limit-expansion")
     yield _expansion_met()
 
 
@@ -149,39 +111,17 @@ def _expansion_met() -> Case:
 def _block_limits() -> Iterator[Case]:
     for name, length in (("limit-block-bytes", _MAX_BLOCK + 1), ("limit-block-bytes-4-gib", (1 << 32) + 8)):
         parts = long_last_block(root_file(), length, kind=_PRIVATE)
-        yield _refused(
-            name,
-            f"an unknown block of {length} zeros",
-            "R-5.5-8",
-            "limit-block-bytes",
-            parts.sealed(),
-            parts.header["file_length"],
-        )
+        yield _refused(name, f"an unknown block of {length} zeros", "R-5.5-8", "limit-block-bytes", parts.sealed(),
+                       parts.header["file_length"])
     parts = long_last_block(plain_file(), _READER_BLOCK + 1, kind=_PRIVATE, layer=2)
-    yield Case(
-        "either/limit-block-bytes",
-        "an unknown block of 2^28 + 1 zeros, which no decoder needs",
-        parts.sealed(),
-        ("R-5.5-8", "R-13.2-1", "R-5.6-3"),
-        scene=plain_scene(),
-        refusals=("limit-block-bytes",),
-        stage="container",
-        extend_to=parts.header["file_length"],
-    )
-    yield _refused(
-        "limit-tile-anchors",
-        "65537 anchors in one TILE block; all is well otherwise",
-        "R-5.5-10",
-        "limit-tile-anchors",
-        _crowded(),
-    )
-    yield _refused(
-        "limit-tile-anchors-top",
-        "a TILE block that says 2^32 - 1 anchors",
-        "R-5.5-10",
-        "limit-tile-anchors",
-        broken(root_file(), lambda p: p.entry(TILE_KIND).update(count=(1 << 32) - 1)),
-    )
+    yield Case("either/limit-block-bytes", "an unknown block of 2^28 + 1 zeros, which no decoder needs", parts.sealed(),
+               ("R-5.5-8", "R-13.2-1", "R-5.6-3"), scene=plain_scene(), refusals=("limit-block-bytes",),
+               stage="container", extend_to=parts.header["file_length"])
+    yield _refused("limit-tile-anchors", "65537 anchors in one TILE block; all is well otherwise", "R-5.5-10",
+                   "limit-tile-anchors", _crowded())
+    yield _refused("limit-tile-anchors-top", "a TILE block that says 2^32 - 1 anchors", "R-5.5-10",
+                   "limit-tile-anchors",
+                   broken(root_file(), lambda p: p.entry(TILE_KIND).update(count=(1 << 32) - 1)))
 
 
 def long_last_block(base: bytes, length: int, kind: int, layer: int = 1, start: bytes = b"") -> Parts:
@@ -193,11 +133,8 @@ def long_last_block(base: bytes, length: int, kind: int, layer: int = 1, start: 
     parts.entries[-1].update(length=length, crc32=crc32_with_zeros(start, more))
     summary = parts.layers[layer - 1]
     sizes = summary["stream_bytes"]
-    summary.update(
-        byte_count=summary["byte_count"] + more,
-        end_offset=summary["end_offset"] + more,
-        stream_bytes=(sizes[0] + more, *sizes[1:]),
-    )
+    summary.update(byte_count=summary["byte_count"] + more, end_offset=summary["end_offset"] + more,
+                   stream_bytes=(sizes[0] + more, *sizes[1:]))
     parts.header["file_length"] += more
     return parts
 

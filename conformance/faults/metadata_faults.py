@@ -18,25 +18,17 @@ _NOT_JSON = (
     ("nan", "METADATA that holds NaN", b'{"a":NaN}'),
     ("infinity", "METADATA that holds -Infinity", b'{"a":[-Infinity]}'),
     ("beyond-binary64", "METADATA with a number that rounds to an infinity", b'{"a":[{"b":1e999}]}'),
-    (
-        "beyond-binary64-unreported",
-        "a number that rounds to an infinity, in a member whose name comes again",
-        b'{"a":1e999,"a":2}',
-    ),
+    ("beyond-binary64-unreported", "a number that rounds to an infinity, in a member whose name comes again",
+     b'{"a":1e999,"a":2}'),
     ("whole-beyond-binary64", "METADATA with a whole number of 400 digits", b'{"a":-1' + 400 * b"0" + b"}"),
-    (
-        "whole-of-5000-digits",
-        "a whole number of more digits than some interpreters convert",
-        b'{"a":1' + 5000 * b"0" + b"}",
-    ),
-    ("surrogate-high", "a string with the first half of a surrogate pair, then another escape", b'{"a":"\\ud83c\\n"}'),
+    ("whole-of-5000-digits", "a whole number of more digits than some interpreters convert",
+     b'{"a":1' + 5000 * b"0" + b"}"),
+    ("surrogate-high", "a string with the first half of a surrogate pair, then another escape",
+     b'{"a":"\\ud83c\\n"}'),
     ("surrogate-low", "a string with the second half of a surrogate pair", b'{"a":["\\udf0d\\ud83c"]}'),
     ("surrogate-name", "a name with half a surrogate pair, as upper case hexadecimal", b'{"\\uD800":1}'),
-    (
-        "surrogate-unreported",
-        "half a surrogate pair in a member whose name comes again",
-        b'{"a":"\\udfff","a":"\\\\ud800"}',
-    ),
+    ("surrogate-unreported", "half a surrogate pair in a member whose name comes again",
+     b'{"a":"\\udfff","a":"\\\\ud800"}'),
     ("utf-16", "METADATA in UTF-16", '{"a":1}'.encode("utf-16-le")),
     ("latin-1", "METADATA that is not UTF-8", b'{"a":"\xe9"}'),
     ("byte-order-mark", "METADATA that starts with a byte order mark", b"\xef\xbb\xbf{}"),
@@ -56,29 +48,17 @@ _DEEP = (
 def metadata_faults() -> Iterator[Case]:
     """Each is refused by who reports metadata, and decoded by who does not look at it."""
     parts = long_last_block(root_file(), _MAX_BYTES + 1, kind=_METADATA, start=b"{}")
-    yield Case(
-        "invalid/limit-metadata",
-        "16 MiB and a byte of METADATA, refused before it is read",
-        parts.sealed(),
-        ("R-7.10-1", "R-13.1-1"),
-        refusals=("limit-metadata",),
-        stage="metadata",
-        extend_to=parts.header["file_length"],
-    )
+    yield Case("invalid/limit-metadata", "16 MiB and a byte of METADATA, refused before it is read", parts.sealed(),
+               ("R-7.10-1", "R-13.1-1"), refusals=("limit-metadata",), stage="metadata",
+               extend_to=parts.header["file_length"])
     for name, purpose, text in _NOT_JSON:
         yield _refused(name, purpose, "R-7.10-1", "bad-metadata", text)
     for name, purpose, text in _DEEP:
         yield _refused(name, purpose, "R-7.10-3", "limit-metadata", text)
     sound = remade(root_file(), block_added(b"{}", kind=_METADATA, flags=2))
     wrong = broken(sound, lambda p: p.entry(_METADATA).update(crc32=0))
-    yield Case(
-        "invalid/metadata-crc-zero",
-        "METADATA whose CRC says 0",
-        wrong,
-        ("R-5.6-1",),
-        refusals=("crc-mismatch",),
-        stage="metadata",
-    )
+    yield Case("invalid/metadata-crc-zero", "METADATA whose CRC says 0", wrong, ("R-5.6-1",),
+               refusals=("crc-mismatch",), stage="metadata")
 
 
 def _refused(name: str, purpose: str, rule: str, refusal: str, text: bytes) -> Case:

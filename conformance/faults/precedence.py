@@ -38,41 +38,16 @@ def _case(name: str, purpose: str, rule: str, refusal: str, data: bytes, stage: 
 def _front_cases(base: bytes) -> Iterator[Case]:
     header_end = taken_apart(base).header["header_length"]
     reserved = broken(base, header_with(version_reserved=1))
-    yield _case(
-        "crc",
-        "a wrong header CRC before a reserved byte that is set",
-        "R-5.2-4",
-        "header-crc-mismatch",
-        flipped(reserved, header_end - 1),
-    )
-    yield _case(
-        "fields",
-        "the profile before the slots",
-        "R-5.2-7",
-        "bad-profile",
-        broken(base, header_with(profile=9, slots=0)),
-    )
-    yield _case(
-        "layers",
-        "byte sums of layer 1 before the counts of layer 2",
-        "R-5.3-3",
-        "layer-bytes",
-        broken(base, _both_layers),
-    )
-    yield _case(
-        "trailing",
-        "a byte too many before a damaged directory",
-        "R-5.3-7",
-        "trailing-bytes",
-        flipped(base, header_end + size_of("TILE_RECORD")) + b"\0",
-    )
-    yield _case(
-        "limit",
-        "the reader's limit on tiles before the layer summaries",
-        "R-5.2-19",
-        "limit-tiles",
-        broken(base, header_with(tile_count=(1 << 20) + 1)),
-    )
+    yield _case("crc", "a wrong header CRC before a reserved byte that is set", "R-5.2-4", "header-crc-mismatch",
+                flipped(reserved, header_end - 1))
+    yield _case("fields", "the profile before the slots", "R-5.2-7", "bad-profile",
+                broken(base, header_with(profile=9, slots=0)))
+    yield _case("layers", "byte sums of layer 1 before the counts of layer 2", "R-5.3-3", "layer-bytes",
+                broken(base, _both_layers))
+    yield _case("trailing", "a byte too many before a damaged directory", "R-5.3-7", "trailing-bytes",
+                flipped(base, header_end + size_of("TILE_RECORD")) + b"\0")
+    yield _case("limit", "the reader's limit on tiles before the layer summaries", "R-5.2-19", "limit-tiles",
+                broken(base, header_with(tile_count=(1 << 20) + 1)))
 
 
 def _both_layers(parts: Parts) -> None:
@@ -81,45 +56,22 @@ def _both_layers(parts: Parts) -> None:
 
 
 def _table_cases(base: bytes) -> Iterator[Case]:
-    yield _case(
-        "directory-crc",
-        "the CRC of the directory before the order of tiles",
-        "R-5.4-2",
-        "directory-crc-mismatch",
-        _swapped_tiles_stale_crc(base),
-    )
+    yield _case("directory-crc", "the CRC of the directory before the order of tiles", "R-5.4-2",
+                "directory-crc-mismatch", _swapped_tiles_stale_crc(base))
     rows: tuple[tuple[str, str, str, str, Change], ...] = (
-        (
-            "tiles",
-            "a reserved byte of the last tile before the depth of the first",
-            "R-5.4-3",
-            "bad-reserved",
-            _bad_tiles,
-        ),
-        (
-            "entries",
-            "the flags of the last entry before the layer of the first",
-            "R-5.5-3",
-            "entry-flags",
-            _bad_entries,
-        ),
-        (
-            "sums",
-            "the anchors of layer 1 before the bytes of layer 2",
-            "R-5.5-12",
-            "layer-directory-anchors",
-            _anchor_and_byte,
-        ),
+        ("tiles", "a reserved byte of the last tile before the depth of the first", "R-5.4-3", "bad-reserved",
+         _bad_tiles),
+        ("entries", "the flags of the last entry before the layer of the first", "R-5.5-3", "entry-flags",
+         _bad_entries),
+        ("sums", "the anchors of layer 1 before the bytes of layer 2", "R-5.5-12", "layer-directory-anchors",
+         _anchor_and_byte),
     )
     for name, purpose, rule, refusal, change in rows:
         yield _case(name, purpose, rule, refusal, broken(base, change))
-    yield _case(
-        "unknown",
-        "the anchors of layer 2 before a critical block of an unknown kind",
-        "R-5.5-12",
-        "layer-directory-anchors",
-        broken(remade(base, block_added(kind=17, flags=1, layer=2)), lambda p: _more(p.entry(TILE_KIND, 2), "count")),
-    )
+    yield _case("unknown", "the anchors of layer 2 before a critical block of an unknown kind", "R-5.5-12",
+                "layer-directory-anchors", broken(
+                    remade(base, block_added(kind=17, flags=1, layer=2)),
+                    lambda p: _more(p.entry(TILE_KIND, 2), "count")))
 
 
 def _more(row: Row, field: str) -> None:
@@ -150,41 +102,15 @@ def _swapped_tiles_stale_crc(base: bytes) -> bytes:
 
 def _block_cases(base: bytes) -> Iterator[Case]:
     bad_layer = remade(base, lambda p: p.put(_LAYER, 1, lambda block: block + b"\0"))
-    yield _case(
-        "block-crc",
-        "the CRC of TABLES in layer 2 before the content of LAYER in layer 1",
-        "R-5.6-1",
-        "crc-mismatch",
-        broken(bad_layer, lambda p: _more(p.entry(_TABLES, 2), "crc32")),
-        "models",
-    )
-    yield _case(
-        "models",
-        "the content of LAYER in layer 2 before the CRC of a TILE block in layer 1",
-        "R-5.7-2",
-        "payload-long",
-        broken(
-            remade(base, lambda p: p.put(_LAYER, 2, lambda block: block + b"\0")),
-            lambda p: _more(p.entry(TILE_KIND, 1), "crc32"),
-        ),
-        "models",
-    )
-    yield _case(
-        "layer-by-layer",
-        "TABLES of layer 1 before LAYER of layer 2",
-        "R-5.8-4",
-        "bad-zstd",
-        remade(base, _bad_tables_and_layer),
-        "models",
-    )
-    yield _case(
-        "tables-codebooks",
-        "TABLES of layer 2 before CODEBOOKS of layer 1",
-        "R-5.7-2",
-        "payload-long",
-        remade(base, _bad_tables_and_books),
-        "models",
-    )
+    yield _case("block-crc", "the CRC of TABLES in layer 2 before the content of LAYER in layer 1", "R-5.6-1",
+                "crc-mismatch", broken(bad_layer, lambda p: _more(p.entry(_TABLES, 2), "crc32")), "models")
+    yield _case("models", "the content of LAYER in layer 2 before the CRC of a TILE block in layer 1", "R-5.7-2",
+                "payload-long", broken(remade(base, lambda p: p.put(_LAYER, 2, lambda block: block + b"\0")),
+                                       lambda p: _more(p.entry(TILE_KIND, 1), "crc32")), "models")
+    yield _case("layer-by-layer", "TABLES of layer 1 before LAYER of layer 2", "R-5.8-4", "bad-zstd",
+                remade(base, _bad_tables_and_layer), "models")
+    yield _case("tables-codebooks", "TABLES of layer 2 before CODEBOOKS of layer 1", "R-5.7-2", "payload-long",
+                remade(base, _bad_tables_and_books), "models")
 
 
 def _bad_tables_and_layer(parts: Parts) -> None:

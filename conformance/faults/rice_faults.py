@@ -49,35 +49,21 @@ def _codebook_faults(data: bytes) -> Iterator[Fault]:
         return changed(data, BlockKind.CODEBOOKS, 1, lambda p: p[:start] + column)
 
     mapped = [2 * int(word) if word >= 0 else -2 * int(word) - 1 for word in words]
-    yield ("rice-parameter", "a parameter of 32, low bits to match", *_RULE, ending(_coded(mapped, MAX_PARAMETER + 1)))
+    yield ("rice-parameter", "a parameter of 32, low bits to match", *_RULE,
+           ending(_coded(mapped, MAX_PARAMETER + 1)))
     yield ("rice-quotient", "a quotient of 256", *_RULE, ending(_coded([MAX_QUOTIENT + 1, *mapped[1:]], 0)))
     fitting = next(k for k in range(32) if max(mapped) >> k <= 8 and _fill(sum(m >> k for m in mapped) + len(words)))
     yield "rice-fill", "a fill bit of 1 after the quotients", *_RULE, ending(_coded(mapped, fitting, quotient_fill=1))
     odd = next(k for k in range(1, 32) if max(mapped) >> k <= 8 and _fill(k * len(words)))
     yield "rice-fill-low", "a fill bit of 1 after the low bits", *_RULE, ending(_coded(mapped, odd, low_fill=1))
     yield "rice-wide", "a number of 33 bits", *_RULE, ending(_coded([1 << 32, *mapped[1:]], MAX_PARAMETER))
-    yield (
-        "rice-ones",
-        "bits 1 all through as many bytes as the quotients can take",
-        _ORDER,
-        "bad-rice",
-        ending(b"\0" + b"\xff" * (32 * len(words))),
-    )
-    yield (
-        "rice-ones-short",
-        "as rice-ones, but one byte less: the payload ends first",
-        _ORDER,
-        "payload-short",
-        ending(b"\0" + b"\xff" * (32 * len(words) - 1)),
-    )
+    yield ("rice-ones", "bits 1 all through as many bytes as the quotients can take", _ORDER, "bad-rice",
+           ending(b"\0" + b"\xff" * (32 * len(words))))
+    yield ("rice-ones-short", "as rice-ones, but one byte less: the payload ends first", _ORDER, "payload-short",
+           ending(b"\0" + b"\xff" * (32 * len(words) - 1)))
     # The last quotient is only half there; that the first is too large is not looked at before.
-    yield (
-        "rice-short",
-        "a quotient of 256, then the payload ends before the last zero",
-        _ORDER,
-        "payload-short",
-        ending(_coded([MAX_QUOTIENT + 1, *[0] * (len(words) - 2), 8], 0)[:-1]),
-    )
+    yield ("rice-short", "a quotient of 256, then the payload ends before the last zero", _ORDER, "payload-short",
+           ending(_coded([MAX_QUOTIENT + 1, *[0] * (len(words) - 2), 8], 0)[:-1]))
 
 
 def _coded(mapped: list[int], k: int, quotient_fill: int = 0, low_fill: int = 0) -> bytes:
@@ -110,15 +96,7 @@ def _shift_faults(equal: bytes) -> Iterator[Fault]:
         return changed(equal, BlockKind.ENTROPY_NETWORK, 1, lambda p: p[: -len(tail)] + code)
 
     yield ("shift-32", "zeros shifted by 32", *_SHIFT_RULE, ending(bytes([MAX_PARAMETER + 1]) + tail[1:]))
-    yield (
-        "shift-wide",
-        "1 shifted by 31",
-        *_SHIFT_RULE,
-        ending(bytes([MAX_PARAMETER]) + rice(np.ones(len(biases), np.int64).tolist())),
-    )
-    yield (
-        "shift-low",
-        "-1 shifted by 31: -2^31, which 32 bits hold",
-        *_SHIFT_RULE,
-        ending(bytes([MAX_PARAMETER]) + rice((-np.ones(len(biases), np.int64)).tolist())),
-    )
+    yield ("shift-wide", "1 shifted by 31", *_SHIFT_RULE,
+           ending(bytes([MAX_PARAMETER]) + rice(np.ones(len(biases), np.int64).tolist())))
+    yield ("shift-low", "-1 shifted by 31: -2^31, which 32 bits hold", *_SHIFT_RULE,
+           ending(bytes([MAX_PARAMETER]) + rice((-np.ones(len(biases), np.int64)).tolist())))

@@ -101,73 +101,30 @@ def _table_faults(base: bytes) -> Iterator[Fault]:
     word = bytes([1, 0, 0, 0])
     eleven = [(kind, 4, zlib.crc32(word)) for kind in range(1, 12)]
     fits, order = ("R-7.1-1", _TABLE), ("R-7.1-3", _TABLE)
-    yield (
-        "records-twelve",
-        "a table of twelve records",
-        *fits,
-        tile(lambda _, __: _framed([*eleven, (12, 4, zlib.crc32(word))], 12 * word)),
-    )
-    yield (
-        "records-beyond",
-        "a table of records past the end of its block",
-        *fits,
-        tile(lambda r, _: _framed(r, b"", 11)),
-    )
+    yield ("records-twelve", "a table of twelve records", *fits,
+           tile(lambda _, __: _framed([*eleven, (12, 4, zlib.crc32(word))], 12 * word)))
+    yield ("records-beyond", "a table of records past the end of its block", *fits,
+           tile(lambda r, _: _framed(r, b"", 11)))
     yield "records-no-crc", "a block of four bytes has no room for the CRC", *fits, tile(lambda _, __: bytes(4))
-    yield (
-        "records-crc",
-        "the CRC of the table is wrong, that of the block is right",
-        "R-7.1-2",
-        "crc-mismatch",
-        _with_tile(base, 1, _flipped_table_crc),
-    )
-    yield (
-        "substream-crc-first",
-        "the CRC of the first sub-stream is wrong",
-        "R-7.1-5",
-        "crc-mismatch",
-        tile(lambda r, p: _framed([(*r[0][:2], r[0][2] ^ 1), *r[1:]], p)),
-    )
-    yield (
-        "record-kind-0",
-        "a record of kind 0",
-        *order,
-        tile(lambda r, p: _framed([(0, 4, zlib.crc32(word)), *r], word + p)),
-    )
-    yield (
-        "record-kind-12",
-        "a record of the kind FRAMING",
-        *order,
-        tile(lambda r, p: _framed([*r, (12, 4, zlib.crc32(word))], p + word)),
-    )
+    yield ("records-crc", "the CRC of the table is wrong, that of the block is right", "R-7.1-2", "crc-mismatch",
+           _with_tile(base, 1, _flipped_table_crc))
+    yield ("substream-crc-first", "the CRC of the first sub-stream is wrong", "R-7.1-5", "crc-mismatch",
+           tile(lambda r, p: _framed([(*r[0][:2], r[0][2] ^ 1), *r[1:]], p)))
+    yield ("record-kind-0", "a record of kind 0", *order,
+           tile(lambda r, p: _framed([(0, 4, zlib.crc32(word)), *r], word + p)))
+    yield ("record-kind-12", "a record of the kind FRAMING", *order,
+           tile(lambda r, p: _framed([*r, (12, 4, zlib.crc32(word))], p + word)))
     yield "records-descend", "two records swapped", *order, tile(lambda r, p: _framed([r[1], r[0], *r[2:]], p))
-    yield (
-        "records-equal",
-        "two records of one kind",
-        *order,
-        tile(lambda r, p: _framed([r[0], r[0], *r[1:]], p[: r[0][1]] + p)),
-    )
-    yield (
-        "record-empty",
-        "a record of no bytes",
-        *order,
-        tile(lambda r, p: _framed([(r[0][0], 0, 0), *r[1:]], p[r[0][1] :])),
-    )
+    yield ("records-equal", "two records of one kind", *order,
+           tile(lambda r, p: _framed([r[0], r[0], *r[1:]], p[: r[0][1]] + p)))
+    yield ("record-empty", "a record of no bytes", *order,
+           tile(lambda r, p: _framed([(r[0][0], 0, 0), *r[1:]], p[r[0][1] :])))
     yield "record-odd", "a sub-stream of six bytes", *order, tile(_six_bytes)
-    yield (
-        "offsets-explicit-crc",
-        "OFFSETS in the explicit profile, with a wrong CRC",
-        "R-7.1-4",
-        _TABLE,
-        tile(lambda r, p: _framed([*r, (11, 4, zlib.crc32(word) ^ 1)], p + word)),
-    )
+    yield ("offsets-explicit-crc", "OFFSETS in the explicit profile, with a wrong CRC", "R-7.1-4", _TABLE,
+           tile(lambda r, p: _framed([*r, (11, 4, zlib.crc32(word) ^ 1)], p + word)))
     yield "substreams-gap", "four bytes after the last sub-stream", *order, tile(lambda r, p: _framed(r, p + word))
-    yield (
-        "substreams-beyond",
-        "the last sub-stream ends past the block",
-        *order,
-        tile(lambda r, p: _framed([*r[:-1], (r[-1][0], r[-1][1] + 4, r[-1][2])], p)),
-    )
+    yield ("substreams-beyond", "the last sub-stream ends past the block", *order,
+           tile(lambda r, p: _framed([*r[:-1], (r[-1][0], r[-1][1] + 4, r[-1][2])], p)))
 
 
 def _flipped_table_crc(payload: bytes) -> bytes:
@@ -186,37 +143,16 @@ def _idle_faults(base: bytes, constant: bytes) -> Iterator[Fault]:
     rule = "R-7.1-4", _TABLE
     word = bytes([1, 0, 0, 0])
     for name, stream in (("positions", Stream.POSITIONS), ("classes", Stream.CLASSES)):
-        yield (
-            f"{name}-without-anchors",
-            f"{stream.name} in a block in which no anchor appears",
-            *rule,
-            _second_block(constant, {stream: word}, 0),
-        )
-    yield (
-        "channel-without-table",
-        "a channel that the channel table does not have",
-        *rule,
-        _with_part(constant, 1, Stream.COLOUR, lambda _: word),
-    )
-    yield (
-        "offsets-explicit",
-        "OFFSETS in the explicit profile",
-        *rule,
-        _with_part(base, 1, Stream.OFFSETS, lambda _: word),
-    )
-    yield (
-        "anchors-without-class",
-        "an anchor appears in a layer in which no class does",
-        "R-7.3-1",
-        "bad-class",
-        _second_block(constant, {}, 1),
-    )
-    yield (
-        "anchors-without-class-seal",
-        "the same, and POSITIONS, which comes first, does not end in the empty state",
-        *_SEAL,
-        _second_block(constant, {Stream.POSITIONS: word}, 1),
-    )
+        yield (f"{name}-without-anchors", f"{stream.name} in a block in which no anchor appears", *rule,
+               _second_block(constant, {stream: word}, 0))
+    yield ("channel-without-table", "a channel that the channel table does not have", *rule,
+           _with_part(constant, 1, Stream.COLOUR, lambda _: word))
+    yield ("offsets-explicit", "OFFSETS in the explicit profile", *rule,
+           _with_part(base, 1, Stream.OFFSETS, lambda _: word))
+    yield ("anchors-without-class", "an anchor appears in a layer in which no class does", "R-7.3-1", "bad-class",
+           _second_block(constant, {}, 1))
+    yield ("anchors-without-class-seal", "the same, and POSITIONS, which comes first, does not end in the empty state",
+           *_SEAL, _second_block(constant, {Stream.POSITIONS: word}, 1))
 
 
 def _second_block(constant: bytes, parts: dict[Stream, bytes], new: int) -> bytes:
@@ -236,44 +172,20 @@ def _rans_faults(data: dict[str, bytes]) -> Iterator[Fault]:
     constant, base, anchors = data["one-symbol"], data["explicit-refined"], data["anchors"]
     word = bytes([1, 0, 0, 0])
     for stream in (Stream.CLASSES, Stream.SCALE, Stream.INDICES):
-        yield (
-            f"{stream.name.lower()}-unread",
-            f"{stream.name} codes nothing, but has a word",
-            *_SEAL,
-            _with_part(constant, 1, stream, lambda _: word),
-        )
-    yield (
-        "indices-without-stages",
-        "INDICES in a layer in which no anchor gets a stage",
-        *_SEAL,
-        _with_part(data["sixteen-layers"], 1, Stream.INDICES, lambda _: word),
-    )
+        yield (f"{stream.name.lower()}-unread", f"{stream.name} codes nothing, but has a word", *_SEAL,
+               _with_part(constant, 1, stream, lambda _: word))
+    yield ("indices-without-stages", "INDICES in a layer in which no anchor gets a stage", *_SEAL,
+           _with_part(data["sixteen-layers"], 1, Stream.INDICES, lambda _: word))
     for stream, file in (
-        (Stream.POSITIONS, constant),
-        (Stream.MASKS, anchors),
-        (Stream.OFFSETS, anchors),
-        (Stream.LATENT, base),
+        (Stream.POSITIONS, constant), (Stream.MASKS, anchors), (Stream.OFFSETS, anchors), (Stream.LATENT, base),
     ):
         layer = 2 if stream == Stream.LATENT else 1
-        yield (
-            f"{stream.name.lower()}-word-more",
-            f"{stream.name} has a word more than its symbols take",
-            *_SEAL,
-            _with_part(file, layer, stream, lambda part: word + part),
-        )
-    yield (
-        "words-missing",
-        "a stream without its first word: the reader goes on, the end is wrong",
-        *_SEAL,
-        _with_part(data["sh-from-network"], 1, Stream.INDICES, lambda part: part[4:]),
-    )
-    yield (
-        "word-zero",
-        "a stream of one word, which is 0",
-        "R-8.2-1",
-        "rans-last-word",
-        _with_part(constant, 1, Stream.SCALE, lambda _: bytes(4)),
-    )
+        yield (f"{stream.name.lower()}-word-more", f"{stream.name} has a word more than its symbols take", *_SEAL,
+               _with_part(file, layer, stream, lambda part: word + part))
+    yield ("words-missing", "a stream without its first word: the reader goes on, the end is wrong", *_SEAL,
+           _with_part(data["sh-from-network"], 1, Stream.INDICES, lambda part: part[4:]))
+    yield ("word-zero", "a stream of one word, which is 0", "R-8.2-1", "rans-last-word",
+           _with_part(constant, 1, Stream.SCALE, lambda _: bytes(4)))
 
 
 def _missing_tables(data: dict[str, bytes]) -> Iterator[Fault]:
@@ -291,31 +203,16 @@ def _missing_tables(data: dict[str, bytes]) -> Iterator[Fault]:
         ("offsets", "anchors", 1, Stream.OFFSETS),
         ("indices", "explicit-refined", 1, Stream.INDICES),
     ):
-        yield (f"no-table-{name}", f"{stream.name} has no table", *rule, dropped(file, layer, _of(stream)))
-    yield (
-        "no-table-bins",
-        "no table of the bins of large nodes",
-        *rule,
-        dropped("duplicates", 1, lambda record: record.key == number(Stream.POSITIONS, 0, 0, 17)),
-    )
-    yield (
-        "no-table-trits",
-        "a refinement has no table",
-        *rule,
-        dropped("explicit-refined", 2, lambda record: record.stream == Stream.SCALE and record.step == 2),
-    )
-    yield (
-        "no-table-predicted",
-        "a context number of a predictor has no table",
-        *rule,
-        dropped("predictors", 1, lambda r: (r.stream, r.component, r.step) == (Stream.OPACITY, 0, 1)),
-    )
-    yield (
-        "table-late",
-        "a table of layer 2 does not code symbols of layer 1",
-        *rule,
-        _late_table(data["explicit-refined"]),
-    )
+        yield (f"no-table-{name}", f"{stream.name} has no table", *rule,
+               dropped(file, layer, _of(stream)))
+    yield ("no-table-bins", "no table of the bins of large nodes", *rule,
+           dropped("duplicates", 1, lambda record: record.key == number(Stream.POSITIONS, 0, 0, 17)))
+    yield ("no-table-trits", "a refinement has no table", *rule,
+           dropped("explicit-refined", 2, lambda record: record.stream == Stream.SCALE and record.step == 2))
+    yield ("no-table-predicted", "a context number of a predictor has no table", *rule,
+           dropped("predictors", 1, lambda r: (r.stream, r.component, r.step) == (Stream.OPACITY, 0, 1)))
+    yield ("table-late", "a table of layer 2 does not code symbols of layer 1", *rule,
+           _late_table(data["explicit-refined"]))
 
 
 def _of(stream: Stream) -> Callable[[Record], bool]:
@@ -330,13 +227,8 @@ def _late_table(base: bytes) -> bytes:
         return [record for record in records if record.stream != Stream.OPACITY]
 
     taken = with_tables(base, 1, take)
-    return with_tables(
-        taken,
-        2,
-        lambda records: sorted(
-            {**{r.key: r for r in moved}, **{r.key: r for r in records}}.values(), key=lambda record: record.key
-        ),
-    )
+    return with_tables(taken, 2, lambda records: sorted(
+        {**{r.key: r for r in moved}, **{r.key: r for r in records}}.values(), key=lambda record: record.key))
 
 
 # ---------------------------------------------------------------------------------------------- symbols
@@ -361,87 +253,43 @@ def _position_faults(small: bytes, duplicates: bytes, full: bytes) -> Iterator[F
     def node(n: int) -> Callable[[Record], bool]:
         return lambda record: record.key == number(Stream.POSITIONS, 0, 0, n)
 
-    yield (
-        "split-above",
-        "more anchors in the lower half than the node has",
-        *_SPLIT,
-        _with_value(small, 1, node(2), None, 3),
-    )
-    yield (
-        "split-negative",
-        "fewer than no anchors in the lower half",
-        *_SPLIT,
-        _with_value(small, 1, node(2), None, -1),
-    )
+    yield ("split-above", "more anchors in the lower half than the node has", *_SPLIT,
+           _with_value(small, 1, node(2), None, 3))
+    yield ("split-negative", "fewer than no anchors in the lower half", *_SPLIT,
+           _with_value(small, 1, node(2), None, -1))
     yield "split-bin-16", "a bin of 16", *_SPLIT, _with_value(duplicates, 1, node(17), None, 16)
     yield "split-bin-negative", "a bin of -1", *_SPLIT, _with_value(duplicates, 1, node(17), None, -1)
-    one_bin = with_tables(
-        full,
-        1,
-        lambda records: [
-            Record(record.key, (0,), (1,)) if record.key == number(Stream.POSITIONS, 0, 0, 17) else record
-            for record in records
-        ],
-    )
+    one_bin = with_tables(full, 1, lambda records: [
+        Record(record.key, (0,), (1,)) if record.key == number(Stream.POSITIONS, 0, 0, 17) else record
+        for record in records
+    ])
     # Of 65536 anchors the bin 0 is 4097 wide: its rest travels as 1 and 4095 of two uniform tables.
     rest = rans_words([uniform(2, 1), uniform(4096, 4095)])
-    yield (
-        "split-rest",
-        "a rest of 8191 in a bin 4097 wide",
-        *_SPLIT,
-        _with_part(one_bin, 1, Stream.POSITIONS, lambda _: rest),
-    )
+    yield ("split-rest", "a rest of 8191 in a bin 4097 wide", *_SPLIT,
+           _with_part(one_bin, 1, Stream.POSITIONS, lambda _: rest))
     edge = rans_words([uniform(2, 1), uniform(4096, 1)])
-    yield (
-        "split-rest-edge",
-        "a rest of 4097 in a bin 4097 wide",
-        *_SPLIT,
-        _with_part(one_bin, 1, Stream.POSITIONS, lambda _: edge),
-    )
+    yield ("split-rest-edge", "a rest of 4097 in a bin 4097 wide", *_SPLIT,
+           _with_part(one_bin, 1, Stream.POSITIONS, lambda _: edge))
 
 
 def _anchor_faults(data: dict[str, bytes]) -> Iterator[Fault]:
     base, anchors = data["explicit-refined"], data["anchors"]
 
     classes, masks = _of(Stream.CLASSES), _of(Stream.MASKS)
-    yield (
-        "class-above",
-        "a class that does not appear yet",
-        "R-7.3-1",
-        "bad-class",
-        _with_value(base, 3, classes, None, 2),
-    )
-    yield (
-        "class-before",
-        "a class that appeared in an earlier layer",
-        "R-7.3-1",
-        "bad-class",
-        _with_value(base, 3, classes, None, -1),
-    )
+    yield ("class-above", "a class that does not appear yet", "R-7.3-1", "bad-class",
+           _with_value(base, 3, classes, None, 2))
+    yield ("class-before", "a class that appeared in an earlier layer", "R-7.3-1", "bad-class",
+           _with_value(base, 3, classes, None, -1))
     word = bytes([1, 0, 0, 0])
     above = _with_value(base, 3, classes, None, 2)
-    yield (
-        "class-above-positions",
-        "a class that does not appear yet, after POSITIONS with a word too many",
-        *_SEAL,
-        _with_part(above, 3, Stream.POSITIONS, lambda part: word + part),
-    )
-    yield (
-        "class-above-seal",
-        "a class that does not appear yet, in CLASSES with a word too many",
-        "R-7.3-1",
-        "bad-class",
-        _with_part(above, 3, Stream.CLASSES, lambda part: word + part),
-    )
+    yield ("class-above-positions", "a class that does not appear yet, after POSITIONS with a word too many", *_SEAL,
+           _with_part(above, 3, Stream.POSITIONS, lambda part: word + part))
+    yield ("class-above-seal", "a class that does not appear yet, in CLASSES with a word too many", "R-7.3-1",
+           "bad-class", _with_part(above, 3, Stream.CLASSES, lambda part: word + part))
     yield "mask-two", "a mask symbol of 2", "R-7.4-1", "bad-mask", _with_value(anchors, 1, masks, 1, 2)
     yield "mask-negative", "a mask symbol of -1", "R-7.4-1", "bad-mask", _with_value(anchors, 1, masks, 0, -1)
-    yield (
-        "mask-two-later",
-        "a mask symbol of 2 in layer 2",
-        "R-7.4-1",
-        "bad-mask",
-        with_tables(anchors, 2, _masks_of_two),
-    )
+    yield ("mask-two-later", "a mask symbol of 2 in layer 2", "R-7.4-1", "bad-mask",
+           with_tables(anchors, 2, _masks_of_two))
 
 
 def _masks_of_two(records: Records) -> Records:
@@ -459,35 +307,18 @@ def _trit_faults(base: bytes, predictors: bytes) -> Iterator[Fault]:
 
     yield "trit-two", "a refinement of 2", *rule, _with_value(base, 2, step(2, Stream.SCALE), 1, 2)
     yield "trit-minus-two", "a refinement of -2", *rule, _with_value(base, 3, step(2, Stream.ROTATION), -1, -2)
-    yield (
-        "trit-predicted",
-        "a refinement of 2 with a predictor",
-        *rule,
-        _with_value(predictors, 2, step(2, Stream.SCALE), 1, 2),
-    )
-    yield (
-        "trit-residual",
-        "a refinement of -2 of POSITION_RESIDUAL",
-        *rule,
-        _with_value(base, 3, step(2, Stream.POSITION_RESIDUAL), -1, -2),
-    )
+    yield ("trit-predicted", "a refinement of 2 with a predictor", *rule,
+           _with_value(predictors, 2, step(2, Stream.SCALE), 1, 2))
+    yield ("trit-residual", "a refinement of -2 of POSITION_RESIDUAL", *rule,
+           _with_value(base, 3, step(2, Stream.POSITION_RESIDUAL), -1, -2))
 
 
 def _constant_plan(name: str, predictors: tuple[PredictorPlan, ...] = (), layers: tuple[int, ...] = (1, 2)) -> Plan:
     """Every value is -5 * 3^(n-1)."""
     channels = (channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN),)
     rows = tuple(LayerRow((0,), ((n,),)) for n in layers)
-    return Plan(
-        name,
-        channels,
-        rows,
-        (Tile(0, 0, 0),),
-        (20,),
-        bits=5,
-        constant=True,
-        predictors=predictors,
-        context=DecodedContext(1, (4,)),
-    )
+    return Plan(name, channels, rows, (Tile(0, 0, 0),), (20,), bits=5, constant=True, predictors=predictors,
+                context=DecodedContext(1, (4,)))
 
 
 def _range_faults() -> Iterator[Fault]:
@@ -505,29 +336,17 @@ def _range_faults() -> Iterator[Fault]:
 
     yield "value-beyond", "-2^31 - 1 after the second step", *_RANGE, overflowing(plain, 2, 0)
     yield "value-lowest", "-2^31 after the second step: in 32 bits, but not allowed", *_RANGE, overflowing(plain, 2, 1)
-    yield (
-        "value-beyond-at-once",
-        "-2^31 - 2 after the second step, which travels with the first",
-        *_RANGE,
-        overflowing(together, 1, -1),
-    )
-    yield (
-        "value-beyond-predicted",
-        "-2^31 after the second step, which has a predictor",
-        *_RANGE,
-        overflowing(predicted, 2, 1),
-    )
+    yield ("value-beyond-at-once", "-2^31 - 2 after the second step, which travels with the first", *_RANGE,
+           overflowing(together, 1, -1))
+    yield ("value-beyond-predicted", "-2^31 after the second step, which has a predictor", *_RANGE,
+           overflowing(predicted, 2, 1))
 
     def above(data: bytes, context: int) -> bytes:
         """3 * 715827883 - 1; the record of the refinement is for the context of values above 1."""
         first = _with_value(data, 1, lambda r: (r.component, r.step) == (1, 1), -5, 715827883)
-        return with_tables(
-            first,
-            2,
-            lambda records: [
-                Record(r.key + context, (-1,), (1,)) if (r.component, r.step) == (1, 2) else r for r in records
-            ],
-        )
+        return with_tables(first, 2, lambda records: [
+            Record(r.key + context, (-1,), (1,)) if (r.component, r.step) == (1, 2) else r for r in records
+        ])
 
     yield "value-above", "2^31 after the second step", *_RANGE, above(plain, 4)
     yield "value-above-predicted", "2^31 after the second step, which has a predictor", *_RANGE, above(predicted, 0)
@@ -546,12 +365,8 @@ def _reach_faults() -> Iterator[Fault]:
 
     yield "residual-beyond", "a position residual of -1.2", *_REACH, _with_value(data, 1, residual(1), -5, -6)
     yield "residual-above", "a position residual of 1.2", *_REACH, _with_value(data, 1, residual(1), -5, 6)
-    yield (
-        "residual-beyond-later",
-        "a position residual that leaves -1 in its second step, in layer 3",
-        *_REACH,
-        _with_value(data, 3, residual(2), 0, -1),
-    )
+    yield ("residual-beyond-later", "a position residual that leaves -1 in its second step, in layer 3", *_REACH,
+           _with_value(data, 3, residual(2), 0, -1))
 
 
 def _index_faults(base: bytes) -> Iterator[Fault]:
@@ -562,17 +377,9 @@ def _index_faults(base: bytes) -> Iterator[Fault]:
 
     yield "index-negative", "an index of -1", *rule, _with_value(base, 1, stage(1), None, -1)
     yield ("index-above", "an index of 12 in a codebook of 12", *rule, _with_value(base, 1, stage(1), None, 12))
-    yield (
-        "index-residual",
-        "an index of stage 2 beyond the residual codebook",
-        *rule,
-        _with_value(base, 2, stage(2), None, 12),
-    )
+    yield ("index-residual", "an index of stage 2 beyond the residual codebook", *rule,
+           _with_value(base, 2, stage(2), None, 12))
     late = _with_value(base, 3, lambda record: record.key == number(Stream.INDICES, 1, 0, 16), None, 12)
-    yield (
-        "index-above-without-table",
-        "an index of 12 in one context, and no table for the next of that stage",
-        "R-8.3-3",
-        "missing-table",
-        with_tables(late, 3, lambda rs: [r for r in rs if r.key != number(Stream.INDICES, 1, 0, 32)]),
-    )
+    yield ("index-above-without-table", "an index of 12 in one context, and no table for the next of that stage",
+           "R-8.3-3", "missing-table",
+           with_tables(late, 3, lambda rs: [r for r in rs if r.key != number(Stream.INDICES, 1, 0, 32)]))

@@ -46,15 +46,8 @@ def truncated_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterat
         whole, scene = files[name]
         for layers in numbers:
             purpose = f"{name} truncated to layer {layers}: equals what an editor makes of it (SPEC §14)"
-            yield Case(
-                f"truncated/{name}-{layers}",
-                purpose,
-                cut_to_layers(whole, layers),
-                ("R-14-1", "R-14-2"),
-                scene=scene,
-                layers=layers,
-                origin=f"valid/{name}",
-            )
+            yield Case(f"truncated/{name}-{layers}", purpose, cut_to_layers(whole, layers), ("R-14-1", "R-14-2"),
+                       scene=scene, layers=layers, origin=f"valid/{name}")
     yield from _later_faults(*files["explicit-refined"])
     yield from _short_files(plain_file())
 
@@ -65,12 +58,8 @@ def _later_faults(data: bytes, scene: QuantisedScene) -> Iterator[Case]:
     damaged = broken(data, lambda p: [entry.update(crc32=0) for entry in p.entries if entry["layer"] == 3])
     for name, purpose, rule, file in (
         ("absent", "no LAYER block in layer 3: a decoder to layer 2 needs none", "R-6.5-1", absent),
-        (
-            "damaged",
-            "every block of layer 3 has a wrong CRC: a decoder to layer 2 has no need of them",
-            "R-12.3-2",
-            damaged,
-        ),
+        ("damaged", "every block of layer 3 has a wrong CRC: a decoder to layer 2 has no need of them", "R-12.3-2",
+         damaged),
     ):
         yield Case(f"edge/later-layer-{name}", purpose, file, (rule, "R-12.2-2"), scene=scene, layers=2)
 
@@ -79,18 +68,12 @@ def cut_to_layers(data: bytes, layers: int) -> bytes:
     """SPEC §14, steps 2 and 3."""
     parts = taken_apart(data)
     kept = [
-        number
-        for number, entry in enumerate(parts.entries)
+        number for number, entry in enumerate(parts.entries)
         if entry["layer"] <= layers
         and (layers == len(parts.layers) or entry["kind"] in _KNOWN or entry["flags"] & _SAFE_TO_COPY)
     ]
-    cut = Parts(
-        parts.header,
-        parts.layers[:layers],
-        parts.tiles,
-        [parts.entries[n] for n in kept],
-        [parts.blocks[n] for n in kept],
-    )
+    cut = Parts(parts.header, parts.layers[:layers], parts.tiles, [parts.entries[n] for n in kept],
+                [parts.blocks[n] for n in kept])
     cut.settle()
     return cut.sealed()
 
@@ -102,13 +85,8 @@ def _short_files(data: bytes) -> Iterator[Case]:
         if length >= taken_apart(data).header["header_length"]:
             rule, refusal = "R-5.3-8", "truncated-file"
         yield _cut(name, f"the file ends {purpose}", data[:length], rule, refusal)
-    yield _cut(
-        "in-other-version",
-        "ten bytes of a file of another major version: without `minor`, nothing is compared",
-        data[:9] + b"\5",
-        "R-5.2-1",
-        "truncated-header",
-    )
+    yield _cut("in-other-version", "ten bytes of a file of another major version: without `minor`, nothing is compared",
+               data[:9] + b"\5", "R-5.2-1", "truncated-header")
     large = long_last_block(data, 1 << 40, kind=_PRIVATE, layer=2)
     yield _cut("of-1-tib", "a file of 1 TiB of which little arrived", large.sealed(), "R-5.3-8", "truncated-file")
 

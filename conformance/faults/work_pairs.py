@@ -50,21 +50,10 @@ def work_pairs() -> Iterator[Case]:
     for name, plan, width in _PLANS:
         data = vector_file(_costly(build(plan), width), options=_RUNS)
         within, beyond = _pair(data)
-        yield Case(
-            f"invalid/work-{name}-within",
-            f"work of {name} just within the limit: a CRC of a tile is the fault",
-            within,
-            ("R-5.6-1", "R-12.2-1", "R-13.2-1"),
-            refusals=("crc-mismatch",),
-        )
-        yield Case(
-            f"either/work-{name}-beyond",
-            "the same file a byte shorter: its work is beyond the limit",
-            beyond,
-            ("R-13.2-1",),
-            refusals=("limit-work", "crc-mismatch"),
-            stage="models",
-        )
+        yield Case(f"invalid/work-{name}-within", f"work of {name} just within the limit: a CRC of a tile is the fault",
+                   within, ("R-5.6-1", "R-12.2-1", "R-13.2-1"), refusals=("crc-mismatch",))
+        yield Case(f"either/work-{name}-beyond", "the same file a byte shorter: its work is beyond the limit", beyond,
+                   ("R-13.2-1",), refusals=("limit-work", "crc-mismatch"), stage="models")
 
 
 def _costly(scene: QuantisedScene, width: int) -> QuantisedScene:
@@ -75,12 +64,10 @@ def _costly(scene: QuantisedScene, width: int) -> QuantisedScene:
 
 
 def _zeros(*widths: int) -> QuantisedMlp:
-    return QuantisedMlp(
-        tuple(
-            Linear(np.zeros((rows, columns), np.int16), np.zeros(rows, np.float32), np.zeros(rows, np.float32))
-            for columns, rows in itertools.pairwise(widths)
-        )
-    )
+    return QuantisedMlp(tuple(
+        Linear(np.zeros((rows, columns), np.int16), np.zeros(rows, np.float32), np.zeros(rows, np.float32))
+        for columns, rows in itertools.pairwise(widths)
+    ))
 
 
 def _pair(data: bytes) -> tuple[bytes, bytes]:
@@ -132,105 +119,39 @@ def _filled(data: bytes, more: int, size: int) -> bytes:
 
 _BIG_GRID = GridPlan((0, 0, 0), 16, (GridLevel(0, 40, 12, 2), GridLevel(1, 5, 6, 1)))
 _SCALE_COLOUR = (
-    channel(Stream.SCALE, 0.5, BY_CLASS, PLAIN, PLAIN),
-    channel(Stream.COLOUR, 0.1, PLAIN, BY_CLASS, PLAIN),
+    channel(Stream.SCALE, 0.5, BY_CLASS, PLAIN, PLAIN), channel(Stream.COLOUR, 0.1, PLAIN, BY_CLASS, PLAIN),
 )
 _DEEP = (
-    LayerRow((1, 2), ((1, 1), (1, 1)), True),
-    LayerRow((2, 2, 0), ((2, 2), (2, 2), (1, 1)), True),
+    LayerRow((1, 2), ((1, 1), (1, 1)), True), LayerRow((2, 2, 0), ((2, 2), (2, 2), (1, 1)), True),
     LayerRow((4, 3, 8), ((2, 2), (3, 3), (2, 2)), True),
 )
 _MODES = (
-    LayerRow((1,), ((1, 1),)),
-    LayerRow((2,), ((2, 2),), True),
-    LayerRow((3,), ((2, 2),)),
+    LayerRow((1,), ((1, 1),)), LayerRow((2,), ((2, 2),), True), LayerRow((3,), ((2, 2),)),
     LayerRow((5, 1), ((3, 3), (1, 1)), True),
 )
 _PLANS = (
-    (
-        "channels",
-        Plan("work channels", EVERY_CHANNEL, REFINED_ROWS, SPREAD_TILES, (9, 5, 0, 20), degree=2, dimension=5),
-        256,
-    ),
-    (
-        "predictors",
-        Plan(
-            "work predictors",
-            EVERY_CHANNEL,
-            REFINED_ROWS,
-            SPREAD_TILES,
-            (12, 9, 0, 17),
-            degree=2,
-            dimension=5,
-            context=DecodedContext(2, (40, 5)),
-            predictors=(
-                PredictorPlan(Stream.SCALE, 0, 1, 4),
-                PredictorPlan(Stream.SCALE, 2, 1, 0),
-                PredictorPlan(Stream.SCALE, 1, 2, 3),
-                PredictorPlan(Stream.ROTATION, 2, 3, 5),
-                PredictorPlan(Stream.OPACITY, 0, 1, 64, (16, 16), 15),
-            ),
-        ),
-        128,
-    ),
-    (
-        "two-level",
-        Plan(
-            "work two levels",
-            _SCALE_COLOUR,
-            _DEEP,
-            SPREAD_TILES,
-            (14, 9, 0, 6),
-            degree=1,
-            dimension=5,
-            codewords=(300, 200),
-            context=DecodedContext(2, (30, 4)),
-            network=NetworkPlan(
-                bits=12,
-                widths=(7, 16, 9),
-                dims=5,
-                layers=2,
-                latents=3,
-                classes=3,
-                attention=True,
-                clusters=((100, 50, 150), (10, 190)),
-            ),
-            grid=_BIG_GRID,
-        ),
-        128,
-    ),
-    (
-        "modes",
-        Plan(
-            "work modes",
-            _SCALE_COLOUR,
-            _MODES,
-            SPREAD_TILES[:1],
-            (12,),
-            degree=1,
-            dimension=4,
-            codewords=(120, 80),
-            context=DecodedContext(1, (20, 3)),
-            predictors=(PredictorPlan(Stream.SCALE, 1, 2, 3),),
-            network=NetworkPlan(widths=(5, 16, 6), latents=4, clusters=((), (40, 40)), layers=2),
-        ),
-        768,
-    ),
-    (
-        "anchors",
-        Plan(
-            "work anchors",
-            ANCHOR_CHANNELS,
-            (LayerRow((1,), ((1, 1),), True), LayerRow((3, 1), ((2, 1), (1, 1)), True)),
-            SPREAD_TILES[:2],
-            (15, 11),
-            profile=Profile.ANCHOR,
-            slots=5,
-            dimension=4,
-            context=DecodedContext(1, (16, 4)),
-            predictors=(PredictorPlan(Stream.SCALE, 0, 1, 3), PredictorPlan(Stream.SCALE, 5, 2, 3)),
-            network=NetworkPlan(latents=2, clusters=((), (4, 4, 4))),
-        ),
-        512,
-    ),
+    ("channels", Plan("work channels", EVERY_CHANNEL, REFINED_ROWS, SPREAD_TILES, (9, 5, 0, 20), degree=2,
+                      dimension=5), 256),
+    ("predictors", Plan(
+        "work predictors", EVERY_CHANNEL, REFINED_ROWS, SPREAD_TILES, (12, 9, 0, 17), degree=2, dimension=5,
+        context=DecodedContext(2, (40, 5)), predictors=(
+            PredictorPlan(Stream.SCALE, 0, 1, 4), PredictorPlan(Stream.SCALE, 2, 1, 0),
+            PredictorPlan(Stream.SCALE, 1, 2, 3), PredictorPlan(Stream.ROTATION, 2, 3, 5),
+            PredictorPlan(Stream.OPACITY, 0, 1, 64, (16, 16), 15),
+        )), 128),
+    ("two-level", Plan(
+        "work two levels", _SCALE_COLOUR, _DEEP, SPREAD_TILES, (14, 9, 0, 6), degree=1, dimension=5,
+        codewords=(300, 200), context=DecodedContext(2, (30, 4)), network=NetworkPlan(
+            bits=12, widths=(7, 16, 9), dims=5, layers=2, latents=3, classes=3, attention=True,
+            clusters=((100, 50, 150), (10, 190))), grid=_BIG_GRID), 128),
+    ("modes", Plan(
+        "work modes", _SCALE_COLOUR, _MODES, SPREAD_TILES[:1], (12,), degree=1, dimension=4, codewords=(120, 80),
+        context=DecodedContext(1, (20, 3)), predictors=(PredictorPlan(Stream.SCALE, 1, 2, 3),),
+        network=NetworkPlan(widths=(5, 16, 6), latents=4, clusters=((), (40, 40)), layers=2)), 768),
+    ("anchors", Plan(
+        "work anchors", ANCHOR_CHANNELS, (
+            LayerRow((1,), ((1, 1),), True), LayerRow((3, 1), ((2, 1), (1, 1)), True)), SPREAD_TILES[:2], (15, 11),
+        profile=Profile.ANCHOR, slots=5, dimension=4, context=DecodedContext(1, (16, 4)),
+        predictors=(PredictorPlan(Stream.SCALE, 0, 1, 3), PredictorPlan(Stream.SCALE, 5, 2, 3)),
+        network=NetworkPlan(latents=2, clusters=((), (4, 4, 4)))), 512),
 )

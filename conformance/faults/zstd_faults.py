@@ -76,20 +76,12 @@ def zstd_faults(base: bytes) -> Iterator[Case]:
     """The frame of the first TABLES or DECODER_MLP block of `base` replaced."""
     content = content_of(base, _TABLES)
     for name, purpose, rule, refusal, frame in (
-        *_head_faults(content),
-        *_size_faults(content),
-        *_end_faults(content),
-        *_body_faults(content),
+        *_head_faults(content), *_size_faults(content), *_end_faults(content), *_body_faults(content)
     ):
         yield refused(f"zstd-{name}", purpose, rule, refusal, with_frame(base, _TABLES, frame), "models")
-    yield refused(
-        "zstd-network-17-mib",
-        "a DECODER_MLP frame of 16 MiB and a byte, all zeros",
-        "R-5.8-2",
-        "content-limit",
-        with_frame(base, _DECODER_MLP, zstd_frame(16 * _MIB + 1, rle_blocks(16 * _MIB + 1), window=window_of(20))),
-        "models",
-    )
+    yield refused("zstd-network-17-mib", "a DECODER_MLP frame of 16 MiB and a byte, all zeros", "R-5.8-2",
+                  "content-limit", with_frame(base, _DECODER_MLP, zstd_frame(
+                      16 * _MIB + 1, rle_blocks(16 * _MIB + 1), window=window_of(20))), "models")
 
 
 Fault = tuple[str, str, str, str, bytes]
@@ -99,105 +91,45 @@ def _head_faults(content: bytes) -> Iterator[Fault]:
     size, body = len(content), raw_block(content)
     yield "no-size", "no content size", "R-5.8-1", "bad-zstd", zstd_frame(None, body, window=window_of(20))
     yield ("empty", "a content of no bytes", "R-5.8-1", "bad-zstd", zstd_frame(0, raw_block(b"")))
-    yield (
-        "dictionary",
-        "a dictionary id that no content needs",
-        "R-5.8-1",
-        "bad-zstd",
-        zstd_frame(size, body, dictionary=b"\1"),
-    )
+    yield ("dictionary", "a dictionary id that no content needs", "R-5.8-1", "bad-zstd",
+           zstd_frame(size, body, dictionary=b"\1"))
     # The low four bytes of XXH64 of the content would follow: any four do, as the frame is refused for having them.
     yield ("checksum", "a content checksum", "R-5.8-1", "bad-zstd", zstd_frame(size, body + bytes(4), flags=4))
-    yield (
-        "reserved-bit",
-        "the reserved bit of the frame header descriptor",
-        "R-5.8-4",
-        "bad-zstd",
-        zstd_frame(size, body, flags=8),
-    )
-    yield (
-        "reserved-bit-large",
-        "the reserved bit, and more content stated than there may be: the bit comes first",
-        "R-5.8-4",
-        "bad-zstd",
-        zstd_frame(64 * _MIB + 1, body, flags=8),
-    )
-    yield (
-        "magic",
-        "the magic number of the frames before version 0.8",
-        "R-5.8-4",
-        "bad-zstd",
-        bytes.fromhex("27b52ffd") + zstd_frame(size, body)[4:],
-    )
+    yield ("reserved-bit", "the reserved bit of the frame header descriptor", "R-5.8-4", "bad-zstd",
+           zstd_frame(size, body, flags=8))
+    yield ("reserved-bit-large", "the reserved bit, and more content stated than there may be: the bit comes first",
+           "R-5.8-4", "bad-zstd", zstd_frame(64 * _MIB + 1, body, flags=8))
+    yield ("magic", "the magic number of the frames before version 0.8", "R-5.8-4", "bad-zstd",
+           bytes.fromhex("27b52ffd") + zstd_frame(size, body)[4:])
 
 
 def _size_faults(content: bytes) -> Iterator[Fault]:
     size, body = len(content), raw_block(content)
     yield ("1-tib", "1 TiB declared in a few bytes", "R-5.8-2", "content-limit", zstd_frame(1 << 40, body))
-    yield (
-        "2-63",
-        "2^63 + 47 bytes declared: negative as i64",
-        "R-5.8-2",
-        "content-limit",
-        zstd_frame((1 << 63) + 47, body, window=window_of(20)),
-    )
+    yield ("2-63", "2^63 + 47 bytes declared: negative as i64", "R-5.8-2", "content-limit",
+           zstd_frame((1 << 63) + 47, body, window=window_of(20)))
     large = 64 * _MIB + 1
-    yield (
-        "64-mib",
-        "64 MiB and a byte, all zeros, in a small window",
-        "R-5.8-2",
-        "content-limit",
-        zstd_frame(large, rle_blocks(large), window=window_of(20)),
-    )
-    yield (
-        "window-16-mib",
-        "a window of 16 MiB for a small content",
-        "R-5.8-3",
-        "bad-zstd",
-        zstd_frame(size, body, window=window_of(24)),
-    )
-    yield (
-        "window-9-mib",
-        "a window of 9 MiB: the mantissa of the descriptor counts",
-        "R-5.8-3",
-        "bad-zstd",
-        zstd_frame(size, body, window=window_of(23) | 1),
-    )
+    yield ("64-mib", "64 MiB and a byte, all zeros, in a small window", "R-5.8-2", "content-limit",
+           zstd_frame(large, rle_blocks(large), window=window_of(20)))
+    yield ("window-16-mib", "a window of 16 MiB for a small content", "R-5.8-3", "bad-zstd",
+           zstd_frame(size, body, window=window_of(24)))
+    yield ("window-9-mib", "a window of 9 MiB: the mantissa of the descriptor counts", "R-5.8-3", "bad-zstd",
+           zstd_frame(size, body, window=window_of(23) | 1))
     single = 8 * _MIB + 1
-    yield (
-        "window-single",
-        "a single-segment frame of 8 MiB and a byte",
-        "R-5.8-3",
-        "bad-zstd",
-        zstd_frame(single, rle_blocks(single)),
-    )
-    yield (
-        "size-less",
-        "one byte less stated than there is",
-        "R-5.8-4",
-        "bad-zstd",
-        zstd_frame(size - 1, body, window=window_of(20)),
-    )
-    yield (
-        "size-more",
-        "one byte more stated than there is, in a frame with a window",
-        "R-5.8-4",
-        "bad-zstd",
-        zstd_frame(size + 1, body, window=window_of(20)),
-    )
+    yield ("window-single", "a single-segment frame of 8 MiB and a byte", "R-5.8-3", "bad-zstd",
+           zstd_frame(single, rle_blocks(single)))
+    yield ("size-less", "one byte less stated than there is", "R-5.8-4", "bad-zstd",
+           zstd_frame(size - 1, body, window=window_of(20)))
+    yield ("size-more", "one byte more stated than there is, in a frame with a window", "R-5.8-4", "bad-zstd",
+           zstd_frame(size + 1, body, window=window_of(20)))
 
 
 def _end_faults(content: bytes) -> Iterator[Fault]:
     frame = stored_frame(content)
     yield ("frames-two", "the frame twice", "R-5.8-4", "bad-zstd", frame + frame)
     half = len(content) // 2
-    yield (
-        "frames-halves",
-        "the content in two frames",
-        "R-5.8-4",
-        "bad-zstd",
-        stored_frame(content[:half]) + stored_frame(content[half:]),
-    )
+    yield ("frames-halves", "the content in two frames", "R-5.8-4", "bad-zstd",
+           stored_frame(content[:half]) + stored_frame(content[half:]))
     skip = _SKIPPABLE + (3).to_bytes(4, "little") + b"abc"
     yield "skippable", "a skippable frame only", "R-5.8-4", "bad-zstd", skip
     yield "skippable-first", "a skippable frame before the frame", "R-5.8-4", "bad-zstd", skip + frame

@@ -21,55 +21,28 @@ _METADATA: dict[str, object] = {"title": "container"}
 @cache
 def plain_scene() -> QuantisedScene:
     """Explicit profile: three tiles, two layers, a codebook, a network, METADATA; 32 lattice bits."""
-    return build(
-        Plan(
-            "container",
-            (_SCALE,),
-            (LayerRow((1,), ((1,),)), LayerRow((1, 1), ((2,), (1,)))),
-            (Tile(1, 27, 1), Tile(2, 27, 16), Tile(1, 26, 5)),
-            (4, 3, 5),
-            bits=32,
-            dimension=2,
-            codewords=(3, 3),
-            spread=1,
-            metadata=_METADATA,
-        )
-    )
+    return build(Plan(
+        "container", (_SCALE,), (LayerRow((1,), ((1,),)), LayerRow((1, 1), ((2,), (1,)))),
+        (Tile(1, 27, 1), Tile(2, 27, 16), Tile(1, 26, 5)), (4, 3, 5), bits=32, dimension=2, codewords=(3, 3), spread=1,
+        metadata=_METADATA,
+    ))
 
 
 @cache
 def anchor_scene() -> QuantisedScene:
     """Anchor profile: one tile, two layers, two slots."""
-    return build(
-        Plan(
-            "container anchors",
-            ANCHOR_CHANNELS,
-            (LayerRow((1,), ((1, 1),)), LayerRow((1, 1), ((1, 1), (1, 1)))),
-            (Tile(0, 11, 0),),
-            (8,),
-            profile=Profile.ANCHOR,
-            slots=2,
-            dimension=2,
-            codewords=(3, 3),
-            spread=1,
-        )
-    )
+    return build(Plan(
+        "container anchors", ANCHOR_CHANNELS, (LayerRow((1,), ((1, 1),)), LayerRow((1, 1), ((1, 1), (1, 1)))),
+        (Tile(0, 11, 0),), (8,), profile=Profile.ANCHOR, slots=2, dimension=2, codewords=(3, 3), spread=1,
+    ))
 
 
 @cache
 def root_scene() -> QuantisedScene:
     """Explicit profile: one tile of depth 0 whose only cell is the whole lattice of 32 bits."""
-    return build(
-        Plan(
-            "container root",
-            (_SCALE,),
-            (LayerRow((0,), ((1,),)),),
-            (Tile(0, 31, 0),),
-            (3,),
-            bits=32,
-            spread=1,
-        )
-    )
+    return build(Plan(
+        "container root", (_SCALE,), (LayerRow((0,), ((1,),)),), (Tile(0, 31, 0),), (3,), bits=32, spread=1,
+    ))
 
 
 @cache
@@ -79,37 +52,19 @@ def crowd_scene(counts: tuple[int, ...]) -> QuantisedScene:
     Args:
         counts: anchors of each tile, at most 8 of them.
     """
-    return build(
-        Plan(
-            "container crowd",
-            (_SCALE,),
-            (LayerRow((0,), ((1,),)),),
-            tuple(Tile(1, 0, n) for n in range(len(counts))),
-            counts,
-            bits=1,
-            constant=True,
-        )
-    )
+    return build(Plan(
+        "container crowd", (_SCALE,), (LayerRow((0,), ((1,),)),), tuple(Tile(1, 0, n) for n in range(len(counts))),
+        counts, bits=1, constant=True,
+    ))
 
 
 @cache
 def idle_slots_scene(anchors: int) -> QuantisedScene:
     """Anchor profile: 32 slots, none of them ever on; all anchors in one cell."""
-    scene = build(
-        Plan(
-            "container slots",
-            ANCHOR_CHANNELS,
-            (LayerRow((1,), ((1, 1),)),),
-            (Tile(0, 1, 0),),
-            (anchors,),
-            bits=1,
-            profile=Profile.ANCHOR,
-            slots=32,
-            dimension=1,
-            codewords=(1, 1),
-            constant=True,
-        )
-    )
+    scene = build(Plan(
+        "container slots", ANCHOR_CHANNELS, (LayerRow((1,), ((1, 1),)),), (Tile(0, 1, 0),), (anchors,), bits=1,
+        profile=Profile.ANCHOR, slots=32, dimension=1, codewords=(1, 1), constant=True,
+    ))
     (content,) = scene.contents
     content.slot_layers = np.zeros_like(content.slot_layers)
     content.values[1] = np.zeros_like(content.values[1])

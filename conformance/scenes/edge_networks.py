@@ -44,9 +44,8 @@ def _rows(*rows: tuple[bool, Sequence[int], int]) -> tuple[LayerRow, ...]:
 
 def _plan(seed: str, network: NetworkPlan | None, rows: tuple[LayerRow, ...], **fields: Any) -> Plan:
     """SCALE and COLOUR; degree 1, three latent dimensions."""
-    plan = Plan(
-        f"edge {seed}", _COLOURED, rows, _WHOLE, (20,), bits=6, degree=1, dimension=3, loudness=8, network=network
-    )
+    plan = Plan(f"edge {seed}", _COLOURED, rows, _WHOLE, (20,), bits=6, degree=1, dimension=3, loudness=8,
+                network=network)
     return replace(plan, **fields)
 
 
@@ -57,97 +56,38 @@ def predictor_cases() -> Iterator[Case]:
     """Cases of predictors."""
     rules = "R-10.3-3", "R-10.3-4", "R-10.3-5"
     yield _edge("predictors-every", "every component of every attribute channel, steps 1 and 2", _every(), rules)
-    yield _edge(
-        "predictors-anchor",
-        "256 contexts as 256, 16 and 1 buckets, 0 to 64 hidden units; six scales",
-        Plan(
-            "edge anchor predictors",
-            ANCHOR_CHANNELS,
-            (LayerRow((1,), ((1, 1),)), LayerRow((1,), ((2, 1),))),
-            _WHOLE,
-            (30,),
-            bits=6,
-            profile=Profile.ANCHOR,
-            slots=2,
-            dimension=3,
-            codewords=(4, 4),
-            context=DecodedContext(2, (9,)),
-            predictors=tuple(
-                PredictorPlan(Stream.SCALE, c, 1 + c % 2, units, buckets)
-                for c, (units, buckets) in enumerate(
-                    ((0, (256, 1)), (64, (1, 256)), (1, (16, 16)), (7, (1, 1)), (0, (85, 3)), (63, (2, 128)))
-                )
-            ),
-        ),
-        rules,
-    )
+    yield _edge("predictors-anchor", "256 contexts as 256, 16 and 1 buckets, 0 to 64 hidden units; six scales", Plan(
+        "edge anchor predictors", ANCHOR_CHANNELS, (LayerRow((1,), ((1, 1),)), LayerRow((1,), ((2, 1),))), _WHOLE,
+        (30,), bits=6, profile=Profile.ANCHOR, slots=2, dimension=3, codewords=(4, 4), context=DecodedContext(2, (9,)),
+        predictors=tuple(
+            PredictorPlan(Stream.SCALE, c, 1 + c % 2, units, buckets)
+            for c, (units, buckets) in enumerate((
+                (0, (256, 1)), (64, (1, 256)), (1, (16, 16)), (7, (1, 1)), (0, (85, 3)), (63, (2, 128))))
+        )), rules)
     classes = tuple(LayerRow((0,) * n, ((1 + (n > 8),) * 2,) * n) for n in (8, 15))
     for name, columns in (("fifteen", 15), ("none", 0)):
-        yield _edge(
-            f"predictors-classes-{name}",
-            f"fifteen classes, predictors that look at {columns} of them",
-            Plan(
-                f"edge classes {name}",
-                _COLOURED,
-                classes,
-                _WHOLE,
-                (60,),
-                bits=6,
-                context=DecodedContext(1, (12, 3)),
-                predictors=(
-                    PredictorPlan(Stream.SCALE, 0, 1, 3, classes=columns),
-                    PredictorPlan(Stream.COLOUR, 2, 2, 0, classes=columns),
-                ),
-            ),
-            rules,
-        )
+        yield _edge(f"predictors-classes-{name}", f"fifteen classes, predictors that look at {columns} of them", Plan(
+            f"edge classes {name}", _COLOURED, classes, _WHOLE, (60,), bits=6, context=DecodedContext(1, (12, 3)),
+            predictors=(PredictorPlan(Stream.SCALE, 0, 1, 3, classes=columns),
+                        PredictorPlan(Stream.COLOUR, 2, 2, 0, classes=columns))), rules)
     late = (
-        LayerRow((0,), ((1, 0),)),
-        LayerRow((0, 0), ((2, 1), (1, 0))),
-        LayerRow((0,) * 3, ((2, 3), (3, 1), (3, 3))),
+        LayerRow((0,), ((1, 0),)), LayerRow((0, 0), ((2, 1), (1, 0))), LayerRow((0,) * 3, ((2, 3), (3, 1), (3, 3))),
     )
-    yield _edge(
-        "predictors-late",
-        "predictors of layer 1 in force for classes that appear in layers 2 and 3",
-        Plan(
-            "edge late predictors",
-            _COLOURED,
-            late,
-            (Tile(1, 0, 0), Tile(1, 0, 7)),
-            (40, 9),
-            bits=6,
-            context=DecodedContext(1, (8,)),
-            predictors=(
-                PredictorPlan(Stream.SCALE, 0, 1, 2),
-                PredictorPlan(Stream.SCALE, 1, 3, 0),
-                PredictorPlan(Stream.COLOUR, 0, 1, 2),
-                PredictorPlan(Stream.COLOUR, 0, 3, 2),
-            ),
-        ),
-        rules,
-    )
+    yield _edge("predictors-late", "predictors of layer 1 in force for classes that appear in layers 2 and 3", Plan(
+        "edge late predictors", _COLOURED, late, (Tile(1, 0, 0), Tile(1, 0, 7)), (40, 9), bits=6,
+        context=DecodedContext(1, (8,)), predictors=(
+            PredictorPlan(Stream.SCALE, 0, 1, 2), PredictorPlan(Stream.SCALE, 1, 3, 0),
+            PredictorPlan(Stream.COLOUR, 0, 1, 2), PredictorPlan(Stream.COLOUR, 0, 3, 2))), rules)
     for log2, targets in ((0, ()), (0, (65535,)), (1, (2, 1)), (3, (4, 3, 2, 1))):
-        yield _edge(
-            f"predictors-passes-{log2}-depths-{len(targets)}",
-            (f"passes_log2 {log2} and {len(targets)} depths; tiles of 0, 1, 3 and 17 anchors: passes may be empty"),
-            _passes(log2, targets),
-            _PASSES,
-        )
-    yield _edge(
-        "predictors-exact",
-        "contexts that tell inputs near their ends apart, each input by itself",
-        _exact(),
-        (*rules, "R-10.1-1"),
-    )
+        yield _edge(f"predictors-passes-{log2}-depths-{len(targets)}", (
+            f"passes_log2 {log2} and {len(targets)} depths; tiles of 0, 1, 3 and 17 anchors: passes may be empty"),
+            _passes(log2, targets), _PASSES)
+    yield _edge("predictors-exact", "contexts that tell inputs near their ends apart, each input by itself", _exact(),
+                (*rules, "R-10.1-1"))
     yield _edge("predictors-largest", "weights of 32767 and -32767", _largest(), ("R-10.1-1", "R-10.3-2"))
     style = WriteOptions(class_columns=15, rice=RiceStyle(raised=4, most_shift=0, zero_shift=31))
-    yield _edge(
-        "predictors-stored",
-        "class columns without weights, larger Rice parameters, zeros shifted by 31",
-        _passes(1, (5,)),
-        ("R-5.9-1", "R-5.9-2", "R-10.3-1"),
-        style,
-    )
+    yield _edge("predictors-stored", "class columns without weights, larger Rice parameters, zeros shifted by 31",
+                _passes(1, (5,)), ("R-5.9-1", "R-5.9-2", "R-10.3-1"), style)
 
 
 def _exact_predictor(stream: Stream, component: int, step: int, inputs: int, column: int, near: int) -> Predictor:
@@ -161,31 +101,14 @@ def _exact_predictor(stream: Stream, component: int, step: int, inputs: int, col
 
 def _exact() -> QuantisedScene:
     """Two depths. Inputs of SCALE: 15 class columns, 3 values, 6 means, 2 counts, 2 differences; COLOUR has 3 more."""
-    scene = build(
-        Plan(
-            "edge exact",
-            _COLOURED,
-            (LayerRow((0,), ((2, 2),)),),
-            _WHOLE,
-            (60,),
-            bits=5,
-            spread=22,
-            context=DecodedContext(2, (20, 3)),
-        )
-    )
+    scene = build(Plan(
+        "edge exact", _COLOURED, (LayerRow((0,), ((2, 2),)),), _WHOLE, (60,), bits=5, spread=22,
+        context=DecodedContext(2, (20, 3))))
     wanted = (
-        (Stream.SCALE, 0, 1, 18, 0),
-        (Stream.SCALE, 0, 2, 15, 511),
-        (Stream.SCALE, 1, 1, 15, 511),
-        (Stream.SCALE, 1, 2, 22, 0),
-        (Stream.SCALE, 2, 1, 25, 96),
-        (Stream.SCALE, 2, 2, 26, 511),
-        (Stream.COLOUR, 0, 1, 17, 511),
-        (Stream.COLOUR, 0, 2, 29, 511),
-        (Stream.COLOUR, 1, 1, 18, 511),
-        (Stream.COLOUR, 1, 2, 30, 0),
-        (Stream.COLOUR, 2, 1, 0, 64),
-        (Stream.COLOUR, 2, 2, 27, 160),
+        (Stream.SCALE, 0, 1, 18, 0), (Stream.SCALE, 0, 2, 15, 511), (Stream.SCALE, 1, 1, 15, 511),
+        (Stream.SCALE, 1, 2, 22, 0), (Stream.SCALE, 2, 1, 25, 96), (Stream.SCALE, 2, 2, 26, 511),
+        (Stream.COLOUR, 0, 1, 17, 511), (Stream.COLOUR, 0, 2, 29, 511), (Stream.COLOUR, 1, 1, 18, 511),
+        (Stream.COLOUR, 1, 2, 30, 0), (Stream.COLOUR, 2, 1, 0, 64), (Stream.COLOUR, 2, 2, 27, 160),
     )
     widths = {Stream.SCALE: 28, Stream.COLOUR: 31}
     predictors = tuple(_exact_predictor(s, c, step, widths[s], column, near) for s, c, step, column, near in wanted)
@@ -201,27 +124,23 @@ def _largest() -> QuantisedScene:
         weights[0, -1], weights[1, 15] = 32767, -32767
         return replace(predictor, hidden=None, output=Linear(weights, np.array([9, 16894]), 15), buckets=(16, 16))
 
-    return replace(scene, predictors={layer: tuple(map(largest, group)) for layer, group in scene.predictors.items()})
+    return replace(scene, predictors={
+        layer: tuple(map(largest, group)) for layer, group in scene.predictors.items()
+    })
 
 
 def _every() -> Plan:
     channels = EVERY_CHANNEL[1:5]
     # The sources of the full table are one channel further on.
     moved = tuple(
-        replace(
-            c,
-            rules=tuple(
-                replace(rule, source_channel=rule.source_channel - 1) if rule.source_channel < 255 else rule
-                for rule in c.rules
-            ),
-        )
-        for c in channels
+        replace(c, rules=tuple(
+            replace(rule, source_channel=rule.source_channel - 1) if rule.source_channel < 255 else rule
+            for rule in c.rules
+        )) for c in channels
     )
     plans = tuple(
         PredictorPlan(c.stream, j, step, (j + step) % 4, (2 + j, 2))
-        for c in moved
-        for j in range(c.components)
-        for step in (1, 2)
+        for c in moved for j in range(c.components) for step in (1, 2)
     )
     rows = (LayerRow((0,), ((1,) * 4,)), LayerRow((0, 0), ((3, 2, 2, 3), (2, 1, 2, 2))))
     return Plan("edge every", moved, rows, _WHOLE, (40,), bits=6, context=DecodedContext(1, (10,)), predictors=plans)
@@ -230,21 +149,10 @@ def _every() -> Plan:
 def _passes(log2: int, targets: tuple[int, ...]) -> Plan:
     tiles = tuple(Tile(1, 0, code) for code in range(4))
     rows = (LayerRow((0,), ((1, 1),)), LayerRow((0, 0), ((2, 2), (2, 1))))
-    return Plan(
-        f"edge passes {log2} {targets}",
-        _COLOURED,
-        rows,
-        tiles,
-        (0, 1, 3, 17),
-        bits=4,
-        context=DecodedContext(log2, targets),
-        predictors=(
-            PredictorPlan(Stream.SCALE, 0, 1, 2),
-            PredictorPlan(Stream.SCALE, 2, 2, 0),
-            PredictorPlan(Stream.COLOUR, 1, 1, 0),
-            PredictorPlan(Stream.COLOUR, 1, 2, 3),
-        ),
-    )
+    return Plan(f"edge passes {log2} {targets}", _COLOURED, rows, tiles, (0, 1, 3, 17), bits=4,
+                context=DecodedContext(log2, targets), predictors=(
+                    PredictorPlan(Stream.SCALE, 0, 1, 2), PredictorPlan(Stream.SCALE, 2, 2, 0),
+                    PredictorPlan(Stream.COLOUR, 1, 1, 0), PredictorPlan(Stream.COLOUR, 1, 2, 3)))
 
 
 # ---------------------------------------------------------------------------------------------- index networks
@@ -263,36 +171,19 @@ def network_cases() -> Iterator[Case]:
 def _width_cases() -> Iterator[Case]:
     rules = "R-10.5-2", "R-10.5-8"
     least = NetworkPlan(bits=8, widths=(1, 1, 1), dims=1, classes=1, own=False)
-    yield _edge(
-        "index-least",
-        "one input, widths of 1, one stage, one head, no tokens",
-        _plan("least", least, _rows((True, (1,), 1)), counts=(12,)),
-        (*rules, "R-10.5-4"),
-    )
+    yield _edge("index-least", "one input, widths of 1, one stage, one head, no tokens", _plan(
+        "least", least, _rows((True, (1,), 1)), counts=(12,)), (*rules, "R-10.5-4"))
     wide = NetworkPlan(bits=8, widths=(256, 20, 256), dims=3, layers=1, latents=3, classes=15)
-    yield _edge(
-        "index-wide",
-        "an embedding and a mixer of 256 units, four depths",
-        _plan("wide", wide, _rows((True, (2,), 1)), counts=(7,), context=DecodedContext(1, (6, 4, 2, 1))),
-        rules,
-    )
+    yield _edge("index-wide", "an embedding and a mixer of 256 units, four depths", _plan(
+        "wide", wide, _rows((True, (2,), 1)), counts=(7,), context=DecodedContext(1, (6, 4, 2, 1))), rules)
     state = NetworkPlan(bits=12, widths=(2, 40, 2), dims=2, layers=4, attention=True)
-    yield _edge(
-        "index-state",
-        "a state of 40 units in four recurrent layers, attention",
-        _plan("state", state, _rows((True, (3,), 1)), counts=(9,)),
-        rules,
-    )
-    yield _edge(
-        "index-widest",
-        "widths of 256, one weight in 64",
-        _sparse(_plan("widest", NetworkPlan(bits=9, widths=(256, 256, 256)), _rows((True, (2,), 1)), counts=(4,))),
-        rules,
-    )
+    yield _edge("index-state", "a state of 40 units in four recurrent layers, attention", _plan(
+        "state", state, _rows((True, (3,), 1)), counts=(9,)), rules)
+    yield _edge("index-widest", "widths of 256, one weight in 64", _sparse(_plan(
+        "widest", NetworkPlan(bits=9, widths=(256, 256, 256)), _rows((True, (2,), 1)), counts=(4,))), rules)
     many = NetworkPlan(widths=(4, 4, 4), dims=64, classes=15, latents=64, own=True)
-    latent = _plan(
-        "many inputs", many, _rows((True, (2,), 1)), counts=(8,), dimension=64, context=DecodedContext(0, (8, 5, 3, 1))
-    )
+    latent = _plan("many inputs", many, _rows((True, (2,), 1)), counts=(8,), dimension=64,
+                   context=DecodedContext(0, (8, 5, 3, 1)))
     yield _edge("index-codeword-dims", "64 codeword dimensions, and means of 64 latents at four depths", latent, rules)
 
 
@@ -311,134 +202,63 @@ def _sparse(plan: Plan) -> QuantisedScene:
 
     (gru,) = network.gru
     first, second = network.embed
-    gru = replace(
-        gru,
-        inputs=tuple(map(np.sign, gru.inputs)),
-        recurrent=thinned(gru.recurrent),
-        biases=gru.biases >> 10,
-        recurrent_biases=gru.recurrent_biases >> 10,
-        shift=max(gru.shift - 10, 0),
-    )
-    return replace(
-        scene, network=replace(network, embed=(thin(first), thin(second)), gru=(gru,), mixer=thin(network.mixer))
-    )
+    gru = replace(gru, inputs=tuple(map(np.sign, gru.inputs)), recurrent=thinned(gru.recurrent),
+                  biases=gru.biases >> 10, recurrent_biases=gru.recurrent_biases >> 10, shift=max(gru.shift - 10, 0))
+    return replace(scene, network=replace(
+        network, embed=(thin(first), thin(second)), gru=(gru,), mixer=thin(network.mixer)))
 
 
 def _mixed_cases() -> Iterator[Case]:
     """Each number of passes, depths, recurrent layers and tokens with the choices there are."""
-    for number, (passes, targets, layers, tokens, bits, own, attention, two_level, latents, classes) in enumerate(
-        (
-            (0, (), 1, 1, 8, False, True, False, 0, 3),
-            (1, (9,), 2, 2, 9, True, False, True, 1, 0),
-            (2, (9, 3), 3, 3, 10, False, False, True, 3, 1),
-            (3, (9, 6, 3), 4, 4, 11, True, True, False, 2, 15),
-            (3, (9, 6, 3, 1), 1, 5, 12, False, True, True, 0, 2),
-            (2, (4,), 2, 6, 8, True, True, True, 3, 4),
-            (1, (30, 2), 1, 7, 12, True, False, False, 3, 2),
-        )
-    ):
-        network = NetworkPlan(
-            bits=bits,
-            widths=(5, 4, 6),
-            layers=layers,
-            latents=latents,
-            own=own,
-            attention=attention,
-            classes=classes,
-            clusters=((3, 9), (6, 1, 5)) if two_level else ((), ()),
-        )
+    for number, (passes, targets, layers, tokens, bits, own, attention, two_level, latents, classes) in enumerate((
+        (0, (), 1, 1, 8, False, True, False, 0, 3),
+        (1, (9,), 2, 2, 9, True, False, True, 1, 0),
+        (2, (9, 3), 3, 3, 10, False, False, True, 3, 1),
+        (3, (9, 6, 3), 4, 4, 11, True, True, False, 2, 15),
+        (3, (9, 6, 3, 1), 1, 5, 12, False, True, True, 0, 2),
+        (2, (4,), 2, 6, 8, True, True, True, 3, 4),
+        (1, (30, 2), 1, 7, 12, True, False, False, 3, 2),
+    )):
+        network = NetworkPlan(bits=bits, widths=(5, 4, 6), layers=layers, latents=latents, own=own, attention=attention,
+                              classes=classes, clusters=((3, 9), (6, 1, 5)) if two_level else ((), ()))
         rows = _rows((True, (1, tokens + 1), 1), (True, (tokens + 1, tokens + 1, 2), 2))
         heads = "two-level" if two_level else "flat"
         purpose = f"passes_log2 {passes}, {len(targets)} depths, {layers} recurrent layers, T {tokens}, {heads} heads"
-        yield _edge(
-            f"index-mix-{number}",
-            purpose,
-            _plan(
-                f"mix {number}",
-                network,
-                rows,
-                tiles=(Tile(1, 0, 1), Tile(1, 1, 3), Tile(2, 1, 40)),
-                counts=(14, 6, 1),
-                context=DecodedContext(passes, targets),
-            ),
-            (*_PASSES, "R-10.5-8", "R-10.5-9"),
-        )
+        yield _edge(f"index-mix-{number}", purpose, _plan(
+            f"mix {number}", network, rows, tiles=(Tile(1, 0, 1), Tile(1, 1, 3), Tile(2, 1, 40)), counts=(14, 6, 1),
+            context=DecodedContext(passes, targets)), (*_PASSES, "R-10.5-8", "R-10.5-9"))
 
 
 def _head_cases() -> Iterator[Case]:
     rules = "R-10.5-5", "R-10.5-9", "R-10.5-10"
     single = NetworkPlan(clusters=((1,) * 12, (12,)))
-    yield _edge(
-        "index-clusters",
-        "as many clusters as codewords, and one cluster of all: one of both codes nothing",
-        _plan("clusters", single, _rows((True, (3,), 1))),
-        rules,
-    )
+    yield _edge("index-clusters", "as many clusters as codewords, and one cluster of all: one of both codes nothing",
+                _plan("clusters", single, _rows((True, (3,), 1))), rules)
     large = NetworkPlan(widths=(3, 3, 4), dims=2, clusters=((16,) * 256, ()))
-    yield _edge(
-        "index-4096",
-        "4096 codewords: in 256 clusters, and flat",
-        _plan("4096", large, _rows((True, (2,), 1)), counts=(6,), dimension=2, codewords=(4096, 4096)),
-        rules,
-    )
-    yield _edge(
-        "index-one-codeword",
-        "codebooks of one codeword: no index takes a bit",
-        _plan("one codeword", NetworkPlan(attention=True), _rows((True, (3,), 1)), codewords=(1, 1)),
-        rules,
-    )
-    yield _edge(
-        "index-first-symbols",
-        "every index is 0: INDICES of flat heads has no bytes",
-        _plan("first", NetworkPlan(attention=True), _rows((True, (3,), 1)), constant=True),
-        ("R-7.1-6", "R-8.2-3"),
-    )
-    yield _edge(
-        "index-spare-tokens",
-        "biases of seven tokens, two stages",
-        _plan("spare", NetworkPlan(tokens=7, attention=True), _rows((True, (2,), 1))),
-        ("R-10.5-6",),
-    )
-    yield _edge(
-        "index-class-beyond",
-        "four classes, columns for one: the others have none",
-        _plan("beyond", NetworkPlan(classes=1), _rows((True, (1, 1), 1), (True, (2, 1, 1, 2), 1))),
-        ("R-10.5-8",),
-    )
+    yield _edge("index-4096", "4096 codewords: in 256 clusters, and flat", _plan(
+        "4096", large, _rows((True, (2,), 1)), counts=(6,), dimension=2, codewords=(4096, 4096)), rules)
+    yield _edge("index-one-codeword", "codebooks of one codeword: no index takes a bit", _plan(
+        "one codeword", NetworkPlan(attention=True), _rows((True, (3,), 1)), codewords=(1, 1)), rules)
+    yield _edge("index-first-symbols", "every index is 0: INDICES of flat heads has no bytes", _plan(
+        "first", NetworkPlan(attention=True), _rows((True, (3,), 1)), constant=True), ("R-7.1-6", "R-8.2-3"))
+    yield _edge("index-spare-tokens", "biases of seven tokens, two stages", _plan(
+        "spare", NetworkPlan(tokens=7, attention=True), _rows((True, (2,), 1))), ("R-10.5-6",))
+    yield _edge("index-class-beyond", "four classes, columns for one: the others have none", _plan(
+        "beyond", NetworkPlan(classes=1), _rows((True, (1, 1), 1), (True, (2, 1, 1, 2), 1))), ("R-10.5-8",))
 
 
 def _mode_cases() -> Iterator[Case]:
     rules = "R-10.4-1", "R-10.4-2", "R-8.4-2"
-    yield _edge(
-        "index-mode-1-0",
-        "entropy mode 1, then 0: later stages by tables",
-        _plan("1 0", NetworkPlan(), _rows((True, (2,), 1), (False, (4, 1), 1))),
-        rules,
-    )
-    yield _edge(
-        "index-mode-late",
-        "entropy mode 1 in layer 3 only, for anchors with stages and without",
-        _plan(
-            "late mode",
-            NetworkPlan(attention=True, latents=2),
-            _rows((False, (0,), 1), (False, (1, 0), 1), (True, (3, 2, 1), 2), (False, (3, 3, 1), 2)),
-            context=DecodedContext(1, (8, 2)),
-            counts=(40,),
-        ),
-        rules,
-    )
-    yield _edge(
-        "index-mode-idle",
-        "a layer of entropy mode 1 in which no class gets a stage",
-        _plan("idle mode", NetworkPlan(), _rows((True, (2,), 1), (True, (2,), 2))),
-        rules,
-    )
-    yield _edge(
-        "index-no-anchor",
-        "an index network in a file without anchors",
-        _plan("no anchor", NetworkPlan(), _rows((True, (2,), 1)), tiles=(), counts=()),
-        rules,
-    )
+    yield _edge("index-mode-1-0", "entropy mode 1, then 0: later stages by tables", _plan(
+        "1 0", NetworkPlan(), _rows((True, (2,), 1), (False, (4, 1), 1))), rules)
+    yield _edge("index-mode-late", "entropy mode 1 in layer 3 only, for anchors with stages and without", _plan(
+        "late mode", NetworkPlan(attention=True, latents=2), _rows(
+            (False, (0,), 1), (False, (1, 0), 1), (True, (3, 2, 1), 2), (False, (3, 3, 1), 2)),
+        context=DecodedContext(1, (8, 2)), counts=(40,)), rules)
+    yield _edge("index-mode-idle", "a layer of entropy mode 1 in which no class gets a stage", _plan(
+        "idle mode", NetworkPlan(), _rows((True, (2,), 1), (True, (2,), 2))), rules)
+    yield _edge("index-no-anchor", "an index network in a file without anchors", _plan(
+        "no anchor", NetworkPlan(), _rows((True, (2,), 1)), tiles=(), counts=()), rules)
 
 
 def _plain(layer: Linear, shift: int) -> Linear:
@@ -448,12 +268,8 @@ def _plain(layer: Linear, shift: int) -> Linear:
 
 def _plain_gru(layer: GruLayer, shift: int) -> GruLayer:
     return GruLayer(
-        tuple(np.sign(matrix).astype(np.int32) for matrix in layer.inputs),
-        np.sign(layer.recurrent).astype(np.int32),
-        np.sign(layer.biases),
-        np.sign(layer.recurrent_biases),
-        layer.start,
-        shift,
+        tuple(np.sign(matrix).astype(np.int32) for matrix in layer.inputs), np.sign(layer.recurrent).astype(np.int32),
+        np.sign(layer.biases), np.sign(layer.recurrent_biases), layer.start, shift,
     )
 
 
@@ -464,31 +280,18 @@ def _with_shift(network: IndexNetwork, shift: int) -> IndexNetwork:
     assert attention is not None
     query, key, value = (_plain(layer, shift) for layer in (attention.query, attention.key, attention.value))
     return replace(
-        network,
-        embed=(_plain(first, shift), _plain(second, shift)),
-        mixer=_plain(network.mixer, shift),
+        network, embed=(_plain(first, shift), _plain(second, shift)), mixer=_plain(network.mixer, shift),
         gru=tuple(_plain_gru(layer, min(shift, MAX_SHIFT - 1)) for layer in network.gru),
-        heads=tuple(
-            replace(head, projections=tuple(_plain(p, shift) for p in head.projections), shift=shift)
-            for head in network.heads
-        ),
+        heads=tuple(replace(head, projections=tuple(_plain(p, shift) for p in head.projections), shift=shift)
+                    for head in network.heads),
         attention=Attention(query, key, value, shift),
     )
 
 
 def _exact_network() -> QuantisedScene:
     """An embedding that shows each of 17 inputs, and its negative, above 10."""
-    scene = build(
-        _plan(
-            "exact",
-            NetworkPlan(bits=8, widths=(34, 34, 4), latents=2, latent_shift=0),
-            _rows((True, (2,), 1)),
-            counts=(30,),
-            context=DecodedContext(1, (7,)),
-            spread=3,
-            loudness=3,
-        )
-    )
+    scene = build(_plan("exact", NetworkPlan(bits=8, widths=(34, 34, 4), latents=2, latent_shift=0), _rows(
+        (True, (2,), 1)), counts=(30,), context=DecodedContext(1, (7,)), spread=3, loudness=3))
     network = scene.network
     assert network is not None
     both = np.concatenate([np.eye(17, dtype=np.int32), -np.eye(17, dtype=np.int32)])
@@ -521,72 +324,34 @@ def _opposed_network() -> QuantisedScene:
     biases = np.concatenate([0 * tokens + 0 * sign, 0 * tokens + 0 * sign, -sign * (2040 + 3 * tokens)], axis=1)
     # z opens half, r all.
     recurrent = np.concatenate([0 * sign, 0 * sign + 4000, sign * (2048 + 500 * np.arange(width))])
-    opposed = replace(
-        gru,
-        inputs=tuple(0 * matrix for matrix in gru.inputs),
-        recurrent=0 * gru.recurrent,
-        biases=biases,
-        recurrent_biases=recurrent,
-        start=0 * gru.start,
-        shift=0,
-    )
+    opposed = replace(gru, inputs=tuple(0 * matrix for matrix in gru.inputs), recurrent=0 * gru.recurrent,
+                      biases=biases, recurrent_biases=recurrent, start=0 * gru.start, shift=0)
     return replace(scene, network=replace(network, gru=(opposed,)))
 
 
 def _number_cases() -> Iterator[Case]:
-    yield _edge(
-        "index-opposed",
-        "the two parts of a candidate state nearly cancel, one of them clamped",
-        _opposed_network(),
-        ("R-10.5-8",),
-    )
-    yield _edge(
-        "index-exact",
-        "an embedding that shows every input as it is, near its ends",
-        _exact_network(),
-        ("R-10.2-5", "R-10.5-8"),
-    )
+    yield _edge("index-opposed", "the two parts of a candidate state nearly cancel, one of them clamped",
+                _opposed_network(), ("R-10.5-8",))
+    yield _edge("index-exact", "an embedding that shows every input as it is, near its ends", _exact_network(),
+                ("R-10.2-5", "R-10.5-8"))
     yield _edge("index-largest", "weights of 32767 and -32767", _largest_network(), ("R-10.1-1", "R-10.5-1"))
     attended = _plan("shifts", NetworkPlan(attention=True), _rows((True, (3,), 1)))
     for shift in (0, MAX_SHIFT):
         scene = build(replace(attended, seed=f"edge shift {shift}"))
         assert scene.network is not None
-        yield _edge(
-            f"index-shift-{shift}",
-            f"shifts of {shift}, but at most 23 in recurrent layers",
-            replace(scene, network=_with_shift(scene.network, shift)),
-            ("R-10.1-1", "R-10.5-3", "R-10.5-7"),
-        )
+        yield _edge(f"index-shift-{shift}", f"shifts of {shift}, but at most 23 in recurrent layers", replace(
+            scene, network=_with_shift(scene.network, shift)), ("R-10.1-1", "R-10.5-3", "R-10.5-7"))
     for shift, loudness in ((0, 512), (MAX_SHIFT, 1)):
-        scene = build(
-            _plan(
-                f"codeword shift {shift}",
-                NetworkPlan(latents=3, latent_shift=MAX_SHIFT - shift),
-                _rows((True, (2,), 1)),
-                loudness=loudness,
-                context=DecodedContext(1, (5,)),
-            )
-        )
+        scene = build(_plan(f"codeword shift {shift}", NetworkPlan(latents=3, latent_shift=MAX_SHIFT - shift), _rows(
+            (True, (2,), 1)), loudness=loudness, context=DecodedContext(1, (5,))))
         assert scene.network is not None
-        silent = replace(
-            scene.network,
-            codeword_shift=shift,
-            heads=tuple(replace(head, biases=np.arange(len(head.biases)) % 5) for head in scene.network.heads),
-        )
-        yield _edge(
-            f"index-codeword-shift-{shift}",
-            f"a codeword shift of {shift}: activations at their end or all 0",
-            replace(scene, network=silent),
-            ("R-10.5-7", "R-10.5-8"),
-        )
+        silent = replace(scene.network, codeword_shift=shift, heads=tuple(
+            replace(head, biases=np.arange(len(head.biases)) % 5) for head in scene.network.heads))
+        yield _edge(f"index-codeword-shift-{shift}", f"a codeword shift of {shift}: activations at their end or all 0",
+                    replace(scene, network=silent), ("R-10.5-7", "R-10.5-8"))
     style = WriteOptions(rice=RiceStyle(raised=3, most_shift=0, zero_shift=31))
-    yield _edge(
-        "index-rice",
-        "larger Rice parameters, no zero bits left out, zeros shifted by 31",
-        _plan("rice", NetworkPlan(clusters=((), (6, 6))), _rows((True, (2,), 1))),
-        ("R-5.9-1", "R-5.9-2"),
-        style,
-    )
+    yield _edge("index-rice", "larger Rice parameters, no zero bits left out, zeros shifted by 31", _plan(
+        "rice", NetworkPlan(clusters=((), (6, 6))), _rows((True, (2,), 1))), ("R-5.9-1", "R-5.9-2"), style)
 
 
 def _grid_cases() -> Iterator[Case]:
@@ -595,34 +360,18 @@ def _grid_cases() -> Iterator[Case]:
     sixteen = (*planes, GridLevel(0, 65535, 8, 2), GridLevel(6, 1, 1, 8))
     own = NetworkPlan(classes=0, own=False, loudness=16)
     for name, what, plan, ones in (
-        (
-            "extent-0",
-            "a box of one lattice step: all anchors have the features of a corner",
-            GridPlan((17, 60, 3), 0, planes[:6]),
-            None,
-        ),
-        (
-            "extent-32",
-            "a box of 2^32 lattice steps, its origin at the far end of two axes",
-            GridPlan((0, (1 << 32) - 1, (1 << 32) - 1), 32, planes[6:]),
-            1,
-        ),
-        (
-            "levels-16",
-            "sixteen levels: every plane dense and hashed, resolutions 1 and 65535",
-            GridPlan((0, 0, 0), 6, sixteen),
-            255,
-        ),
+        ("extent-0", "a box of one lattice step: all anchors have the features of a corner",
+         GridPlan((17, 60, 3), 0, planes[:6]), None),
+        ("extent-32", "a box of 2^32 lattice steps, its origin at the far end of two axes",
+         GridPlan((0, (1 << 32) - 1, (1 << 32) - 1), 32, planes[6:]), 1),
+        ("levels-16", "sixteen levels: every plane dense and hashed, resolutions 1 and 65535",
+         GridPlan((0, 0, 0), 6, sixteen), 255),
     ):
         bits = 32 if name == "extent-32" else 6
         tiles = (Tile(0, 11, 0),) if name == "extent-32" else _WHOLE
-        yield _edge(
-            f"grid-{name}",
-            what,
-            _plan(f"grid {name}", own, _rows((True, (2,), 1)), grid=plan, bits=bits, tiles=tiles),
-            rules,
-            WriteOptions(grid_ones=ones),
-        )
+        yield _edge(f"grid-{name}", what, _plan(
+            f"grid {name}", own, _rows((True, (2,), 1)), grid=plan, bits=bits, tiles=tiles), rules,
+            WriteOptions(grid_ones=ones))
     table = GridPlan((0, 0, 0), 6, (GridLevel(0, 65535, 15, 2),))
     scene = build(_plan("grid zeros", own, _rows((True, (1,), 1)), grid=table, counts=(8,)))
     assert scene.grid is not None

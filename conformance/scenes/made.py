@@ -97,15 +97,8 @@ def build(plan: Plan) -> QuantisedScene:
     prng = Prng(plan.seed)
     model = SceneModel(plan.profile, plan.slots, plan.channels, plan.rows, plan.context)
     fields = HeaderFields(
-        plan.profile,
-        plan.degree,
-        plan.slots,
-        plan.bits,
-        plan.origin,
-        plan.voxel,
-        sum(plan.counts),
-        CoordinateFrame.RDF,
-        ColourSpace.SRGB,
+        plan.profile, plan.degree, plan.slots, plan.bits, plan.origin, plan.voxel, sum(plan.counts),
+        CoordinateFrame.RDF, ColourSpace.SRGB,
     )
     contents = tuple(
         _content(prng, plan, model, plan.bits - tile.depth - tile.shift, count)
@@ -117,17 +110,8 @@ def build(plan: Plan) -> QuantisedScene:
     if plan.network is not None and books is not None:
         network = random_network(prng, plan.network, model, books, grid)
     return QuantisedScene(
-        fields,
-        model,
-        plan.tiles,
-        contents,
-        books,
-        decoder,
-        mlps,
-        plan.metadata,
-        random_predictors(prng, plan.predictors, model),
-        network,
-        grid,
+        fields, model, plan.tiles, contents, books, decoder, mlps, plan.metadata,
+        random_predictors(prng, plan.predictors, model), network, grid,
     )
 
 
@@ -254,139 +238,47 @@ def static_plans() -> dict[str, tuple[str, Plan]]:
     """Scenes without neural entropy model: name -> (what it tests, plan)."""
     whole = (Tile(0, 0, 0),)
     return {
-        "one-anchor": (
-            "one anchor: its 63 bits travel as uniform bits, 12 at a time",
-            Plan("one", (_SCALE3,), steady(1, 0, (1,)), whole, (1,), bits=21),
-        ),
-        "no-anchors": (
-            "no anchors and no tiles: header and one LAYER block",
-            Plan("none", (_SCALE3,), steady(1, 0, (1,)), (), ()),
-        ),
-        "explicit-refined": (
-            "all channels, three layers, four classes, tiles of other depth and shift, stages",
-            Plan("refined", EVERY_CHANNEL, REFINED_ROWS, SPREAD_TILES, (30, 20, 0, 40), degree=2, dimension=5),
-        ),
-        "sh-from-network": (
-            "no COLOUR: the network gives all coefficients; one stage only",
-            Plan("network", (_SCALE3,), steady(1, 1, (1,)), whole, (70,), degree=1, dimension=2),
-        ),
-        "duplicates": (
-            "400 anchors at 7 lattice points: leaves of many anchors, nodes of more than 16",
-            Plan("duplicates", (_SCALE3,), steady(1, 0, (1,)), whole, (400,), codes=7, bits=7),
-        ),
-        "one-symbol": (
-            "every table has one symbol: no sub-stream but positions has bytes, layer 2 has no TILE",
-            Plan(
-                "constant",
-                (_SCALE3,),
-                (LayerRow((1,), ((1,),)), LayerRow((2,), ((3,),))),
-                whole,
-                (50,),
-                dimension=2,
-                codewords=(1, 1),
-                constant=True,
-                bits=6,
-            ),
-        ),
-        "full-block": (
-            "65536 anchors in one block: the largest split codes its rest in two parts",
-            Plan("full", (_SCALE3,), steady(1, 0, (1,)), whole, (65536,), bits=2, skew=5, constant=True),
-        ),
-        "fifteen-classes": (
-            "classes up to 14, context numbers up to 239",
-            Plan(
-                "classes",
-                (channel(Stream.SCALE, 0.5, BY_CLASS, ContextRule(True, 0, 0, -2, 0), BY_CLASS),),
-                (LayerRow((1,) * 9, ((1,),) * 9), LayerRow(tuple(range(1, 9)) + (8,) * 7, ((2,),) * 15)),
-                whole,
-                (400,),
-                dimension=3,
-                spread=6,
-            ),
-        ),
-        "sixteen-layers": (
-            "as many layers as there can be, the third without change",
-            Plan(
-                "sixteen",
-                (_SCALE3,),
-                tuple(
-                    LayerRow((0,) * min(1 + k // 4, 4), ((max(k, 1) if k != 2 else 1,),) * min(1 + k // 4, 4))
-                    for k in range(16)
-                ),
-                whole,
-                (40,),
-                bits=8,
-            ),
-        ),
-        "twenty-steps": (
-            "refined to 3^-19 of the step; results beyond both ends of the normal binary32 range",
-            Plan(
-                "steps",
-                (Channel(Stream.SCALE, (2.0**-120, 1e-310, 2.0**96), (PLAIN,) * 3),),
-                (LayerRow((0,), ((1,),)), LayerRow((0,), ((20,),))),
-                whole,
-                (30,),
-                spread=0,
-                bits=5,
-            ),
-        ),
-        "wide-values": (
-            "first values up to 2^31 - 2, alphabets with wide gaps",
-            Plan("wide", (_SCALE3,), steady(1, 0, (1,)), whole, (30,), spread=715827882, bits=5),
-        ),
-        "lattice-32": (
-            "32 bits an axis; depth and shift at their bounds",
-            Plan(
-                "lattice",
-                (channel(Stream.POSITION_RESIDUAL, 1 / 3, PLAIN, PLAIN, PLAIN), _SCALE3),
-                (LayerRow((0,), ((3, 1),)),),
-                (Tile(21, 11, 5), Tile(21, 0, 6), Tile(1, 31, 1), Tile(2, 9, 63)),
-                (20, 30, 20, 40),
-                bits=32,
-                origin=(1e6, -1e-3, 0.1),
-                voxel=1e-7,
-            ),
-        ),
-        "anchors": (
-            "anchor profile: masks, offsets, two layers, three networks",
-            Plan(
-                "anchors",
-                ANCHOR_CHANNELS,
-                (LayerRow((1,), ((1, 1),)), LayerRow((2, 1), ((2, 1), (1, 1)))),
-                SPREAD_TILES[:2],
-                (60, 50),
-                profile=Profile.ANCHOR,
-                slots=10,
-                dimension=4,
-            ),
-        ),
-        "anchors-32-slots": (
-            "anchor profile: 32 slots, three layers, the latent by LATENT alone at first",
-            Plan(
-                "slots",
-                _ANCHOR_RICH,
-                (
-                    LayerRow((0,), ((0, 1, 1, 1),)),
-                    LayerRow((0, 1), ((1, 1, 2, 1), (1, 1, 0, 1))),
-                    LayerRow((1, 2), ((2, 2, 2, 1), (1, 2, 1, 1))),
-                ),
-                whole,
-                (45,),
-                profile=Profile.ANCHOR,
-                slots=32,
-                dimension=3,
-                bits=9,
-            ),
-        ),
-        "annotations": (
-            "METADATA and unknown blocks that are not critical",
-            Plan(
-                "annotations",
-                (_SCALE3,),
-                steady(2, 0, (1,)),
-                whole,
-                (12,),
-                metadata={"title": "annotations", "n": [1, 2]},
-            ),
-        ),
+        "one-anchor": ("one anchor: its 63 bits travel as uniform bits, 12 at a time", Plan(
+            "one", (_SCALE3,), steady(1, 0, (1,)), whole, (1,), bits=21)),
+        "no-anchors": ("no anchors and no tiles: header and one LAYER block", Plan(
+            "none", (_SCALE3,), steady(1, 0, (1,)), (), ())),
+        "explicit-refined": ("all channels, three layers, four classes, tiles of other depth and shift, stages", Plan(
+            "refined", EVERY_CHANNEL, REFINED_ROWS, SPREAD_TILES, (30, 20, 0, 40), degree=2, dimension=5)),
+        "sh-from-network": ("no COLOUR: the network gives all coefficients; one stage only", Plan(
+            "network", (_SCALE3,), steady(1, 1, (1,)), whole, (70,), degree=1, dimension=2)),
+        "duplicates": ("400 anchors at 7 lattice points: leaves of many anchors, nodes of more than 16", Plan(
+            "duplicates", (_SCALE3,), steady(1, 0, (1,)), whole, (400,), codes=7, bits=7)),
+        "one-symbol": ("every table has one symbol: no sub-stream but positions has bytes, layer 2 has no TILE", Plan(
+            "constant", (_SCALE3,), (LayerRow((1,), ((1,),)), LayerRow((2,), ((3,),))), whole, (50,),
+            dimension=2, codewords=(1, 1), constant=True, bits=6)),
+        "full-block": ("65536 anchors in one block: the largest split codes its rest in two parts", Plan(
+            "full", (_SCALE3,), steady(1, 0, (1,)), whole, (65536,), bits=2, skew=5, constant=True)),
+        "fifteen-classes": ("classes up to 14, context numbers up to 239", Plan(
+            "classes", (channel(Stream.SCALE, 0.5, BY_CLASS, ContextRule(True, 0, 0, -2, 0), BY_CLASS),),
+            (LayerRow((1,) * 9, ((1,),) * 9), LayerRow(tuple(range(1, 9)) + (8,) * 7, ((2,),) * 15)),
+            whole, (400,), dimension=3, spread=6)),
+        "sixteen-layers": ("as many layers as there can be, the third without change", Plan(
+            "sixteen", (_SCALE3,), tuple(
+                LayerRow((0,) * min(1 + k // 4, 4), ((max(k, 1) if k != 2 else 1,),) * min(1 + k // 4, 4))
+                for k in range(16)), whole, (40,), bits=8)),
+        "twenty-steps": ("refined to 3^-19 of the step; results beyond both ends of the normal binary32 range", Plan(
+            "steps", (Channel(Stream.SCALE, (2.0**-120, 1e-310, 2.0**96), (PLAIN,) * 3),),
+            (LayerRow((0,), ((1,),)), LayerRow((0,), ((20,),))), whole, (30,), spread=0, bits=5)),
+        "wide-values": ("first values up to 2^31 - 2, alphabets with wide gaps", Plan(
+            "wide", (_SCALE3,), steady(1, 0, (1,)), whole, (30,), spread=715827882, bits=5)),
+        "lattice-32": ("32 bits an axis; depth and shift at their bounds", Plan(
+            "lattice", (channel(Stream.POSITION_RESIDUAL, 1 / 3, PLAIN, PLAIN, PLAIN), _SCALE3), (
+                LayerRow((0,), ((3, 1),)),), (Tile(21, 11, 5), Tile(21, 0, 6), Tile(1, 31, 1), Tile(2, 9, 63)),
+            (20, 30, 20, 40), bits=32, origin=(1e6, -1e-3, 0.1), voxel=1e-7)),
+        "anchors": ("anchor profile: masks, offsets, two layers, three networks", Plan(
+            "anchors", ANCHOR_CHANNELS, (LayerRow((1,), ((1, 1),)), LayerRow((2, 1), ((2, 1), (1, 1)))),
+            SPREAD_TILES[:2], (60, 50), profile=Profile.ANCHOR, slots=10, dimension=4)),
+        "anchors-32-slots": ("anchor profile: 32 slots, three layers, the latent by LATENT alone at first", Plan(
+            "slots", _ANCHOR_RICH, (
+                LayerRow((0,), ((0, 1, 1, 1),)), LayerRow((0, 1), ((1, 1, 2, 1), (1, 1, 0, 1))),
+                LayerRow((1, 2), ((2, 2, 2, 1), (1, 2, 1, 1)))), whole, (45,), profile=Profile.ANCHOR, slots=32,
+            dimension=3, bits=9)),
+        "annotations": ("METADATA and unknown blocks that are not critical", Plan(
+            "annotations", (_SCALE3,), steady(2, 0, (1,)), whole, (12,), metadata={"title": "annotations", "n": [1, 2]},
+        )),
     }

@@ -138,7 +138,9 @@ class _Maker:
         return Attention(layers[0], layers[1], layers[2], (100 * 100 * hidden // 2).bit_length() - _SCORE.bit_length())
 
     def head(self, codewords: I64, width: int, clusters: tuple[int, ...], logits: I64 | None) -> Head:
-        projections = tuple(self.linear(codewords.shape[1], width, self.amax // 2) for _ in range(2 if clusters else 1))
+        projections = tuple(
+            self.linear(codewords.shape[1], width, self.amax // 2) for _ in range(2 if clusters else 1)
+        )
         flat = Head(projections, clusters, np.zeros(len(clusters), np.int64), np.zeros(len(codewords), np.int64), 0, 0)
         if logits is not None:
             silent = tuple(Linear(0 * layer.weights, 0 * layer.biases, layer.shift) for layer in projections)

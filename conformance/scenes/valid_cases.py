@@ -12,28 +12,11 @@ from conformance.surgery.files import vector_file
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockFlag
 
-EDGES = frozenset(
-    {
-        "anchors-32-slots",
-        "duplicates",
-        "fifteen-classes",
-        "full-block",
-        "index-edge",
-        "index-equal",
-        "index-ladder",
-        "lattice-32",
-        "no-anchors",
-        "one-anchor",
-        "one-symbol",
-        "predictors-crowd",
-        "predictors-deep",
-        "predictors-edge",
-        "predictors-wide",
-        "sixteen-layers",
-        "twenty-steps",
-        "wide-values",
-    }
-)
+EDGES = frozenset({
+    "anchors-32-slots", "duplicates", "fifteen-classes", "full-block", "index-edge", "index-equal", "index-ladder",
+    "lattice-32", "no-anchors", "one-anchor", "one-symbol", "predictors-crowd", "predictors-deep", "predictors-edge",
+    "predictors-wide", "sixteen-layers", "twenty-steps", "wide-values",
+})
 """Plans whose vectors are at an end of what SPEC.md allows."""
 
 _ANNOTATIONS = (

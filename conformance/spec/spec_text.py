@@ -72,7 +72,9 @@ def structure(name: str) -> tuple[Place, ...]:
     found = re.search(rf"<!-- table:{name} -->\n(.*?)<!-- end -->", text(), re.DOTALL)
     if found is None:
         raise LookupError(f"SPEC.md has no table {name}")
-    return tuple(Place(int(row[1]), int(row[2]), row[3], int(row[4] or 0), row[5]) for row in _ROW.finditer(found[1]))
+    return tuple(
+        Place(int(row[1]), int(row[2]), row[3], int(row[4] or 0), row[5]) for row in _ROW.finditer(found[1])
+    )
 
 
 def size_of(name: str) -> int:

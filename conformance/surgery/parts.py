@@ -66,8 +66,7 @@ class Parts:
     def row(self, kind: int, layer: int = 1, tile: int | None = None) -> int:
         """Where that entry stands in the directory."""
         return next(
-            number
-            for number, entry in enumerate(self.entries)
+            number for number, entry in enumerate(self.entries)
             if (entry["kind"], entry["layer"]) == (kind, layer) and tile in (None, entry["tile"])
         )
 

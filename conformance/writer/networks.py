@@ -17,7 +17,9 @@ CLASS_COLUMNS = 15
 OWN, ATTENTION = 1, 2
 
 
-def predictors_block(predictors: Sequence[Predictor], class_columns: int = 0, style: RiceStyle = PLAIN) -> bytes:
+def predictors_block(
+    predictors: Sequence[Predictor], class_columns: int = 0, style: RiceStyle = PLAIN
+) -> bytes:
     """A PREDICTORS block; each stores the class columns up to the last with a weight, `class_columns` at least."""
     records = (_predictor(predictor, class_columns, style) for predictor in predictors)
     return varint(len(predictors)) + b"".join(records)

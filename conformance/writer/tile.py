@@ -82,7 +82,9 @@ def _masks(anchors: Anchors) -> Substream:
 
 
 def _put_offsets(out: Substream, anchors: Anchors, i: int) -> None:
-    pairs = [(a, s) for a, slots in enumerate(anchors.slot_layers) for s, at in enumerate(slots) if at == anchors.layer]
+    pairs = [
+        (a, s) for a, slots in enumerate(anchors.slot_layers) for s, at in enumerate(slots) if at == anchors.layer
+    ]
     for j, rule in enumerate(anchors.model.channels[i].rules):
         contexts = [16 * anchors.classes[a] if rule.by_class else 0 for a, _ in pairs]
         out.put_by_context(key(OFFSETS, j, 1, 0), contexts, [anchors.offset(i, a, s)[j] for a, s in pairs])

@@ -83,7 +83,9 @@ def _parts_of(data: bytes) -> Parts:
     for index in range(entry_count):
         kind, flags, layer, reserved, tile, offset, length, count, _ = ENTRY.unpack_from(data, at + ENTRY_SIZE * index)
         blocks.append(Part(kind, flags, layer, reserved, tile, count, data[offset : offset + length]))
-    gaussians = [_COUNTS.unpack_from(data, FILE_HEADER_SIZE + LAYER_SUMMARY_SIZE * layer)[1] for layer in range(layers)]
+    gaussians = [
+        _COUNTS.unpack_from(data, FILE_HEADER_SIZE + LAYER_SUMMARY_SIZE * layer)[1] for layer in range(layers)
+    ]
     return Parts(data[:FILE_HEADER_SIZE], gaussians, tiles, blocks)
 
 
@@ -107,7 +109,9 @@ def put_together(parts: Parts) -> bytes:
         size = len(block.payload)
         crc = zlib.crc32(block.payload)
         entries.append(
-            ENTRY.pack(block.kind, block.flags, block.layer, block.reserved, block.tile, at, size, block.count, crc)
+            ENTRY.pack(
+                block.kind, block.flags, block.layer, block.reserved, block.tile, at, size, block.count, crc
+            )
         )
         at += size
         if 1 <= block.layer <= layers:

@@ -141,21 +141,10 @@ def parse_network(block: bytes) -> Network:
     inputs = classes + (attributes if flags & 1 else 0) + depths * (attributes + latents + 1) + grid
     require(inputs <= 512, "bad-network")
     network = Network(
-        bits,
-        bool(flags & 1),
-        latent_shift,
-        codeword_shift,
-        classes,
-        attributes,
-        depths,
-        latents,
-        grid,
-        dims,
+        bits, bool(flags & 1), latent_shift, codeword_shift, classes, attributes, depths, latents, grid, dims,
         (_linear(reader, first, inputs), _linear(reader, hidden, first)),
-        [
-            _gru(reader, hidden, dims + 1, heads, tokens) if j == 0 else _gru(reader, hidden, hidden, 1, 1)
-            for j in range(layers)
-        ],
+        [_gru(reader, hidden, dims + 1, heads, tokens) if j == 0 else _gru(reader, hidden, hidden, 1, 1)
+         for j in range(layers)],
         _attention(reader, hidden) if flags & 2 else None,
         _linear(reader, mixed, 2 * hidden),
         [_head(reader, dims + 1, mixed) for _ in range(heads)],
@@ -227,7 +216,6 @@ class Coder:
 
     def read(self, rans: Rans, ys: list[Vector]) -> Vector:
         """The index of each of the anchors with these y."""
-
         def symbol(logits: Vector) -> int:
             return rans.symbol(Table(range(len(logits)), frequencies(logits)))
 

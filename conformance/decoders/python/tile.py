@@ -19,17 +19,8 @@ from conformance.decoders.python.models import Channel
 from conformance.decoders.python.predictors import Key
 
 NAMES = {
-    1: "POSITIONS",
-    2: "CLASSES",
-    3: "MASKS",
-    4: "POSITION_RESIDUAL",
-    5: "SCALE",
-    6: "ROTATION",
-    7: "OPACITY",
-    8: "COLOUR",
-    9: "INDICES",
-    10: "LATENT",
-    11: "OFFSETS",
+    1: "POSITIONS", 2: "CLASSES", 3: "MASKS", 4: "POSITION_RESIDUAL", 5: "SCALE", 6: "ROTATION", 7: "OPACITY",
+    8: "COLOUR", 9: "INDICES", 10: "LATENT", 11: "OFFSETS",
 }
 
 

@@ -9,26 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 _LITERAL_CODES = (
-    *((n, 0) for n in range(16)),
-    *((16 + 2 * n, 1) for n in range(4)),
-    (24, 2),
-    (28, 2),
-    (32, 3),
-    (40, 3),
-    (48, 4),
+    *((n, 0) for n in range(16)), *((16 + 2 * n, 1) for n in range(4)), (24, 2), (28, 2), (32, 3), (40, 3), (48, 4),
     *((1 << n, n) for n in range(6, 17)),
 )
 _MATCH_CODES = (
-    *((n, 0) for n in range(3, 35)),
-    *((35 + 2 * n, 1) for n in range(4)),
-    (43, 2),
-    (47, 2),
-    (51, 3),
-    (59, 3),
-    (67, 4),
-    (83, 4),
-    (99, 5),
-    *((3 + (1 << n), n) for n in range(7, 17)),
+    *((n, 0) for n in range(3, 35)), *((35 + 2 * n, 1) for n in range(4)), (43, 2), (47, 2), (51, 3), (59, 3), (67, 4),
+    (83, 4), (99, 5), *((3 + (1 << n), n) for n in range(7, 17)),
 )
 
 
