@@ -73,7 +73,7 @@ Switch = Callable[[], AbstractContextManager[Any]]
 
 def coding(scene: Scene, effort: int) -> Iterator[tuple[str, Record]]:
     """(mechanism, bytes with and without it) of the same integers."""
-    options = _options(scene, QUALITY, effort)
+    options = scene.options(quality=QUALITY, effort=effort, corrections=0)
     source, _ = clean(load(scene.path), drop_invalid=True)
     profile = pipeline.measured(source, options, silent)
     attempt = pipeline.attempted(profile, QUALITY)
@@ -156,12 +156,14 @@ def deciding(scene: Scene, effort: int) -> Iterator[tuple[str, Record]]:
     """(mechanism, points of its curve and of the encoder's own): bytes and dB at both lambdas."""
     source, _ = clean(load(scene.path), drop_invalid=True)
     assert isinstance(source, GaussianScene)
-    profile = explicit.ExplicitProfile.measured(source, _options(scene, QUALITY, effort), silent)
-    cameras = judged_cameras(source, scene.frame)
+    profile = explicit.ExplicitProfile.measured(
+        source, scene.options(quality=QUALITY, effort=effort, corrections=0), silent
+    )
+    cameras = judged_cameras(source, scene.up)
     pictures = [render(source, camera) for camera in cameras]
 
     def point(quality: float, **changed: Any) -> tuple[int, float]:
-        own = replace(profile, options=replace(_options(scene, quality, effort), **changed))
+        own = replace(profile, options=replace(scene.options(quality=quality, effort=effort, corrections=0), **changed))
         attempt = pipeline.attempted(own, quality)
         found = reconstructed(attempt.problem, attempt.decision)
         each = [
@@ -181,9 +183,9 @@ def deciding(scene: Scene, effort: int) -> Iterator[tuple[str, Record]]:
     yield "layers (their price)", {"own": own, "without": curve(layers=1)}
 
 
-def judged_cameras(scene: GaussianScene, frame: str) -> list[Camera]:
+def judged_cameras(scene: GaussianScene, up: str) -> list[Camera]:
     """Views of all kinds, sampled."""
-    around = Surroundings.of(scene, frame)
+    around = Surroundings.of(scene, up)
     every = (camera for kind in KINDS for camera in viewpoints(around, kind, _VIEWS, _VIEW_SEED))
     return [camera.sampled(_SAMPLED) for camera in every]
 
@@ -256,11 +258,6 @@ OF_LATENTS = ("LATENT channel", "codewords", "second RVQ stage")
 
 
 # Both
-
-
-def _options(scene: Scene, quality: float, effort: int) -> EncodeOptions:
-    cameras = scene.known_cameras()
-    return EncodeOptions(quality=quality, effort=effort, corrections=0, frame=scene.frame, cameras=cameras)
 
 
 STUDIES = {"coding": coding, "deciding": deciding}
