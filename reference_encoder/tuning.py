@@ -15,6 +15,8 @@ from scarfmt.scene.model import DecodedContext
 BLUR_PX2 = 0.4
 """Pixels^2: the rasteriser's 0.3 px dilation and the pixel itself blur every splat; below this variance an axis hardly
 shows its own length [0003]."""
+HIDDEN_SCALE = 0.1
+"""Share of that blur's deviation below which an axis says nothing: it adds a hundredth to a variance [0028]."""
 SCALE_SHARE = (1.0, 0.8, 0.25)
 """Share of the longest, middle and shortest axis in the picture error of a log-scale error [0003]."""
 ASPECT_CAP = 9.0
