@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from reference_encoder.decide.allocate import classify
+from reference_encoder.decide.allocate import classify, ranked_with_colour
 from reference_encoder.decide.assemble import Quantised, assembled
 from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.lagrangian import best_width, lambda_for
@@ -22,6 +22,7 @@ from reference_encoder.measure.survey import survey
 from reference_encoder.measure.weights import weighed
 from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import (
+    CLASS_COLOUR_SHARE,
     GAUSSIAN_BASE_SHARE,
     GAUSSIAN_BITS,
     GAUSSIAN_COARSEST,
@@ -77,7 +78,9 @@ class ExplicitProfile:
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted."""
         absence, lambda_ = self.sensitivity.absence, lambda_for(quality, len(self.scene))
-        every, count = classify(absence, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
+        share = CLASS_COLOUR_SHARE if self.scene.sh_degree else 0.0
+        ranked = ranked_with_colour(absence, self.sensitivity.colour, share, lambda_ * GAUSSIAN_BITS)
+        every, count = classify(ranked, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
         kept = np.flatnonzero(every >= 0)
         classes, seen, attributes = every[kept], self.sensitivity.take(kept), self.attributes.take(kept)
         weights = {stream: SHAPE_SHARE.get(stream, 1.0) * s for stream, s in seen.channels.items()}
