@@ -22,7 +22,7 @@ ASPECT_CAP = 9.0
 ratio of variances the linear model overestimates [0003]."""
 OPACITY_SHARE = 1.1
 """Picture error of a squared error of log opacity, in that of a relative change of the splat [0003]."""
-GAUSSIAN_ABSENCE = 5.6
+GAUSSIAN_ABSENCE = 15.0
 """Leaving a Gaussian out is so many times worse than the sum of single errors says: neighbours left out err together
 [0003]."""
 SLOT_ABSENCE = 8.0
@@ -37,10 +37,12 @@ SURVEY_SEED = 2023
 """Of the survey's views; those that judge have others [0023]."""
 SURVEY_SAMPLES = 19_200
 """Pixels looked at of each view: 160 x 120 of 640 x 480 [0023]."""
-ORBIT_PART, GAUSSIANS_A_VIEW, MOST_LOCAL_VIEWS = 1 / 6, 4096, 768
-"""Part of the views that look from outside; the others, which see a part of a scene, are one for as many Gaussians
-where that is more, and at most so many [0023]."""
-KIND_SHARES = {"orbit": 1 / 3, "near": 1 / 3, "inside": 1 / 3}
+ORBIT_PART, LOCAL_GAUSSIANS, MOST_LOCAL_VIEWS = 1 / 6, 600_000, 768
+"""Part of the views that look from outside; the others see a part of a scene, and grow in number with what is beyond so
+many Gaussians, up to so many views [0023]."""
+ANCHOR_VIEWS = 48
+"""Views of anchor models at most, given ones apart: their networks are run for each [0023]."""
+KIND_SHARES = {"orbit": 1 / 2, "near": 1 / 4, "inside": 1 / 4}
 """How much each kind of view counts [0023]."""
 GIVEN_SHARE, BESIDE_SHARE = 0.5, 0.2
 """How much given cameras count, and views beside them; the rest is for everywhere [0023]."""
@@ -49,6 +51,8 @@ JITTER_PART, JITTER_DEG = 0.1, 10.0
 FLOOR_SHARE, FLOOR_DISTANCE, FLOOR_CONTRAST = 0.005, 0.3, 0.3
 """Every Gaussian weighs at least this share of what it would with nothing in front of it, at this distance (radii), in
 this contrast to what is behind it [0023]."""
+INVISIBLE_WEIGHT = 1 / 255
+"""Of a Gaussian in every pixel of the survey at most: what has less is said to be invisible [0023]."""
 
 # --- Reaching the quality asked for: measure/calibrate.py ---
 
@@ -64,9 +68,11 @@ MOST_UP_DB, MOST_DOWN_DB = 6.0, 15.0
 
 # --- Lambda: decide/lagrangian.py ---
 
-LAMBDA_OFFSET_DB, LAMBDA_QUALITY_DB, LAMBDA_SLOPE = 51.0, 42.0, 0.82
-"""At this quality lambda times the number of Gaussians is this many dB below 1; dB found per dB of lambda [0004,
-0023]."""
+LAMBDA_QUALITY_DB, LAMBDA_SLOPE = 42.0, 0.82
+"""A quality, and dB found per dB of lambda [0004]."""
+GAUSSIAN_LAMBDA_DB, ANCHOR_LAMBDA_DB = 51.0, 60.0
+"""At that quality, lambda times the number of Gaussians, or of anchors, is so many dB below 1. Weights of Gaussians are
+power means, those of anchors plain ones [0004, 0023]."""
 
 # --- Classes and what they receive: decide/ ---
 

@@ -16,13 +16,15 @@ from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry
 from reference_encoder.decide.rdo import choose_values
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
 from reference_encoder.measure.anchor_sensitivity import AnchorSensitivity, measure_anchors
-from reference_encoder.measure.survey import survey
+from reference_encoder.measure.survey import Survey, survey
 from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import (
     ANCHOR_BASE_SHARE,
     ANCHOR_BITS,
     ANCHOR_COARSEST,
     ANCHOR_EXTRA_STAGES,
+    ANCHOR_LAMBDA_DB,
+    ANCHOR_VIEWS,
     MLP_BITS,
     MOST_ANCHOR_CLASSES,
     SIZE_SHARE,
@@ -35,7 +37,6 @@ from scarfmt.coding.writer import Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
 from scarfmt.errors import InvalidInput
-from scarfmt.render.camera import Camera
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
@@ -66,7 +67,7 @@ class AnchorProfile:
         """
         if set(model.mlps) != set(_NETWORKS):
             raise InvalidInput("input-anchors", f"networks {sorted(model.mlps)}: opacity, cov and color are needed")
-        seen = measure_anchors(model, _cameras(model, options), options.seed, lambda f: report("visibility", f))
+        seen = measure_anchors(model, _survey(model, options), options.seed, lambda f: report("visibility", f))
         return cls(model, seen, options, report)
 
     @property
@@ -85,7 +86,7 @@ class AnchorProfile:
         Raises:
             InvalidInput: ``input-anchors`` when no feature is seen.
         """
-        kept = self._kept(lambda_for(quality, len(self.model)))
+        kept = self._kept(lambda_for(quality, len(self.model), ANCHOR_LAMBDA_DB))
         seen, model = kept.seen, kept.model
         weight = (seen.shape * seen.inverse_variance).sum(axis=1)
         placement = place(model.anchors, best_width(weight, kept.lambda_), self.options.tile_anchors)
@@ -225,8 +226,8 @@ class _Kept:
         return np.where(self.slots & pays.any(axis=0), np.minimum(layers, len(lambdas)), 0)
 
 
-def _cameras(model: AnchorModel, options: EncodeOptions) -> list[Camera]:
-    """The views to judge by; where none are given, as for a scene with a Gaussian on every anchor."""
+def _survey(model: AnchorModel, options: EncodeOptions) -> Survey:
+    """The views to measure from, as for a scene with a Gaussian on every anchor, but fewer."""
     n = len(model)
     shell = GaussianScene(
         model.anchors,
@@ -235,7 +236,7 @@ def _cameras(model: AnchorModel, options: EncodeOptions) -> list[Camera]:
         np.zeros(n, np.float32),
         np.zeros((n, 1, 3), np.float32),
     )
-    return survey(shell, options).cameras
+    return survey(shell, options).thinned(ANCHOR_VIEWS)
 
 
 def _taken(model: AnchorModel, index: I64) -> AnchorModel:

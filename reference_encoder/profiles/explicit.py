@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,14 +19,16 @@ from reference_encoder.judge.calibrate import Judge
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
 from reference_encoder.measure.attributes import Attributes, from_scene
 from reference_encoder.measure.sensitivity import Sensitivity, measure
-from reference_encoder.measure.survey import survey
-from reference_encoder.measure.weights import weighed
+from reference_encoder.measure.survey import Survey, survey
+from reference_encoder.measure.weights import Weights, weighed
 from reference_encoder.options import EncodeOptions
+from reference_encoder.profiles.account import ACCOUNT, account
 from reference_encoder.tuning import (
     CLASS_COLOUR_SHARE,
     GAUSSIAN_BASE_SHARE,
     GAUSSIAN_BITS,
     GAUSSIAN_COARSEST,
+    GAUSSIAN_LAMBDA_DB,
     MOST_GAUSSIAN_CLASSES,
     REST_SHARE,
     SHAPE_SHARE,
@@ -46,12 +49,16 @@ class ExplicitProfile:
     Attributes:
         scene: the source.
         attributes: of all its Gaussians, in the terms of SPEC §9.
+        survey: where they were looked at from.
+        weights: what they weigh there.
         sensitivity: what errors in them show.
-        options, report: of the encoder.
+        options, report: of the encoder; the frame is the one that was found.
     """
 
     scene: GaussianScene
     attributes: Attributes
+    survey: Survey
+    weights: Weights
     sensitivity: Sensitivity
     options: EncodeOptions
     report: Report
@@ -61,9 +68,15 @@ class ExplicitProfile:
         """A scene without NaN or infinity, looked at from the views that matter."""
         report("visibility", 0.0)
         attributes = from_scene(scene)
-        weights = weighed(scene, survey(scene, options), lambda part: report("visibility", part))
-        sensitivity = measure(attributes, weights)
-        return cls(scene, attributes, sensitivity, options, report)
+        views = survey(scene, options)
+        weights = weighed(scene, views, lambda part: report("visibility", part))
+        told = replace(options, frame=views.up.up)
+        return cls(scene, attributes, views, weights, measure(attributes, weights), told, report)
+
+    def reweighted(self, shares: Mapping[str, float]) -> ExplicitProfile:
+        """The same where each kind of view counts as much as `shares` say, which add up to 1."""
+        weights = replace(self.weights, shares=shares)
+        return replace(self, weights=weights, sensitivity=measure(self.attributes, weights))
 
     @property
     def source_count(self) -> int:
@@ -77,7 +90,7 @@ class ExplicitProfile:
 
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted."""
-        absence, lambda_ = self.sensitivity.absence, lambda_for(quality, len(self.scene))
+        absence, lambda_ = self.sensitivity.absence, lambda_for(quality, len(self.scene), GAUSSIAN_LAMBDA_DB)
         share = CLASS_COLOUR_SHARE if self.scene.sh_degree else 0.0
         ranked = ranked_with_colour(absence, self.sensitivity.colour, share, lambda_ * GAUSSIAN_BITS)
         every, count = classify(ranked, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
@@ -117,4 +130,7 @@ class ExplicitProfile:
 
     def finish(self, problem: Problem, decision: Decision) -> Quantised:
         """All integers of the file that `decision` says."""
-        return assembled(problem, decision, self.options.metadata)
+        lambda_, absence = problem.budget.lambda_, self.sensitivity.absence
+        left_out = classify(absence, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)[0] < 0
+        told = account(self.survey, self.weights.largest, left_out, decision, self.scene.sh_degree > 0)
+        return assembled(problem, decision, {ACCOUNT: told, **self.options.metadata})

@@ -39,8 +39,8 @@ def warn_of_strangers(positions: F64, cameras: Sequence[Camera]) -> None:
     found = part_in_view(positions, cameras)
     if found < SEEN_AT_LEAST:
         message = (
-            f"the cameras do not look at the scene: half of the {len(cameras)} have at most {100 * found:.2g} % of it in"
-            " view; are they in the frame and scale that the scene was trained in?"
+            f"the cameras do not look at the scene: half of the {len(cameras)} have at most {100 * found:.2g} % of it"
+            " in view; are they in the frame and scale that the scene was trained in?"
         )
         warnings.warn(message, InputWarning, stacklevel=3)
 
