@@ -8,7 +8,7 @@
       predicted       choices     what each layer shows                                 decide/layering.py
       decide          Decision    steps, contexts, the integers of all channels         decide/decision.py
     calibrated        Attempt     lambda, by pictures of the result                     judge/calibrate.py
-    layered_by_looks  Attempt     what each layer shows, by pictures of layers          decide/layering.py
+    layered           Attempt     what each layer shows, by pictures of layers          decide/layering.py
     .finish           Quantised   all integers of the file                              profiles, decide/assemble.py
     smallest_file     bytes       which networks the file gets                          networks
 
@@ -23,7 +23,15 @@ from importlib.util import find_spec
 
 from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision, decide
-from reference_encoder.decide.layering import Entry, LayerChoice, best_looking, first_picture, predicted
+from reference_encoder.decide.layering import (
+    Entry,
+    Look,
+    best_looking,
+    first_picture,
+    likely_first,
+    predicted,
+    predicted_after,
+)
 from reference_encoder.decide.plans import Plans, layer_costs, planned
 from reference_encoder.decide.problem import Problem
 from reference_encoder.judge.calibrate import calibrated
@@ -32,7 +40,7 @@ from reference_encoder.networks.file_costs import index_bytes, latent_cost, with
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
-from reference_encoder.tuning import LARGE_SCENE, LAYER_VIEWS
+from reference_encoder.tuning import FIRST_CAP_DB, LARGE_SCENE
 from scarfmt.coding.writer import Report, silent, write_scene
 from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput, missing_package
@@ -67,9 +75,7 @@ def quantised(scene: GaussianScene | AnchorModel, options: EncodeOptions, report
     """Everything that is decided about a scene before any network."""
     check_torch(scene, options)
     profile = measured(scene, options, report)
-    attempt = calibrated_attempt(profile)
-    if EFFORTS[options.effort].looks_at_layers and options.layers > 1:
-        attempt = layered_by_looks(profile, attempt)
+    attempt = layered(profile, calibrated_attempt(profile))
     return profile.finish(attempt.problem, attempt.decision)
 
 
@@ -135,25 +141,40 @@ def allowed_corrections(options: EncodeOptions, source_count: int) -> int:
     return effort.corrections if effort.corrects_large_scenes or source_count <= LARGE_SCENE else 0
 
 
-def layered_by_looks(profile: Profile, attempt: Attempt) -> Attempt:
-    """The attempt with layers that are best by their looks; as it is where none can be drawn."""
+def layered(profile: Profile, attempt: Attempt) -> Attempt:
+    """The attempt with a first layer without holes, and others after it; as it is where none can be drawn."""
     problem, plans, options = attempt.problem, attempt.plans, profile.options
-    if profile.judge is None:
+    if profile.judge is None or options.layers == 1:
         return attempt
-    judge = profile.judge.fewer(LAYER_VIEWS)
-
-    def look(entries: Sequence[Entry], part: float = 1.0) -> float:
-        profile.report("layers", 0.0)
-        # The names of this function: a problem that was split is looked at as it is then.
-        return judge.psnr_db(rough(problem, plans, entries, part))
-
-    first = first_picture(layer_costs(problem, plans), look, options.quality, problem.budget.base_share)
-    if first.part < 1:
-        problem, first = problem.split(first.shown - 1, first.part), LayerChoice(first.lambda_, first.shown)
+    share, costs = problem.budget.base_share, layer_costs(problem, plans)
+    looking = EFFORTS[options.effort].looks_at_layers
+    first = (
+        first_picture(costs, _look(profile, problem, plans, FIRST_CAP_DB), options.quality, share)
+        if looking
+        else likely_first(costs, share)
+    )
+    if min(first.parts) < 1:
+        problem, first = problem.split(first.parts), replace(first, parts=(1.0,) * first.shown)
         plans = planned(problem)
-    choices = best_looking(layer_costs(problem, plans), look, first, options.layers)
+    costs = layer_costs(problem, plans)
+    choices = (
+        best_looking(costs, _look(profile, problem, plans, options.quality), first, options.layers)
+        if looking
+        else predicted_after(first, costs, options.layers)
+    )
     profile.report("layers", 1.0)
     return Attempt(problem, plans, decide(problem, plans, choices))
+
+
+def _look(profile: Profile, problem: Problem, plans: Plans, most: float) -> Look:
+    """Looks at layers, each view counting as at most `most` dB."""
+
+    def decibels(entries: Sequence[Entry], parts: Sequence[float]) -> float:
+        profile.report("layers", 0.0)
+        assert profile.looks is not None
+        return profile.looks.psnr_db(rough(problem, plans, entries, parts), most)
+
+    return decibels
 
 
 def smallest_file(plain: Quantised, options: EncodeOptions, report: Report = silent) -> bytes:

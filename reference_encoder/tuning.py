@@ -95,6 +95,9 @@ TABLE_ENTRY_BITS = 8.0
 """Bits of an entry of a static table [0001]."""
 PLANNED_ANCHORS = 12_000
 """Anchors of a class that stand for all of it when steps are priced [0014]."""
+COARSEST_COLOUR = 0.42
+"""No layer has wider cells of colour, in coefficients of degree 0: neighbours that all round to grey make a grey meadow
+[0026]."""
 STAGGER = 3.0**0.5
 """Factor of lambda, up or down, by which channels and classes refine in different layers [0007]."""
 CONTEXT_ANCHORS = 200_000
@@ -142,12 +145,25 @@ GAUSSIAN_BASE_SHARE, ANCHOR_BASE_SHARE = 0.265, 0.28
 COARSE_ABSENCE = 3.0
 """How much worse than predicted leaving out a whole class is in early layers: holes, where one Gaussian leaves none
 [0007]."""
-LAYER_VIEWS = 3
-"""Pictures that decide what a layer holds [0018]."""
+LAYER_VIEWS, LAYER_VIEW_SAMPLING = 4, 4
+"""Views of each kind that decide what a layer holds; one pixel of so many along either axis is looked at [0026]."""
+LAYER_BLOCK = 8
+"""Pixels looked at along either side of the blocks whose mean colours are compared, too [0026]."""
+FIRST_CAP_DB = 35.0
+"""A view of next to nothing does not make up for another: at least as good a view counts as much [0026]."""
 PICTURE_DB = 25.4
-"""A first picture, dB: one recognises everything, and nobody takes it for the last [0018]."""
-WORTH_DB = 0.5
-"""A layer in between that gains fewer dB is left out [0018]."""
+"""A first picture, dB over all kinds of views: one recognises everything, nobody takes it for the last [0018, 0026]."""
+NEIGHBOURS = 8
+"""Of so many neighbours of a class those that cover most are shown before the others [0026]."""
+FRONT_CLASSES, FRONT_STEP = 3.0, 0.5
+"""Over so many classes the part that a first layer shows falls from all to nothing, and in which steps that is tried,
+classes [0026]."""
+FRONT_LAMBDA, MOST_MODEL_SHARE = 100.0, 0.25
+"""Of a first layer that nobody looks at: lambda in that of the last layer, and the most that models may take [0026]."""
+FEWEST_DIVIDED = 64
+"""Anchors of a class that may be shown in part [0026]."""
+WORTH_DB = 1.0
+"""A layer in between that gains fewer dB, or leaves fewer to the last, is left out [0018, 0026]."""
 BELOW_DB = 8.0
 """dB that the first picture is at least worse than the last layer [0018]."""
 LARGEST_SHARE = 0.4
@@ -156,8 +172,6 @@ LARGEST_LAMBDA_RATIO, LAMBDAS = 1e7, 80
 """Lambdas a layer may have: the largest over that of the last layer, and how many [0018]."""
 LOOKS, DB_A_LAMBDA = 3, 0.3
 """To find how coarse a layer may be: how often to look, and about how many dB the next lambda costs [0018]."""
-PARTS = (0.75, 0.5, 0.25)
-"""Parts of the last class of the first layer that are tried [0018]."""
 
 # --- Latents and codewords: latent/ ---
 

@@ -80,6 +80,11 @@ class AnchorProfile:
         """Nothing: layers of anchors are as predicted."""
         return
 
+    @property
+    def looks(self) -> None:
+        """Nothing, as `judge`."""
+        return
+
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted.
 
@@ -186,7 +191,13 @@ class _Kept:
             shown = (gain > lambda_ * SLOT_BITS).sum(axis=1)
             return fixed + SLOT_BITS * np.bincount(self.classes, shown, self.count)
 
-        return Classes(of=self.classes, count=self.count, importance=self.importance, presence_bits=presence_bits)
+        return Classes(
+            of=self.classes,
+            count=self.count,
+            importance=self.importance,
+            standing=np.zeros(len(self.classes)),  # layers of anchors are of whole classes
+            presence_bits=presence_bits,
+        )
 
     def scale_weight(self) -> F64:
         """(N, 6) squared picture error per squared unit of each log scaling: three move slots, three size them."""

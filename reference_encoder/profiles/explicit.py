@@ -14,8 +14,9 @@ from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.lagrangian import best_width, lambda_for
 from reference_encoder.decide.lattice import Placement, place
 from reference_encoder.decide.plans import position_bits
-from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem
+from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem, standing
 from reference_encoder.judge.calibrate import Judge
+from reference_encoder.judge.looks import Looks
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
 from reference_encoder.measure.attributes import Attributes, from_scene
 from reference_encoder.measure.sensitivity import Sensitivity, measure
@@ -33,7 +34,7 @@ from reference_encoder.tuning import (
     REST_SHARE,
     SHAPE_SHARE,
 )
-from scarfmt.arrays import I64
+from scarfmt.arrays import F64, I64
 from scarfmt.coding.writer import Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
@@ -88,6 +89,11 @@ class ExplicitProfile:
         """Pictures of the source, drawn when they are first wanted."""
         return Judge.of(self.scene, self.options)
 
+    @cached_property
+    def looks(self) -> Looks:
+        """Small pictures of the source from everywhere, drawn when they are first wanted."""
+        return Looks.of(self.scene, self.options)
+
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted."""
         absence, lambda_ = self.sensitivity.absence, lambda_for(quality, len(self.scene), GAUSSIAN_LAMBDA_DB)
@@ -106,7 +112,13 @@ class ExplicitProfile:
             geometry=self._geometry(attributes, placement),
             channels=Channels(values=values, weights=weights, coarsest=GAUSSIAN_COARSEST),
             fitted=self._fitted(attributes, seen, classes, lambda_),
-            classes=Classes(of=classes, count=count, importance=seen.absence, presence_bits=lambda _: fixed),
+            classes=Classes(
+                of=classes,
+                count=count,
+                importance=seen.absence,
+                standing=standing(attributes.positions, classes, _log_extent(values)),
+                presence_bits=lambda _: fixed,
+            ),
             budget=Budget(lambda_=lambda_, lost=float(absence[every < 0].sum()), base_share=GAUSSIAN_BASE_SHARE),
         )
 
@@ -134,3 +146,8 @@ class ExplicitProfile:
         left_out = classify(absence, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)[0] < 0
         told = account(self.survey, self.weights.largest, left_out, decision, self.scene.sh_degree > 0)
         return assembled(problem, decision, {ACCOUNT: told, **self.options.metadata})
+
+
+def _log_extent(values: Mapping[Stream, F64]) -> F64:
+    """(N,) logarithm of what a Gaussian covers: its face, the two longest axes, times its opacity."""
+    return np.asarray(values[Stream.SCALE][:, :2].sum(axis=1) + values[Stream.OPACITY][:, 0])

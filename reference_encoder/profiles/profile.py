@@ -8,6 +8,7 @@ from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.problem import Problem
 from reference_encoder.judge.calibrate import Judge
+from reference_encoder.judge.looks import Looks
 from reference_encoder.options import EncodeOptions
 from scarfmt.coding.writer import Report
 
@@ -20,6 +21,7 @@ class Profile(Protocol):
         report: told (stage, fraction done).
         source_count: Gaussians or anchors of the source.
         judge: pictures of the source to judge results by; None where results cannot be drawn.
+        looks: pictures of the source to judge layers by; None likewise.
     """
 
     @property
@@ -30,6 +32,8 @@ class Profile(Protocol):
     def source_count(self) -> int: ...
     @property
     def judge(self) -> Judge | None: ...
+    @property
+    def looks(self) -> Looks | None: ...
 
     def problem(self, quality: float) -> Problem:
         """What there is to decide at the lambda that is predicted to give `quality` dB."""
