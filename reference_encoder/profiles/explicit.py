@@ -18,7 +18,7 @@ from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry
 from reference_encoder.judge.calibrate import Judge
 from reference_encoder.judge.looks import Looks
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
-from reference_encoder.measure.attributes import Attributes, from_scene
+from reference_encoder.measure.attributes import Attributes, from_scene, without_hidden_scales
 from reference_encoder.measure.sensitivity import Sensitivity, measure
 from reference_encoder.measure.survey import Survey, survey
 from reference_encoder.measure.weights import Weights, weighed
@@ -49,7 +49,7 @@ class ExplicitProfile:
 
     Attributes:
         scene: the source.
-        attributes: of all its Gaussians, in the terms of SPEC §9.
+        attributes: of all its Gaussians, in the terms of SPEC §9; axes that nobody sees are no shorter than that.
         survey: where they were looked at from.
         weights: what they weigh there.
         sensitivity: what errors in them show.
@@ -71,6 +71,7 @@ class ExplicitProfile:
         attributes = from_scene(scene)
         views = survey(scene, options)
         weights = weighed(scene, views, lambda part: report("visibility", part))
+        attributes = without_hidden_scales(attributes, weights.pixel)
         told = replace(options, frame=views.up.up)
         return cls(scene, attributes, views, weights, measure(attributes, weights), told, report)
 
