@@ -82,6 +82,9 @@ power means, those of anchors plain ones [0004, 0023]."""
 
 IMPORTANCE_RATIO = 9.0
 """Squared-error ratio between neighbouring classes: one ternary step [0007]."""
+CLASS_COLOUR_SHARE = 0.5
+"""Share of the colour in the importance that makes classes of Gaussians with view-dependent colour; without, shape
+alone makes them [0027]."""
 MOST_GAUSSIAN_CLASSES, MOST_ANCHOR_CLASSES = 8, 7
 """Classes of a file, explicit and anchor profile [0007]."""
 GAUSSIAN_BITS, ANCHOR_BITS = 40.0, 60.0

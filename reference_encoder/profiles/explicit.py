@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from reference_encoder.decide.allocate import classify
+from reference_encoder.decide.allocate import classify, ranked_with_colour
 from reference_encoder.decide.assemble import Quantised, assembled
 from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.lagrangian import best_width, lambda_for
@@ -25,6 +25,7 @@ from reference_encoder.measure.weights import Weights, weighed
 from reference_encoder.options import EncodeOptions
 from reference_encoder.profiles.account import ACCOUNT, account
 from reference_encoder.tuning import (
+    CLASS_COLOUR_SHARE,
     GAUSSIAN_BASE_SHARE,
     GAUSSIAN_BITS,
     GAUSSIAN_COARSEST,
@@ -97,7 +98,9 @@ class ExplicitProfile:
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted."""
         absence, lambda_ = self.sensitivity.absence, lambda_for(quality, len(self.scene), GAUSSIAN_LAMBDA_DB)
-        every, count = classify(absence, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
+        share = CLASS_COLOUR_SHARE if self.scene.sh_degree else 0.0
+        ranked = ranked_with_colour(absence, self.sensitivity.colour, share, lambda_ * GAUSSIAN_BITS)
+        every, count = classify(ranked, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
         kept = np.flatnonzero(every >= 0)
         classes, seen, attributes = every[kept], self.sensitivity.take(kept), self.attributes.take(kept)
         weights = {stream: SHAPE_SHARE.get(stream, 1.0) * s for stream, s in seen.channels.items()}
