@@ -26,12 +26,13 @@ class EncodeOptions:
     """Options of `encode`.
 
     Attributes:
-        quality: about the PSNR in dB, against the source, of pictures of the last layer; 20..80.
+        quality: PSNR in dB, against the source, that pictures of the last layer have on average, from wherever views
+            are drawn that nothing was decided by; 20..80.
+        worst: dB that each of the views has by which results are judged, in place of a mean; 20..80, or None.
         effort: 1 fast, static tables alone; 2 default; 3 slow: size of the training sample, epochs, codebooks, views,
             networks tried, corrections.
         corrections: how often at most lambda is corrected by what pictures of the result show, 0..10; 0 takes the
-            predicted one, None what `effort` says, and at effort 1 none of scenes of more than 262,144. Of explicit
-            scenes only.
+            predicted one, None what `effort` says.
         layers: most layers, 1..16. The first takes about a quarter of the bytes, from effort 2 as few as give a picture
             of 25 dB.
         cameras: views that matter, e.g. those of the photos; None for rings round the core.
@@ -51,6 +52,7 @@ class EncodeOptions:
     """
 
     quality: float = 45.0
+    worst: float | None = None
     effort: int = 2
     corrections: int | None = None
     layers: int = 5
@@ -62,6 +64,11 @@ class EncodeOptions:
     tile_anchors: int | None = None
     seed: int = 0
     metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def asked_db(self) -> float:
+        """What is asked for: a mean, or the least of all."""
+        return self.quality if self.worst is None else self.worst
 
     @property
     def trains_networks(self) -> bool:
@@ -81,6 +88,8 @@ class EncodeOptions:
         """
         if not MIN_QUALITY <= self.quality <= MAX_QUALITY:
             raise InvalidInput("input-options", f"quality {self.quality} is not in 20..80", field="quality")
+        if self.worst is not None and not MIN_QUALITY <= self.worst <= MAX_QUALITY:
+            raise InvalidInput("input-options", f"worst {self.worst} is not in 20..80", field="worst")
         if self.effort not in EFFORTS:
             raise InvalidInput("input-options", f"effort {self.effort} is not 1, 2 or 3", field="effort")
         if self.corrections is not None and not 0 <= self.corrections <= MAX_CORRECTIONS:
@@ -139,9 +148,9 @@ class Effort:
         epochs: passes over them.
         stages: RVQ stages tried.
         thorough_views: twice the survey views.
-        judged_views: pictures a result is judged by.
+        judged_views: small pictures of each kind a result is judged by.
+        judged_gaussians: fewer, if a source of so many Gaussians would be drawn more than once for each kind.
         corrections: of lambda, by what these show.
-        corrects_large_scenes: also in scenes of more than `tuning.LARGE_SCENE` Gaussians.
         looks_at_layers: whether pictures decide what layers hold.
         networks: whether predictors and an index network are trained, and kept where they make the file smaller.
         attention: whether an index network with spatial-query attention is tried too.
@@ -155,8 +164,8 @@ class Effort:
     stages: int
     thorough_views: bool
     judged_views: int
+    judged_gaussians: int
     corrections: int
-    corrects_large_scenes: bool
     looks_at_layers: bool
     networks: bool
     attention: bool
@@ -171,9 +180,9 @@ EFFORTS = {
         epochs=5,
         stages=2,
         thorough_views=False,
-        judged_views=4,
+        judged_views=64,
+        judged_gaussians=8_000_000,
         corrections=2,
-        corrects_large_scenes=False,
         looks_at_layers=False,
         networks=False,
         attention=False,
@@ -186,9 +195,9 @@ EFFORTS = {
         epochs=7,
         stages=2,
         thorough_views=False,
-        judged_views=6,
-        corrections=2,
-        corrects_large_scenes=True,
+        judged_views=64,
+        judged_gaussians=16_000_000,
+        corrections=4,
         looks_at_layers=True,
         networks=True,
         attention=False,
@@ -201,9 +210,9 @@ EFFORTS = {
         epochs=12,
         stages=3,
         thorough_views=True,
-        judged_views=12,
-        corrections=3,
-        corrects_large_scenes=True,
+        judged_views=96,
+        judged_gaussians=64_000_000,
+        corrections=6,
         looks_at_layers=True,
         networks=True,
         attention=True,

@@ -7,10 +7,10 @@
       planned         Plans       nothing: what each step of each class costs, gains    decide/plans.py
       predicted       choices     what each layer shows                                 decide/layering.py
       decide          Decision    steps, contexts, the integers of all channels         decide/decision.py
-    calibrated        Attempt     lambda, by pictures of the result                     judge/calibrate.py
-    layered_by_looks  Attempt     what each layer shows, by pictures of layers          decide/layering.py
-    .finish           Quantised   all integers of the file                              profiles, decide/assemble.py
-    smallest_file     bytes       which networks the file gets                          networks
+      .finish         Quantised   all integers of the file                              profiles, decide/assemble.py
+    looked_at         Layering    what each layer shows, by pictures of layers          decide/layering.py
+    smallest_file     Written     which networks the file gets                          networks
+    encoded           Encoded     lambda, by pictures of the result after each stage    judge
 
 One currency runs through all of it: lambda, squared picture error per bit.
 """
@@ -19,24 +19,36 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib.util import find_spec
+from typing import Any
 
 from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision, decide
-from reference_encoder.decide.layering import Entry, LayerChoice, best_looking, first_picture, predicted
+from reference_encoder.decide.layering import (
+    Entry,
+    Layering,
+    best_looking,
+    first_picture,
+    predicted,
+)
 from reference_encoder.decide.plans import Plans, layer_costs, planned
 from reference_encoder.decide.problem import Problem
-from reference_encoder.judge.calibrate import calibrated
-from reference_encoder.judge.reconstruct import reconstructed, rough
+from reference_encoder.judge.calibrate import Search
+from reference_encoder.judge.judge import Judge
+from reference_encoder.judge.quality import Quality
+from reference_encoder.judge.rough import rough
+from reference_encoder.judge.views import Sight
 from reference_encoder.networks.file_costs import index_bytes, latent_cost, within_limits
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
-from reference_encoder.tuning import LARGE_SCENE, LAYER_VIEWS
-from scarfmt.coding.writer import Report, silent, write_scene
+from reference_encoder.tuning import LAYER_VIEWS, WORST_BELOW_DB
+from scarfmt.coding.writer import QuantisedScene, Report, silent, write_scene
 from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput, missing_package
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from scarfmt.tools.annotate import annotated
 
 
 @dataclass(frozen=True)
@@ -47,30 +59,61 @@ class Attempt:
         problem: what there was to decide.
         plans: what it costs.
         decision: what was decided.
+        plain: all integers, before any network.
     """
 
     problem: Problem
     plans: Plans
     decision: Decision
+    plain: Quantised
 
 
-def encoded(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report = silent) -> bytes:
-    """The bytes of a file for `scene`, all stages one after another.
+@dataclass(frozen=True)
+class Written:
+    """A file, and all integers of it."""
+
+    data: bytes
+    scene: QuantisedScene
+
+
+class Encoded(bytes):
+    """The bytes of a file, and how good its pictures are.
+
+    Attributes:
+        quality: of the last layer, from views that played no part in encoding.
+    """
+
+    quality: Quality
+
+    @classmethod
+    def of(cls, data: bytes, quality: Quality) -> Encoded:
+        """Bytes with what is known of them."""
+        made = cls(data)
+        made.quality = quality
+        return made
+
+
+def encoded(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report = silent) -> Encoded:
+    """A file for `scene`, all stages one after another, and how good its pictures are.
+
+    What comes after the first corrections of lambda moves pictures a little: layers by looks, codewords chosen again.
+    So each stage ends by looking again, the last at what the finished file holds.
 
     Raises:
         InvalidInput: ``input-dependency`` where torch is needed and missing, ``input-anchors``.
     """
-    return smallest_file(quantised(scene, options, report), options, report)
+    check_torch(scene, options)
+    loop = Loop(measured(scene, options, report))
+    written = loop.written(loop.laid_out())
+    quality = loop.reported(written)
+    metadata = {"quality": quality.figures(), **written.scene.metadata}
+    return Encoded.of(annotated(written.data, metadata), quality)
 
 
 def quantised(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report = silent) -> Quantised:
     """Everything that is decided about a scene before any network."""
     check_torch(scene, options)
-    profile = measured(scene, options, report)
-    attempt = calibrated_attempt(profile)
-    if EFFORTS[options.effort].looks_at_layers and options.layers > 1:
-        attempt = layered_by_looks(profile, attempt)
-    return profile.finish(attempt.problem, attempt.decision)
+    return Loop(measured(scene, options, report)).laid_out().plain
 
 
 def check_torch(scene: GaussianScene | AnchorModel, options: EncodeOptions) -> None:
@@ -101,63 +144,117 @@ def measured(scene: GaussianScene | AnchorModel, options: EncodeOptions, report:
     return ExplicitProfile.measured(scene, options, report)
 
 
-def attempted(profile: Profile, quality: float) -> Attempt:
-    """What is decided at the lambda that is predicted to give `quality` dB, layers as predicted."""
-    problem = profile.problem(quality)
+def attempted(profile: Profile[Any], quality: float, layering: Layering | None = None) -> Attempt:
+    """What is decided at the lambda that is predicted to give `quality` dB, layers as predicted or as `layering` says."""
+    return decided(profile, profile.problem(quality), layering)
+
+
+def decided(profile: Profile[Any], problem: Problem, layering: Layering | None) -> Attempt:
+    """What is decided about a problem, layers as predicted or as `layering` says."""
     profile.report("allocate", 0.0)
+    if layering is not None:
+        problem = layering.split(problem)
     plans = planned(problem)
-    choices = predicted(layer_costs(problem, plans), problem.budget.base_share, profile.options.layers)
+    costs = layer_costs(problem, plans)
+    if layering is not None:
+        choices = layering.choices(costs)
+    else:
+        choices = predicted(costs, problem.budget.base_share, profile.options.layers)
     decision = decide(problem, plans, choices)
     profile.report("allocate", 1.0)
-    return Attempt(problem, plans, decision)
+    return Attempt(problem, plans, decision, profile.finish(problem, decision))
 
 
-def calibrated_attempt(profile: Profile) -> Attempt:
-    """The attempt whose pictures are about as good as asked for, or the predicted one where none can be drawn."""
-    options, judge = profile.options, profile.judge
-    if judge is None:
-        return attempted(profile, options.quality)
-
-    def judged(tried: Attempt) -> float:
-        profile.report("quality", 0.0)
-        return judge.psnr_db(reconstructed(tried.problem, tried.decision))
-
-    corrections = allowed_corrections(options, profile.source_count)
-    return calibrated(options.quality, corrections, lambda aim: attempted(profile, aim), judged)
-
-
-def allowed_corrections(options: EncodeOptions, source_count: int) -> int:
-    """How often lambda may be corrected: as asked for, or by effort."""
-    effort = EFFORTS[options.effort]
-    if options.corrections is not None:
-        return options.corrections
-    # At effort 1 a third of the time, where the prediction is best.
-    return effort.corrections if effort.corrects_large_scenes or source_count <= LARGE_SCENE else 0
-
-
-def layered_by_looks(profile: Profile, attempt: Attempt) -> Attempt:
-    """The attempt with layers that are best by their looks; as it is where none can be drawn."""
+def looked_at(profile: Profile[Any], judge: Judge[Any], attempt: Attempt) -> Layering:
+    """What layers are best by their looks."""
     problem, plans, options = attempt.problem, attempt.plans, profile.options
-    if profile.judge is None:
-        return attempt
-    judge = profile.judge.fewer(LAYER_VIEWS)
+    few = judge.fewer(LAYER_VIEWS)
 
     def look(entries: Sequence[Entry], part: float = 1.0) -> float:
         profile.report("layers", 0.0)
         # The names of this function: a problem that was split is looked at as it is then.
-        return judge.psnr_db(rough(problem, plans, entries, part))
+        return few.quality(rough(problem, plans, entries, part)).mean_db
 
-    first = first_picture(layer_costs(problem, plans), look, options.quality, problem.budget.base_share)
+    first = first_picture(layer_costs(problem, plans), look, options.asked_db, problem.budget.base_share)
     if first.part < 1:
-        problem, first = problem.split(first.shown - 1, first.part), LayerChoice(first.lambda_, first.shown)
+        problem = problem.split(first.shown - 1, first.part)
         plans = planned(problem)
-    choices = best_looking(layer_costs(problem, plans), look, first, options.layers)
+    whole = replace(first, part=1.0)
+    choices = best_looking(layer_costs(problem, plans), look, whole, options.layers)
     profile.report("layers", 1.0)
-    return Attempt(problem, plans, decide(problem, plans, choices))
+    return Layering.of(attempt.problem.classes.count, first, choices)
 
 
-def smallest_file(plain: Quantised, options: EncodeOptions, report: Report = silent) -> bytes:
-    """The bytes of the smallest file found: up to three are written, and the first is the one without networks.
+class Loop:
+    """The stages after measuring, each repeated until pictures are as good as asked.
+
+    Attributes:
+        profile: the scene.
+        search: for the quality to predict for.
+        layering: what layers hold by their looks, once that is known.
+    """
+
+    def __init__(self, profile: Profile[Any]) -> None:
+        options = profile.options
+        self.profile = profile
+        start = options.quality if options.worst is None else options.worst + WORST_BELOW_DB
+        self.search = Search(options.asked_db, allowed_corrections(options), start)
+        self.layering: Layering | None = None
+
+    @cached_property
+    def judge(self) -> Judge[Any]:
+        """Pictures of the source, drawn when they are first wanted."""
+        return self.profile.judge(Sight.LOOP)
+
+    def attempt(self, aim: float) -> Attempt:
+        """What is decided for an aim, dB."""
+        return attempted(self.profile, aim, self.layering)
+
+    def found(self, scene: QuantisedScene) -> float:
+        """What pictures of a file will have of what was asked for, dB."""
+        self.profile.report("quality", 0.0)
+        quality = self.judge.quality(self.profile.finished(scene))
+        return quality.mean_db if self.profile.options.worst is None else quality.worst_db
+
+    def laid_out(self) -> Attempt:
+        """The attempt before any network that is as good as asked, layers in place."""
+        options, profile = self.profile.options, self.profile
+        looks = profile.draws_layers and EFFORTS[options.effort].looks_at_layers and options.layers > 1
+        spare = 1 if looks or options.trains_networks else 0
+        attempt = self._settled(self.attempt(self.search.aim), spare)
+        if looks:
+            self.layering = looked_at(profile, self.judge, attempt)
+            attempt = self._settled(decided(profile, attempt.problem, self.layering), spare)
+        return attempt
+
+    def _settled(self, attempt: Attempt, spare: int = 0) -> Attempt:
+        return self.search.settled(attempt, self.attempt, lambda tried: self.found(tried.plain.scene), spare)
+
+    def written(self, attempt: Attempt) -> Written:
+        """The file, written again while codewords that were chosen again leave it off what was asked."""
+        options, report = self.profile.options, self.profile.report
+
+        def write(made: Attempt) -> Written:
+            return smallest_file(made.plain, options, report)
+
+        written = write(attempt)
+        if not options.trains_networks:
+            return written
+        return self.search.settled(written, lambda aim: write(self.attempt(aim)), lambda made: self.found(made.scene))
+
+    def reported(self, written: Written) -> Quality:
+        """How good pictures of a file are, from views that nothing was decided by."""
+        self.profile.report("quality", 0.0)
+        return self.profile.judge(Sight.REPORT).quality(self.profile.finished(written.scene))
+
+
+def allowed_corrections(options: EncodeOptions) -> int:
+    """How often lambda may be corrected: as asked for, or by effort."""
+    return EFFORTS[options.effort].corrections if options.corrections is None else options.corrections
+
+
+def smallest_file(plain: Quantised, options: EncodeOptions, report: Report = silent) -> Written:
+    """The smallest file found: up to three are written, and the first is the one without networks.
 
     Predictors of channel values come first, each only if it saves more than it takes; then the index network. With it,
     codewords are chosen again at its prices, if there are targets to choose by. The network stays if what it codes and
@@ -169,22 +266,26 @@ def smallest_file(plain: Quantised, options: EncodeOptions, report: Report = sil
         options: `decode_budget` bounds what is tried; of `effort`, 1 tries nothing, and 3 several networks.
         report: told (stage, fraction done).
     """
-    static = write_scene(plain.scene, report, best_engine())
+    static = _written(plain.scene, report)
     if not options.trains_networks:
         return static
     from reference_encoder.networks.candidates import affordable_predictors, with_index_network, with_rounds
 
     predicted_scene = affordable_predictors(plain.scene, options, report)
     learned = with_index_network(predicted_scene or plain.scene, options, report)
-    if learned is not None and learned.bits < 8 * index_bytes(static):
+    if learned is not None and learned.bits < 8 * index_bytes(static.data):
         if plain.targets is not None:
             learned = with_rounds(learned, plain.targets, options, report)
-        data, neural = write_scene(learned.scene, report, best_engine()), replace(plain, scene=learned.scene)
-        if latent_cost(neural, data) < latent_cost(plain, static):
-            return _smaller(static, data)
-    return static if predicted_scene is None else _smaller(static, write_scene(predicted_scene, report, best_engine()))
+        neural = _written(learned.scene, report)
+        if latent_cost(replace(plain, scene=neural.scene), neural.data) < latent_cost(plain, static.data):
+            return _smaller(static, neural)
+    return static if predicted_scene is None else _smaller(static, _written(predicted_scene, report))
 
 
-def _smaller(static: bytes, neural: bytes) -> bytes:
+def _written(scene: QuantisedScene, report: Report) -> Written:
+    return Written(write_scene(scene, report, best_engine()), scene)
+
+
+def _smaller(static: Written, neural: Written) -> Written:
     """The file with networks if it is smaller and readers take it."""
-    return neural if len(neural) < len(static) and within_limits(neural) else static
+    return neural if len(neural.data) < len(static.data) and within_limits(neural.data) else static

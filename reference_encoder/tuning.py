@@ -36,16 +36,22 @@ SURVEY_RINGS = ((0.0625, 20.0, 1.0, 5), (0.02, 38.0, 1.25, 3), (0.09, 5.0, 0.8, 
 SURVEY_VIEWS = 24
 """Most cameras looked from, of those given [0003]."""
 
-# --- Reaching the quality asked for: measure/calibrate.py ---
+# --- Reaching the quality asked for: judge/ ---
 
-TOLERANCE_DB = 0.4
-"""Close enough, dB: other views differ by as much [0017]."""
-JUDGED_TURN, JUDGED_ELEVATION_DEG = 0.03125, 20.0
-"""Where between the survey's views the ring is from which results are judged: turns, degrees [0017]."""
+TOLERANCE_DB = 0.25
+"""Close enough, dB: as many views from elsewhere differ by as much [0025]."""
+SAMPLED_EVERY = 8
+"""A judged picture has one pixel of each 8x8 of 640x480 [0025]."""
+LEAST_JUDGED_VIEWS = 16
+"""Of each kind, however large the scene [0025]."""
+MOST_DB, MOST_ABOVE_DB = 70.0, 15.0
+"""What one picture counts for at most, dB, and how far above what was asked at least [0025]."""
+WORST_BELOW_DB = 8.0
+"""About how far the worst view lies below the mean: where the search for a worst view begins [0025]."""
 LEAST_SLOPE, GREATEST_SLOPE = 0.5, 2.0
 """dB found per dB aimed at, at least and at most [0017]."""
 MOST_UP_DB, MOST_DOWN_DB = 6.0, 15.0
-"""dB between aim and wish: an error that no lambda takes away, such as clamped values, must not buy bits without end
+"""dB between an aim and the first one: an error that no lambda takes away, such as clamped values, must not buy bits without end
 [0017]."""
 
 # --- Lambda: decide/lagrangian.py ---
@@ -118,7 +124,7 @@ GAUSSIAN_BASE_SHARE, ANCHOR_BASE_SHARE = 0.265, 0.28
 COARSE_ABSENCE = 3.0
 """How much worse than predicted leaving out a whole class is in early layers: holes, where one Gaussian leaves none
 [0007]."""
-LAYER_VIEWS = 3
+LAYER_VIEWS = 12
 """Pictures that decide what a layer holds [0018]."""
 PICTURE_DB = 25.4
 """A first picture, dB: one recognises everything, and nobody takes it for the last [0018]."""

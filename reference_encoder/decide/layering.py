@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reference_encoder.decide.allocate import ChannelPlan, LatentChain, PositionBits, increment
+from reference_encoder.decide.problem import Problem
 from reference_encoder.tuning import (
     BELOW_DB,
     DB_A_LAMBDA,
@@ -116,6 +117,52 @@ class LayerCosts:
 
     def _increment(self, klass: int, lambda_: float) -> tuple[Entry, float, float]:
         return increment(self.plans, self.latent, klass, lambda_, self.last)
+
+
+@dataclass(frozen=True)
+class Layering:
+    """What layers hold, found at one lambda of the last layer and good for others nearby.
+
+    Classes are ranked from the least important up, at steps of importance from what is just worth its bits: where
+    lambda changes, it is the most important end that gains or loses a class.
+
+    Attributes:
+        classes: there were when the layers were chosen, before any was split.
+        first: the first layer; of its last class perhaps a part, which becomes a class of its own.
+        later: layers after it but for the last, lambdas in those of the last layer.
+    """
+
+    classes: int
+    first: LayerChoice
+    later: tuple[LayerChoice, ...]
+
+    @classmethod
+    def of(cls, classes: int, first: LayerChoice, choices: Sequence[LayerChoice]) -> Layering:
+        """Of the `choices` for all layers, found after the last class of the `first` was split."""
+        last = choices[-1].lambda_
+        later = tuple(replace(choice, lambda_=choice.lambda_ / last) for choice in choices[1:-1])
+        return cls(classes, replace(first, lambda_=first.lambda_ / last), later)
+
+    def split(self, problem: Problem) -> Problem:
+        """The problem with the class split that the first layer shows a part of."""
+        if self.first.part == 1:
+            return problem
+        return problem.split(self._shown(self.first, problem.classes.count, 0) - 1, self.first.part)
+
+    def choices(self, costs: LayerCosts) -> list[LayerChoice]:
+        """Choices for all layers, of a problem that was split."""
+        extra, count = int(self.first.part < 1), costs.final.shown
+        return [
+            *(
+                LayerChoice(choice.lambda_ * costs.last, self._shown(choice, count, extra))
+                for choice in (self.first, *self.later)
+            ),
+            costs.final,
+        ]
+
+    def _shown(self, choice: LayerChoice, count: int, extra: int) -> int:
+        """Classes that a layer shows where there are `count`, `extra` of them by splitting."""
+        return min(max(choice.shown + count - extra - self.classes, 1), count)
 
 
 def predicted(costs: LayerCosts, share: float, layers: int) -> list[LayerChoice]:

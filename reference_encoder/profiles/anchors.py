@@ -14,8 +14,12 @@ from reference_encoder.decide.lattice import place
 from reference_encoder.decide.plans import position_bits
 from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem
 from reference_encoder.decide.rdo import choose_values
+from reference_encoder.judge.finished import finished_anchors
+from reference_encoder.judge.judge import Judge
+from reference_encoder.judge.quality import most_db
+from reference_encoder.judge.views import Sight, judged_views
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
-from reference_encoder.measure.anchor_sensitivity import AnchorSensitivity, measure_anchors
+from reference_encoder.measure.anchor_sensitivity import AnchorSensitivity, anchor_picture, measure_anchors
 from reference_encoder.measure.sensitivity import survey
 from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import (
@@ -31,7 +35,7 @@ from reference_encoder.tuning import (
 )
 from scarfmt.arrays import F64, I64, Bools
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
-from scarfmt.coding.writer import Report, silent
+from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
 from scarfmt.errors import InvalidInput
@@ -75,9 +79,14 @@ class AnchorProfile:
         return len(self.model)
 
     @property
-    def judge(self) -> None:
-        """Nothing: layers of anchors are as predicted."""
-        return
+    def draws_layers(self) -> bool:
+        """Layers are as predicted."""
+        return False
+
+    def judge(self, sight: Sight) -> Judge[AnchorModel]:
+        """Pictures of the source from views of a set, drawn now."""
+        views = judged_views(_shell(self.model), self.options, sight, len(self.model) * self.model.slots)
+        return Judge.of(self.model, anchor_picture, views, most_db(self.options.asked_db))
 
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted.
@@ -151,6 +160,10 @@ class AnchorProfile:
         mlps = tuple(_quantised(self.model.mlps[name]) for name in _NETWORKS)
         decided = replace(decision, model=model, finals=finals)
         return assembled(problem, decided, self.options.metadata, mlps, slot_layers)
+
+    def finished(self, scene: QuantisedScene) -> AnchorModel:
+        """What a decoder gives for the last layer of a file."""
+        return finished_anchors(scene)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,15 +240,19 @@ class _Kept:
 
 def _cameras(model: AnchorModel, options: EncodeOptions) -> list[Camera]:
     """The views to judge by; where none are given, as for a scene with a Gaussian on every anchor."""
+    return survey(_shell(model), options)
+
+
+def _shell(model: AnchorModel) -> GaussianScene:
+    """A Gaussian on every anchor, of which only the place counts."""
     n = len(model)
-    shell = GaussianScene(
+    return GaussianScene(
         model.anchors,
         np.zeros((n, 3), np.float32),
         np.zeros((n, 4), np.float32),
         np.zeros(n, np.float32),
         np.zeros((n, 1, 3), np.float32),
     )
-    return survey(shell, options)
 
 
 def _taken(model: AnchorModel, index: I64) -> AnchorModel:

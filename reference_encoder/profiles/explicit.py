@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +13,10 @@ from reference_encoder.decide.lagrangian import best_width, lambda_for
 from reference_encoder.decide.lattice import Placement, place
 from reference_encoder.decide.plans import position_bits
 from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem
-from reference_encoder.judge.calibrate import Judge
+from reference_encoder.judge.finished import finished_gaussians
+from reference_encoder.judge.judge import Judge
+from reference_encoder.judge.quality import most_db
+from reference_encoder.judge.views import Sight, judged_views
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
 from reference_encoder.measure.attributes import Attributes, from_scene
 from reference_encoder.measure.sensitivity import Sensitivity, measure, survey
@@ -28,9 +30,10 @@ from reference_encoder.tuning import (
     SHAPE_SHARE,
 )
 from scarfmt.arrays import I64
-from scarfmt.coding.writer import Report, silent
+from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
+from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
 
 _CHANNELS = (Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR)
@@ -67,10 +70,15 @@ class ExplicitProfile:
         """Gaussians of the source."""
         return len(self.scene)
 
-    @cached_property
-    def judge(self) -> Judge:
-        """Pictures of the source, drawn when they are first wanted."""
-        return Judge.of(self.scene, self.options)
+    @property
+    def draws_layers(self) -> bool:
+        """Pictures decide what layers hold."""
+        return True
+
+    def judge(self, sight: Sight) -> Judge[GaussianScene]:
+        """Pictures of the source from views of a set, drawn now."""
+        views = judged_views(self.scene, self.options, sight, len(self.scene))
+        return Judge.of(self.scene, render, views, most_db(self.options.asked_db))
 
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted."""
@@ -113,3 +121,7 @@ class ExplicitProfile:
     def finish(self, problem: Problem, decision: Decision) -> Quantised:
         """All integers of the file that `decision` says."""
         return assembled(problem, decision, self.options.metadata)
+
+    def finished(self, scene: QuantisedScene) -> GaussianScene:
+        """What a decoder gives for the last layer of a file."""
+        return finished_gaussians(scene)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from reference_encoder.judge.reconstruct import reconstructed, rough
 
 from reference_decoder.decode import decode
 from reference_encoder.decide.assemble import anchor_order
-from reference_encoder.judge.reconstruct import reconstructed, rough
 from reference_encoder.options import EncodeOptions
 from reference_encoder.pipeline import attempted
 from reference_encoder.profiles.explicit import ExplicitProfile
