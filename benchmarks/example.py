@@ -20,7 +20,8 @@ from reference_decoder.decode import decode
 from reference_encoder.encode import EncodeOptions, encode
 from scarfmt.container.source import BytesSource
 from scarfmt.formats import load
-from scarfmt.render.camera import Camera, load_cameras
+from scarfmt.render.camera import Camera
+from scarfmt.render.capture import load_cameras
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene

@@ -31,14 +31,17 @@ from reference_encoder.latent.linear import Latent, linear_latent
 from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, quantise
 from reference_encoder.measure.anchor_sensitivity import measure_anchors
 from reference_encoder.measure.attributes import from_scene
-from reference_encoder.measure.sensitivity import measure, survey_cameras
+from reference_encoder.measure.sensitivity import measure
+from reference_encoder.measure.survey import survey
+from reference_encoder.measure.weights import weighed
+from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import SLOT_ABSENCE
 from scarfmt.arrays import F64
 from scarfmt.blocks.codebooks import pack_codebooks
 from scarfmt.blocks.mlp import pack_networks
 from scarfmt.formats import anchor_npz, inria_ply
 from scarfmt.formats.source import Source
-from scarfmt.render.camera import load_cameras
+from scarfmt.render.capture import load_cameras
 
 STAGES = 4
 RATE_FACTORS = (1.0, 8.0, 64.0)
@@ -59,7 +62,7 @@ def explicit_problem(path: Path, frame: str, quality: float) -> Problem:
     """Rest coefficients of a scene, as the encoder of the explicit profile sees them."""
     scene = inria_ply.load(Source(path))
     attributes = from_scene(scene)
-    seen = measure(scene, attributes, survey_cameras(scene, frame, thorough=False))
+    seen = measure(attributes, weighed(scene, survey(scene, EncodeOptions(frame=frame))))
     rate = 10 ** (-quality / 10) / (6.0 * len(scene))
     classes, _ = classify(seen.absence, rate, 40.0, 8)
     kept = np.flatnonzero(classes >= 0)

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from scarfmt.cli.scenes import Subject
-from scarfmt.render.camera import Camera, load_cameras, orbit_cameras
+from scarfmt.render.camera import Camera, orbit_cameras
+from scarfmt.render.capture import load_cameras
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("SCAR_DATA", REPOSITORY.parent / "shared" / "data"))

@@ -9,6 +9,7 @@ from reference_encoder.options import EncodeOptions
 from reference_encoder.pipeline import Encoded, encoded
 from scarfmt.coding.writer import Report, silent
 from scarfmt.errors import InvalidInput
+from scarfmt.render.capture.seen import warn_of_strangers
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 __all__ = ["EncodeOptions", "encode"]
@@ -28,9 +29,14 @@ def encode(
 
     Raises:
         InvalidInput: ``input-empty``, ``input-options``, ``input-anchors``, ``input-dependency``.
+
+    Warns:
+        InputWarning: the cameras given do not look at the scene.
     """
     options = options or EncodeOptions()
     options.check()
     if len(scene) == 0:
         raise InvalidInput("input-empty", "the scene holds no Gaussian: there is nothing to encode")
+    if options.cameras:
+        warn_of_strangers(scene.positions if isinstance(scene, GaussianScene) else scene.anchors, options.cameras)
     return encoded(scene, options, report)

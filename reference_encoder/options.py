@@ -36,6 +36,7 @@ class EncodeOptions:
         layers: most layers, 1..16. The first takes about a quarter of the bytes, from effort 2 as few as give a picture
             of 25 dB.
         cameras: views that matter, e.g. those of the photos; None for rings round the core.
+        only_cameras: whether nothing but `cameras` matters: what they do not see is coarse or gone.
         frame: up axis, or UP:CENTRE_DEG:SPAN_DEG for a scene seen from one side.
         latent: "linear" (a weighted Karhunen-Loève basis, the default as measured) or "learned" (the paper's
             RVQ-VAE).
@@ -57,6 +58,7 @@ class EncodeOptions:
     corrections: int | None = None
     layers: int = 5
     cameras: Sequence[Camera] | None = None
+    only_cameras: bool = False
     frame: str = "-y"
     latent: str = "linear"
     estimator: str = "rotation"
@@ -84,8 +86,11 @@ class EncodeOptions:
         """Check ranges, and that a file can hold the metadata.
 
         Raises:
-            InvalidInput: ``input-options``.
+            InvalidInput: ``input-options``, ``input-frame``.
         """
+        from scarfmt.render.camera import check_frame
+
+        check_frame(self.frame)
         if not MIN_QUALITY <= self.quality <= MAX_QUALITY:
             raise InvalidInput("input-options", f"quality {self.quality} is not in 20..80", field="quality")
         if self.worst is not None and not MIN_QUALITY <= self.worst <= MAX_QUALITY:
@@ -102,6 +107,8 @@ class EncodeOptions:
         if self.tile_anchors is not None and not MIN_TILE_ANCHORS <= self.tile_anchors <= MAX_ANCHORS_PER_TILE:
             message = f"tiles of {self.tile_anchors}: {MIN_TILE_ANCHORS}..{MAX_ANCHORS_PER_TILE} anchors are possible"
             raise InvalidInput("input-options", message, field="tile_anchors")
+        if self.only_cameras and self.cameras is None:
+            raise InvalidInput("input-options", "only the cameras, but no cameras were given", field="only_cameras")
         pack_metadata(self.metadata)
         for name, choices in (("latent", LATENTS), ("estimator", ESTIMATORS)):
             if getattr(self, name) not in choices:
@@ -147,7 +154,7 @@ class Effort:
         sample: vectors the codebooks are trained on.
         epochs: passes over them.
         stages: RVQ stages tried.
-        thorough_views: twice the survey views.
+        survey_views: views of the survey; more where a scene holds more.
         judged_views: small pictures of each kind a result is judged by.
         judged_gaussians: fewer, if a source of so many Gaussians would be drawn more than once for each kind.
         corrections: of lambda, by what these show.
@@ -162,7 +169,7 @@ class Effort:
     sample: int
     epochs: int
     stages: int
-    thorough_views: bool
+    survey_views: int
     judged_views: int
     judged_gaussians: int
     corrections: int
@@ -179,7 +186,7 @@ EFFORTS = {
         sample=32768,
         epochs=5,
         stages=2,
-        thorough_views=False,
+        survey_views=96,
         judged_views=64,
         judged_gaussians=8_000_000,
         corrections=2,
@@ -194,7 +201,7 @@ EFFORTS = {
         sample=65536,
         epochs=7,
         stages=2,
-        thorough_views=False,
+        survey_views=192,
         judged_views=64,
         judged_gaussians=16_000_000,
         corrections=4,
@@ -209,7 +216,7 @@ EFFORTS = {
         sample=262144,
         epochs=12,
         stages=3,
-        thorough_views=True,
+        survey_views=384,
         judged_views=96,
         judged_gaussians=64_000_000,
         corrections=6,

@@ -135,7 +135,7 @@ def check_torch(scene: GaussianScene | AnchorModel, options: EncodeOptions) -> N
     raise InvalidInput(missing.refusal, f"{missing.message}; {advice}")
 
 
-def measured(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report) -> Profile:
+def measured(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report) -> Profile[Any]:
     """The scene, and what an error in each of its values shows."""
     if isinstance(scene, AnchorModel):
         from reference_encoder.profiles.anchors import AnchorProfile  # needs torch
@@ -145,7 +145,7 @@ def measured(scene: GaussianScene | AnchorModel, options: EncodeOptions, report:
 
 
 def attempted(profile: Profile[Any], quality: float, layering: Layering | None = None) -> Attempt:
-    """What is decided at the lambda that is predicted to give `quality` dB, layers as predicted or as `layering` says."""
+    """What is decided at the lambda that is predicted to give `quality` dB; layers as predicted, or as `layering` has."""
     return decided(profile, profile.problem(quality), layering)
 
 

@@ -31,19 +31,38 @@ SIZE_SHARE = 0.7
 """Picture error of a squared error of the log sizes of an anchor's slots, in that of their shape [0003]."""
 METRIC_ANCHORS = 1500
 """Anchors, drawn by visibility, whose Jacobians say which feature errors matter [0003]."""
-SURVEY_RINGS = ((0.0625, 20.0, 1.0, 5), (0.02, 38.0, 1.25, 3), (0.09, 5.0, 0.8, 4), (0.045, 15.0, 1.9, 2))
-"""Views of the survey: where a ring starts (turns), elevation (degrees), radius (of the scene's), cameras [0003]."""
-SURVEY_VIEWS = 24
-"""Most cameras looked from, of those given [0003]."""
+SURVEY_POWER = 2.0
+"""Power of the mean over views: 1 is the plain mean, more leans to the views that show a Gaussian most [0023]."""
+SURVEY_SEED = 2023
+"""Of the survey's views; those that judge have others [0023]."""
+SURVEY_SAMPLES = 19_200
+"""Pixels looked at of each view: 160 x 120 of 640 x 480 [0023]."""
+ORBIT_PART, GAUSSIANS_A_VIEW, MOST_LOCAL_VIEWS = 1 / 6, 4096, 768
+"""Part of the views that look from outside; the others, which see a part of a scene, are one for as many Gaussians
+where that is more, and at most so many [0023]."""
+KIND_SHARES = {"orbit": 1 / 3, "near": 1 / 3, "inside": 1 / 3}
+"""How much each kind of view counts [0023]."""
+GIVEN_SHARE, BESIDE_SHARE = 0.5, 0.2
+"""How much given cameras count, and views beside them; the rest is for everywhere [0023]."""
+JITTER_PART, JITTER_DEG = 0.1, 10.0
+"""How far beside: eyes up to this part of the scene's radius, directions up to so many degrees [0023]."""
+FLOOR_SHARE, FLOOR_DISTANCE, FLOOR_CONTRAST = 0.005, 0.3, 0.3
+"""Every Gaussian weighs at least this share of what it would with nothing in front of it, at this distance (radii), in
+this contrast to what is behind it [0023]."""
 
 # --- Reaching the quality asked for: judge/ ---
 
 TOLERANCE_DB = 0.25
 """Close enough, dB: as many views from elsewhere differ by as much [0025]."""
-SAMPLED_EVERY = 8
-"""A judged picture has one pixel of each 8x8 of 640x480 [0025]."""
+LOOP_SEED, REPORT_SEED = 2025, 2027
+"""Of the views by which results are corrected, and of those by which they are reported [0025]."""
+JUDGED_SAMPLES = 4800
+"""Pixels looked at of each of these views: 80 x 60 of 640 x 480 [0025]."""
 LEAST_JUDGED_VIEWS = 16
 """Of each kind, however large the scene [0025]."""
+CLOSE_PART, CLOSE_DEG = 0.02, 2.0
+"""How far beside given cameras views are that stand for them: eyes by this part of the scene's radius, directions by so
+many degrees [0025]."""
 MOST_DB, MOST_ABOVE_DB = 70.0, 15.0
 """What one picture counts for at most, dB, and how far above what was asked at least [0025]."""
 WORST_BELOW_DB = 8.0
@@ -51,13 +70,14 @@ WORST_BELOW_DB = 8.0
 LEAST_SLOPE, GREATEST_SLOPE = 0.5, 2.0
 """dB found per dB aimed at, at least and at most [0017]."""
 MOST_UP_DB, MOST_DOWN_DB = 6.0, 15.0
-"""dB between an aim and the first one: an error that no lambda takes away, such as clamped values, must not buy bits without end
-[0017]."""
+"""dB between an aim and the first one: an error that no lambda takes away, such as clamped values, must not buy bits
+without end [0017]."""
 
 # --- Lambda: decide/lagrangian.py ---
 
-LAMBDA_OFFSET_DB, LAMBDA_QUALITY_DB, LAMBDA_SLOPE = 60.0, 42.0, 0.82
-"""At this quality lambda times the number of Gaussians is this many dB below 1; dB found per dB of lambda [0004]."""
+LAMBDA_OFFSET_DB, LAMBDA_QUALITY_DB, LAMBDA_SLOPE = 51.0, 42.0, 0.82
+"""At this quality lambda times the number of Gaussians is this many dB below 1; dB found per dB of lambda [0004,
+0023]."""
 
 # --- Classes and what they receive: decide/ ---
 

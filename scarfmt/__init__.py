@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from reference_decoder.request import DecodeRequest
     from reference_encoder.options import EncodeOptions
     from scarfmt.api import ScarFile, decode, encode, inspect, open, truncate, validate
-    from scarfmt.errors import ScarError
+    from scarfmt.errors import InputWarning, ScarError
+    from scarfmt.render.capture import load_cameras
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 __version__ = "0.1.0"
@@ -29,12 +30,14 @@ __all__ = [
     "DecodeRequest",
     "EncodeOptions",
     "GaussianScene",
+    "InputWarning",
     "ScarError",
     "ScarFile",
     "__version__",
     "decode",
     "encode",
     "inspect",
+    "load_cameras",
     "open",
     "truncate",
     "validate",
@@ -45,7 +48,9 @@ _HOMES = {
     "DecodeRequest": "reference_decoder.request",
     "EncodeOptions": "reference_encoder.options",
     "GaussianScene": "scarfmt.scene.gaussians",
+    "InputWarning": "scarfmt.errors",
     "ScarError": "scarfmt.errors",
+    "load_cameras": "scarfmt.render.capture",
 }
 """Where a name lives that is not one of `scarfmt.api`."""
 

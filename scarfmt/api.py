@@ -161,12 +161,14 @@ def encode(
 
     Args:
         scene: a scene without NaN or infinity, or a file of any format that :func:`scarfmt.formats.load` knows.
-        options: None for the defaults.
+        options: None for the defaults. Their cameras may be those of :func:`scarfmt.load_cameras`.
         report: called with (stage, fraction done) as the work proceeds.
 
     Raises:
         InvalidInput: ``input-empty``, ``input-options``, ``input-dependency``, or the scene file cannot be used.
     """
+    if options is not None:
+        options.check()
     from reference_encoder.encode import encode as encode_scene
 
     if isinstance(scene, str | os.PathLike | bytes):

@@ -70,6 +70,10 @@ class InvalidInput(ScarError, ValueError):
     """The input of an encoder or a command cannot be used."""
 
 
+class InputWarning(UserWarning):
+    """An input is used, but part of it was ignored, or it looks like a mistake. The command line prints it."""
+
+
 def missing_package(package: str, extra: str) -> InvalidInput:
     """The error for work that needs a package of an extra: ``input-dependency``.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scarfmt.formats import load
-from scarfmt.render.camera import load_cameras
+from scarfmt.render.capture import load_cameras
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
 from tests.conftest import REPOSITORY

@@ -9,16 +9,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Generic, TypeVar
 
 import numpy as np
 
 from reference_encoder.judge.quality import Quality
+from reference_encoder.judge.views import Views
 from scarfmt.arrays import F32
 from scarfmt.render.camera import Camera
 from scarfmt.render.metrics import psnr
+from scarfmt.render.projection import Drawable
+from scarfmt.render.rasterise import render
+from scarfmt.scene.gaussians import GaussianScene
 
 S = TypeVar("S")
+View = Callable[[Camera], F32]
+"""From a camera to the (height, width, 3) float32 picture."""
+
+
+def gaussian_view(scene: GaussianScene) -> View:
+    """A scene, ready to be drawn."""
+    return partial(render, Drawable.of(scene))
 
 
 @dataclass(frozen=True)
@@ -26,38 +38,40 @@ class Judge(Generic[S]):
     """Views of the source, those left out that show nothing of it.
 
     Attributes:
-        draw: how scenes of this sort are drawn.
-        views: kind and camera of each view.
-        pictures: (height, width, 3) float32 of the source, one a view.
+        view: makes a scene of this sort ready to be drawn.
+        seen: of each kind, views and pictures of the source.
+        shares: how much each kind counts.
         most_db: what a picture counts for at most.
     """
 
-    draw: Callable[[S, Camera], F32]
-    views: Sequence[tuple[str, Camera]]
-    pictures: Sequence[F32]
+    view: Callable[[S], View]
+    seen: Mapping[str, Sequence[tuple[Camera, F32]]]
+    shares: Mapping[str, float]
     most_db: float = math.inf
 
     @classmethod
-    def of(
-        cls,
-        scene: S,
-        draw: Callable[[S, Camera], F32],
-        views: Mapping[str, Sequence[Camera]],
-        most_db: float = math.inf,
-    ) -> Judge[S]:
+    def of(cls, scene: S, view: Callable[[S], View], views: Views, most_db: float = math.inf) -> Judge[S]:
         """With pictures of `scene`, which are drawn here."""
-        every = [(kind, camera) for kind, cameras in views.items() for camera in cameras]
-        pictures = [draw(scene, camera) for _, camera in every]
-        shown = [number for number, picture in enumerate(pictures) if picture.any()]
-        return cls(draw, [every[i] for i in shown], [pictures[i] for i in shown], most_db)
+        draw = view(scene)
+        pictures = {kind: [(camera, draw(camera)) for camera in cameras] for kind, cameras in views.cameras.items()}
+        shown = {kind: [pair for pair in pairs if pair[1].any()] for kind, pairs in pictures.items()}
+        return cls(view, {kind: pairs for kind, pairs in shown.items() if pairs}, views.shares, most_db)
 
     def fewer(self, views: int) -> Judge[S]:
-        """At most so many of the views, evenly spread over the kinds."""
-        chosen = np.unique(np.linspace(0, len(self.views), views, endpoint=False).astype(int)) if self.views else []
-        return Judge(self.draw, [self.views[i] for i in chosen], [self.pictures[i] for i in chosen], self.most_db)
+        """About so many of the views, as many of each kind."""
+        most = -(-views // max(len(self.seen), 1))
+        seen = {kind: _spread(pairs, most) for kind, pairs in self.seen.items()}
+        return Judge(self.view, seen, self.shares, self.most_db)
 
     def quality(self, scene: S) -> Quality:
         """How good pictures of `scene` are."""
-        pairs = zip(self.views, self.pictures, strict=True)
-        found = [min(psnr(self.draw(scene, camera), picture), self.most_db) for (_, camera), picture in pairs]
-        return Quality(tuple(kind for kind, _ in self.views), np.array(found, np.float64))
+        draw = self.view(scene)
+        found = {
+            kind: np.array([min(psnr(draw(camera), picture), self.most_db) for camera, picture in pairs])
+            for kind, pairs in self.seen.items()
+        }
+        return Quality(found, self.shares)
+
+
+def _spread(pairs: Sequence[tuple[Camera, F32]], most: int) -> Sequence[tuple[Camera, F32]]:
+    return pairs if len(pairs) <= most else [pairs[number * len(pairs) // most] for number in range(most)]

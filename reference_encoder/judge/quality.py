@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +12,8 @@ import numpy as np
 from reference_encoder.tuning import MOST_ABOVE_DB, MOST_DB
 from scarfmt.arrays import F64
 
-LOW_PERCENT = 5.0
-"""Percentile that stands for views that come out badly."""
+LOW_PART = 0.05
+"""Of the views, those that come out worst: the 5th percentile is the best of them."""
 
 
 def most_db(asked_db: float) -> float:
@@ -28,44 +29,56 @@ class Quality:
     """PSNR of pictures of a result against pictures of the source, from views of several kinds.
 
     Attributes:
-        kinds: of each of n views, what it is one of.
-        psnr_db: (n,) float64, each at most :func:`most_db`.
+        psnr_db: kind -> (n,) float64 of its views, each at most :func:`most_db`; kinds that show nothing are left out.
+        shares: how much each kind counts, of whatever sum.
     """
 
-    kinds: tuple[str, ...]
-    psnr_db: F64
+    psnr_db: Mapping[str, F64]
+    shares: Mapping[str, float]
+
+    def __len__(self) -> int:
+        """Views of all kinds."""
+        return sum(map(len, self.psnr_db.values()))
 
     @property
     def mean_db(self) -> float:
-        """Of all views; infinite where there is none."""
-        return float(self.psnr_db.mean()) if len(self.psnr_db) else math.inf
+        """Over all views, kinds by their shares; infinite where there is none."""
+        weights, values = self._weighted()
+        return float(weights @ values) if len(values) else math.inf
 
     @property
     def low_db(self) -> float:
-        """5th percentile of all views."""
-        return float(np.percentile(self.psnr_db, LOW_PERCENT)) if len(self.psnr_db) else math.inf
+        """5th percentile of all views, kinds by their shares; infinite where there is none."""
+        weights, values = self._weighted()
+        if not len(values):
+            return math.inf
+        order = np.argsort(values)
+        reached = np.cumsum(weights[order]) >= LOW_PART - 1e-9
+        return float(values[order][int(np.argmax(reached))])
 
     @property
     def worst_db(self) -> float:
-        """Of all views."""
-        return float(self.psnr_db.min(initial=math.inf))
+        """Of all views; infinite where there is none."""
+        return float(self._weighted()[1].min(initial=math.inf))
 
     def by_kind(self) -> dict[str, Quality]:
-        """The same of each kind, in the order of the views."""
-        return {kind: self._of(kind) for kind in dict.fromkeys(self.kinds)}
-
-    def _of(self, kind: str) -> Quality:
-        here = np.array([each == kind for each in self.kinds])
-        return Quality((kind,) * int(here.sum()), self.psnr_db[here])
+        """The same of each kind."""
+        return {kind: Quality({kind: values}, {kind: 1.0}) for kind, values in self.psnr_db.items()}
 
     def figures(self) -> dict[str, Any]:
         """JSON-able: number of views; mean, 5th percentile and worst in dB, two decimals; the same of each kind."""
-        every = self._figures()
-        return {**every, "kinds": {kind: quality._figures() for kind, quality in self.by_kind().items()}}
+        return {**self._figures(), "kinds": {kind: found._figures() for kind, found in self.by_kind().items()}}
 
     def _figures(self) -> dict[str, Any]:
-        count = len(self.psnr_db)
-        if not count:
+        if not len(self):
             return {"views": 0}
         said = {"mean_db": self.mean_db, "p5_db": self.low_db, "worst_db": self.worst_db}
-        return {"views": count, **{name: round(value, 2) for name, value in said.items()}}
+        return {"views": len(self), **{name: round(value, 2) for name, value in said.items()}}
+
+    def _weighted(self) -> tuple[F64, F64]:
+        """(n,) weights that add up to 1, and (n,) dB, of all views."""
+        kinds = list(self.psnr_db)
+        values = [self.psnr_db[kind] for kind in kinds]
+        weights = [np.full(len(self.psnr_db[kind]), self.shares[kind] / len(self.psnr_db[kind])) for kind in kinds]
+        joined = np.concatenate([np.zeros(0), *weights])
+        return joined / max(float(joined.sum()), 1e-300), np.concatenate([np.zeros(0), *values])

@@ -121,10 +121,15 @@ def _centres(model: AnchorModel) -> F64:
     return np.asarray(model.anchors[:, None] + model.offsets * np.exp(model.log_scaling[:, None, :3]))
 
 
-def anchor_picture(model: AnchorModel, camera: Camera) -> F32:
-    """(height, width, 3) float32 picture of a model."""
-    seen = _seen(model, _tensors(model), _centres(model), camera)
-    return render(seen.scene, camera, colours=seen.colours.astype(np.float64))
+def anchor_view(model: AnchorModel) -> Callable[[Camera], F32]:
+    """From camera to (height, width, 3) float32 picture of a model."""
+    networks, centres = _tensors(model), _centres(model)
+
+    def picture(camera: Camera) -> F32:
+        seen = _seen(model, networks, centres, camera)
+        return render(seen.scene, camera, colours=seen.colours.astype(np.float64))
+
+    return picture
 
 
 def measure_anchors(

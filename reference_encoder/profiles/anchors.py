@@ -19,8 +19,8 @@ from reference_encoder.judge.judge import Judge
 from reference_encoder.judge.quality import most_db
 from reference_encoder.judge.views import Sight, judged_views
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
-from reference_encoder.measure.anchor_sensitivity import AnchorSensitivity, anchor_picture, measure_anchors
-from reference_encoder.measure.sensitivity import survey
+from reference_encoder.measure.anchor_sensitivity import AnchorSensitivity, anchor_view, measure_anchors
+from reference_encoder.measure.survey import survey
 from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import (
     ANCHOR_BASE_SHARE,
@@ -86,7 +86,7 @@ class AnchorProfile:
     def judge(self, sight: Sight) -> Judge[AnchorModel]:
         """Pictures of the source from views of a set, drawn now."""
         views = judged_views(_shell(self.model), self.options, sight, len(self.model) * self.model.slots)
-        return Judge.of(self.model, anchor_picture, views, most_db(self.options.asked_db))
+        return Judge.of(self.model, anchor_view, views, most_db(self.options.asked_db))
 
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted.
@@ -240,7 +240,7 @@ class _Kept:
 
 def _cameras(model: AnchorModel, options: EncodeOptions) -> list[Camera]:
     """The views to judge by; where none are given, as for a scene with a Gaussian on every anchor."""
-    return survey(_shell(model), options)
+    return survey(_shell(model), options).cameras
 
 
 def _shell(model: AnchorModel) -> GaussianScene:

@@ -14,12 +14,14 @@ from reference_encoder.decide.lattice import Placement, place
 from reference_encoder.decide.plans import position_bits
 from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem
 from reference_encoder.judge.finished import finished_gaussians
-from reference_encoder.judge.judge import Judge
+from reference_encoder.judge.judge import Judge, gaussian_view
 from reference_encoder.judge.quality import most_db
 from reference_encoder.judge.views import Sight, judged_views
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
 from reference_encoder.measure.attributes import Attributes, from_scene
-from reference_encoder.measure.sensitivity import Sensitivity, measure, survey
+from reference_encoder.measure.sensitivity import Sensitivity, measure
+from reference_encoder.measure.survey import survey
+from reference_encoder.measure.weights import weighed
 from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import (
     GAUSSIAN_BASE_SHARE,
@@ -33,7 +35,6 @@ from scarfmt.arrays import I64
 from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
-from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import GaussianScene
 
 _CHANNELS = (Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR)
@@ -61,8 +62,8 @@ class ExplicitProfile:
         """A scene without NaN or infinity, looked at from the views that matter."""
         report("visibility", 0.0)
         attributes = from_scene(scene)
-        sensitivity = measure(scene, attributes, survey(scene, options))
-        report("visibility", 1.0)
+        weights = weighed(scene, survey(scene, options), lambda part: report("visibility", part))
+        sensitivity = measure(attributes, weights)
         return cls(scene, attributes, sensitivity, options, report)
 
     @property
@@ -78,7 +79,7 @@ class ExplicitProfile:
     def judge(self, sight: Sight) -> Judge[GaussianScene]:
         """Pictures of the source from views of a set, drawn now."""
         views = judged_views(self.scene, self.options, sight, len(self.scene))
-        return Judge.of(self.scene, render, views, most_db(self.options.asked_db))
+        return Judge.of(self.scene, gaussian_view, views, most_db(self.options.asked_db))
 
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted."""

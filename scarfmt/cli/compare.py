@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from scarfmt.cli.failures import requires_extra
+from scarfmt.cli.failures import doubts_told, requires_extra
 from scarfmt.cli.files import check_stdout, print_json, timeout_option
 from scarfmt.cli.progress import Report, progress
-from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
+from scarfmt.cli.views import EVERYWHERE, LISTED, ViewOptions, listed_cameras, view_options, views_of
 
 if TYPE_CHECKING:
     from scarfmt.cli.scenes import SceneOrigin, Subject
+    from scarfmt.render.camera import Camera
     from scarfmt.render.compare import Comparison
 
 
@@ -23,24 +24,49 @@ class Request:
 
     Attributes:
         views: from where.
+        listed: the cameras that `views` names, or None.
         ssim: whether to compute SSIM too.
         photos: folder of photos to compare both scenes with, or None.
     """
 
     views: ViewOptions
+    listed: list[Camera] | None
     ssim: bool
     photos: str | None
+
+
+_STATISTICS = ("mean_psnr_db", "p5_psnr_db", "worst_psnr_db", "mean_ssim", "worst_ssim")
+
+
+@dataclass(frozen=True)
+class Quality:
+    """How close pictures are, and those of each kind of views among them.
+
+    Attributes:
+        views: of all.
+        kinds: by kind.
+    """
+
+    views: Comparison
+    kinds: dict[str, Comparison]
+
+    def summary(self) -> dict[str, Any]:
+        """Mean, 5th percentile and worst of all views, and under ``kinds`` of each kind's."""
+        whole, *parts = (
+            {name: getattr(views, name) for name in _STATISTICS} for views in (self.views, *self.kinds.values())
+        )
+        return {**whole, "kinds": dict(zip(self.kinds, parts, strict=True))}
 
 
 @click.command(short_help="Report PSNR and SSIM between two scenes.")
 @click.argument("a")
 @click.argument("b")
-@view_options
+@view_options(EVERYWHERE)
 @click.option("--layers-a", type=click.IntRange(min=1), help="Layers of A to use, if it is a .scar file.")
 @click.option("--layers-b", type=click.IntRange(min=1), help="Layers of B to use, if it is a .scar file.")
 @click.option("--all-layers", is_flag=True, help="Compare every layer of B, a .scar file: rate and distortion.")
 @click.option("--ssim/--no-ssim", default=True, show_default=True, help="SSIM takes as long as drawing.")
-@click.option("--photos", type=click.Path(exists=True), help="Folder with cameras.json and images/: compare with them.")
+@click.option("--photos", type=click.Path(exists=True), help="Folder with cameras and images/: compare with them.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout; infinite PSNR is null.")
 @timeout_option
 @requires_extra("render")
@@ -57,25 +83,28 @@ def compare(
 ) -> None:
     """Draw the scenes A and B from the same cameras and report PSNR (dB) and SSIM of B against A.
 
-    A and B are any scene files: .scar (path or URL), PLY, SPZ, SOG, .splat or anchor models.
+    A and B are any scene files: .scar (path or URL), PLY, SPZ, SOG, .splat or anchor models. A places the cameras: two
+    files compared with the same A are seen from the same places.
 
     \b
     Examples:
       scarfmt compare scene.ply scene.scar
+      scarfmt compare scene.ply scene.scar --from inside --frame z
       scarfmt compare scene.ply scene.scar --all-layers --frame -y:125:70
       scarfmt compare scene.ply scene.spz --cameras cameras.json --json
       scarfmt compare scene.ply scene.scar --photos capture/
     """
     if all_layers and layers_b is not None:
         raise click.UsageError("--all-layers and --layers-b exclude each other")
-    request = Request(ViewOptions(**views), ssim, photos)
-    if photos is not None and (request.views.cameras or request.views.views or request.views.size):
-        raise click.UsageError("--photos brings its own cameras: leave out --cameras, --views and --size")
+    options = ViewOptions(**views)
+    if photos is not None and (options.cameras or options.views or options.size or options.kind):
+        raise click.UsageError("--photos brings its own cameras: leave out --cameras, --views, --from and --size")
     from scarfmt.cli.scenes import scene_origin
 
     check_stdout()
-    first, second = scene_origin(a), scene_origin(b)
-    with progress(as_json) as report:
+    with doubts_told(), progress(as_json) as report:
+        request = Request(options, listed_cameras(options), ssim, photos)
+        first, second = scene_origin(a), scene_origin(b)
         if all_layers:
             rows = _compare_layers(first, layers_a, second, request, report)
         else:
@@ -88,8 +117,8 @@ def compare(
 
 def _compare_pair(
     a: SceneOrigin, layers_a: int | None, b: SceneOrigin, layers_b: int | None, request: Request, report: Report
-) -> dict[str, Comparison]:
-    """Comparison by title: of B against A, or of each against the photos."""
+) -> dict[str, Quality]:
+    """Quality by title: of B against A, or of each against the photos."""
     from scarfmt.cli.scenes import load_subject
 
     first, second = load_subject(a, layers_a), load_subject(b, layers_b)
@@ -98,18 +127,25 @@ def _compare_pair(
     return {"b": _against(first, second, request, report)}
 
 
-def _against(first: Subject, second: Subject, request: Request, report: Report) -> Comparison:
-    from scarfmt.render import compare as comparison
+def _against(first: Subject, second: Subject, request: Request, report: Report) -> Quality:
+    from scarfmt.render.compare import compare
 
-    cameras = choose_cameras(first.placed, request.views)
-    return comparison.compare(first.view, second.reporting(report, len(cameras)).view, cameras, request.ssim)
+    kinds = {LISTED: request.listed} if request.listed else views_of(first.placed, request.views, EVERYWHERE)
+    cameras = [camera for views in kinds.values() for camera in views]
+    found = compare(first.view, second.reporting(report, len(cameras)).view, cameras, request.ssim)
+    parts, first_view = {}, 0
+    for kind, views in kinds.items():
+        parts[kind] = found.part(first_view, len(views))
+        first_view += len(views)
+    return Quality(found, parts)
 
 
-def _with_photos(subject: Subject, request: Request) -> Comparison:
+def _with_photos(subject: Subject, request: Request) -> Quality:
     from scarfmt.render.compare import compare_with_photos
 
     assert request.photos is not None
-    return compare_with_photos(subject.view, request.photos, ssim=request.ssim)
+    found = compare_with_photos(subject.view, request.photos, ssim=request.ssim)
+    return Quality(found, {"photos": found})
 
 
 def _compare_layers(
@@ -132,26 +168,35 @@ def _compare_layers(
                 "bytes": layer["end_offset"],
                 "bytes_per_source": layer["bytes_per_source"],
                 "bytes_per_anchor": layer["bytes_per_anchor"],
-                "mean_psnr_db": result.mean_psnr_db,
-                "mean_ssim": result.mean_ssim,
+                **result.summary(),
             }
         )
     return rows
 
 
-def _print_pair(a: str, b: str, results: dict[str, Comparison], as_json: bool) -> None:
+def _print_pair(a: str, b: str, results: dict[str, Quality], as_json: bool) -> None:
     if as_json:
         print_json({"a": a, "b": b, "results": {name: _as_json(result) for name, result in results.items()}})
         return
     for name, result in results.items():
         click.echo(f"{b} against {a}" if len(results) == 1 else f"{a if name == 'a' else b} against the photos")
-        width = max(len("worst"), *map(len, result.names))
-        similarities: tuple[float | None, ...] = result.ssim or (None,) * len(result.names)
-        for view in zip(result.names, result.psnr_db, similarities, strict=True):
+        views = result.views
+        width = max(len("worst"), *map(len, views.names))
+        similarities: tuple[float | None, ...] = views.ssim or (None,) * len(views.names)
+        for view in zip(views.names, views.psnr_db, similarities, strict=True):
             click.echo(_row(view[0], width, *view[1:]))
-        has_ssim = bool(result.ssim)
-        click.echo(_row("mean", width, result.mean_psnr_db, result.mean_ssim if has_ssim else None))
-        click.echo(_row("worst", width, result.worst_psnr_db, result.worst_ssim if has_ssim else None))
+        if len(result.kinds) > 1:
+            for kind, part in result.kinds.items():
+                _print_summary(f"of {kind}:", part, width)
+        _print_summary("of all views:", views, width)
+
+
+def _print_summary(title: str, views: Comparison, width: int) -> None:
+    has_ssim = bool(views.ssim)
+    click.echo(title)
+    click.echo(_row("mean", width, views.mean_psnr_db, views.mean_ssim if has_ssim else None))
+    click.echo(_row("5 %", width, views.p5_psnr_db, None))
+    click.echo(_row("worst", width, views.worst_psnr_db, views.worst_ssim if has_ssim else None))
 
 
 def _row(name: str, width: int, decibels: float, similarity: float | None) -> str:
@@ -159,16 +204,16 @@ def _row(name: str, width: int, decibels: float, similarity: float | None) -> st
     return f"  {name:<{width}}  {decibels:7.2f} dB{end}"
 
 
-def _as_json(result: Comparison) -> dict[str, Any]:
-    means = ("mean_psnr_db", "worst_psnr_db", "mean_ssim", "worst_ssim")
-    return {**asdict(result), **{name: getattr(result, name) for name in means}}
+def _as_json(result: Quality) -> dict[str, Any]:
+    return {**asdict(result.views), **result.summary()}
 
 
 def _print_layers(a: str, b: str, rows: list[dict[str, Any]], as_json: bool) -> None:
     if as_json:
         print_json({"a": a, "b": b, "layers": rows})
         return
-    click.echo("layer         bytes  bytes/Gaussian  PSNR dB    SSIM")
+    click.echo("layer         bytes  bytes/Gaussian  PSNR dB    5 %  worst    SSIM")
     for row in rows:
         line = f"{row['layer']:>5}  {row['bytes']:>12,}  {row['bytes_per_source']:>14.2f}"
-        click.echo(f"{line}  {row['mean_psnr_db']:>7.2f}  {row['mean_ssim']:>6.4f}")
+        decibels = f"{row['mean_psnr_db']:>7.2f}  {row['p5_psnr_db']:>5.2f}  {row['worst_psnr_db']:>5.2f}"
+        click.echo(f"{line}  {decibels}  {row['mean_ssim']:>6.4f}")

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
+from scarfmt.cli.failures import doubts_told
 from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json, timeout_option
+from scarfmt.cli.views import CAMERAS_HELP
 from scarfmt.scene.streams import ATTRIBUTES
 
 if TYPE_CHECKING:
@@ -76,7 +78,7 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--tiles", metavar="I,J,...", callback=parse_tiles, help="Decode only these tiles.")
 @click.option("--attributes", metavar="NAME,...", callback=parse_attributes, help=ATTRIBUTES_HELP)
 @click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians, for .ply; loses quality.")
-@click.option("--cameras", type=click.Path(exists=True, dir_okay=False), help="JSON list of cameras to --bake for.")
+@click.option("--cameras", type=click.Path(exists=True), help=f"Cameras to --bake for: {CAMERAS_HELP}.")
 @click.option("--allow-truncated", is_flag=True, help="Decode the complete layers of a truncated file.")
 @click.option("--threads", type=click.IntRange(1, 256), default=1, show_default=True, help="Tiles decoded at once.")
 @click.option(
@@ -128,9 +130,11 @@ def decode(
     request = DecodeRequest(**wanted)
     counters = Counters()
     start = time.perf_counter()
+    with doubts_told(quiet):
+        eyes = _eyes(cameras)
     with open_output(output, force) as target, open_input(input_) as source:
         if extension == ".ply":
-            done = _write_ply(source, target, bake, cameras, request, counters)
+            done = _write_ply(source, target, bake, eyes, request, counters)
         else:
             done = _write_npz(source, target, request, counters)
         if not quiet:
@@ -148,7 +152,7 @@ def decode(
 
 
 def _write_ply(
-    source: ByteSource, target: BinaryIO, bake: bool, cameras: str | None, request: DecodeRequest, counters: Counters
+    source: ByteSource, target: BinaryIO, bake: bool, eyes: F64 | None, request: DecodeRequest, counters: Counters
 ) -> str:
     """Write a PLY tile by tile; returns what was written, for people."""
     from reference_decoder.stream_ply import export_ply
@@ -158,7 +162,7 @@ def _write_ply(
     header = read_header(source, allow_truncated=True)
     if header.fields.profile == Profile.ANCHOR and not bake:
         raise click.UsageError("an anchor model has no fixed Gaussians: decode to .npz, or give --bake")
-    count = export_ply(source, target, request, eyes=_eyes(cameras), counters=counters)
+    count = export_ply(source, target, request, eyes=eyes, counters=counters)
     return f"{count:,} Gaussians"
 
 
@@ -168,7 +172,7 @@ def _eyes(cameras: str | None) -> F64 | None:
         return None
     import numpy as np
 
-    from scarfmt.render.camera import load_cameras
+    from scarfmt.render.capture import load_cameras
 
     return np.array([camera.centre for camera in load_cameras(cameras)]).reshape(-1, 3)
 

@@ -17,10 +17,10 @@ from reference_encoder.options import (
     MIN_TILE_ANCHORS,
     EncodeOptions,
 )
-from scarfmt.cli.failures import requires_extra
+from scarfmt.cli.failures import doubts_told, requires_extra
 from scarfmt.cli.files import open_output, read_origin
 from scarfmt.cli.progress import Report, progress
-from scarfmt.cli.views import FRAME_HELP
+from scarfmt.cli.views import CAMERAS_HELP, FRAME_HELP
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS
 
@@ -59,6 +59,20 @@ def _refuse_constant(name: str) -> Any:
     raise ValueError(name)
 
 
+def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
+    """The frame, if it can be read; None where the encoder is to decide.
+
+    Raises:
+        InvalidInput: ``input-frame``.
+    """
+    if value is None:
+        return None
+    from scarfmt.render.camera import AUTO, check_frame
+
+    check_frame(value)
+    return None if value == AUTO else value
+
+
 @click.command(short_help="Compress a scene into a .scar file.")
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
@@ -85,8 +99,13 @@ def _refuse_constant(name: str) -> Any:
     type=click.IntRange(1, MAX_LAYERS),
     help=f"Maximum number of layers [default: {DEFAULTS.layers}].",
 )
-@click.option("--cameras", type=click.Path(exists=True, dir_okay=False), help="JSON list of the capture's cameras.")
-@click.option("--frame", help=f"{FRAME_HELP} [default: {DEFAULTS.frame}]")
+@click.option(
+    "--cameras",
+    type=click.Path(exists=True),
+    help=f"Cameras of the capture, which matter most, all of them: {CAMERAS_HELP}.",
+)
+@click.option("--only-cameras", is_flag=True, help="Nothing but --cameras matters: the rest can look like anything.")
+@click.option("--frame", callback=parse_frame, help=f"{FRAME_HELP} [default: {DEFAULTS.frame}]")
 @click.option("--sh-degree", type=click.IntRange(0, 3), help="Drop spherical harmonics above this degree.")
 @click.option("--drop-invalid", is_flag=True, help="Leave out Gaussians with NaN or infinite values.")
 @click.option("--format", "format_id", type=click.Choice(FORMAT_IDS), help="Input format [default: from content].")
@@ -145,12 +164,13 @@ def encode(
       scarfmt encode scene.ply scene.scar --metadata title="Old oak" --metadata year=2024
     """
     quiet = said.pop("quiet")
-    if said["cameras"] is not None and said["frame"] is not None:
-        raise click.UsageError("--cameras and --frame exclude each other")
-    with open_output(output, force) as target, progress(quiet) as report:
+    if said["only_cameras"] and said["cameras"] is None:
+        raise click.UsageError("--only-cameras needs --cameras")
+    with doubts_told(quiet), open_output(output, force) as target, progress(quiet) as report:
         report("read", 0.0)
+        options = _options(said)
         scene = _read_scene(input_, format_id, sh_degree, drop_invalid, quiet)
-        data = _encode(scene, said, report)
+        data = _encode(scene, options, report)
         target.write(data)
     if not quiet:
         _print_summary(data)
@@ -173,15 +193,22 @@ def _read_scene(
     return scene.with_sh_degree(min(sh_degree, scene.sh_degree))
 
 
-def _encode(scene: GaussianScene | AnchorModel, said: dict[str, Any], report: Report) -> bytes:
+def _options(said: dict[str, Any]) -> EncodeOptions:
+    """The options, checked, and the cameras read, before anything slow is imported or read."""
+    given = {name: value for name, value in said.items() if value is not None}
+    if "cameras" in given:
+        from scarfmt.render.capture import load_cameras
+
+        given["cameras"] = load_cameras(given["cameras"])
+    options = EncodeOptions(**given)
+    options.check()
+    return options
+
+
+def _encode(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report) -> bytes:
     from reference_encoder.encode import encode
 
-    options = {name: value for name, value in said.items() if value is not None}
-    if "cameras" in options:
-        from scarfmt.render.camera import load_cameras
-
-        options["cameras"] = load_cameras(options["cameras"])
-    return encode(scene, EncodeOptions(**options), report)
+    return encode(scene, options, report)
 
 
 def _print_summary(data: bytes) -> None:

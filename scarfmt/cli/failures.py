@@ -7,13 +7,15 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from typing import Any, NoReturn, ParamSpec, TypeVar
 
 import click
 
-from scarfmt.errors import ScarError, missing_package
+from scarfmt.errors import InputWarning, ScarError, missing_package
 
 FAILED = 1
 WRONG_ARGUMENTS = 2
@@ -61,6 +63,23 @@ def requires_extra(extra: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
         return run
 
     return decorate
+
+
+@contextmanager
+def doubts_told(quiet: bool = False) -> Iterator[None]:
+    """Within, an :class:`InputWarning` is a line on stderr, and nothing if `quiet`."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore" if quiet else "always", InputWarning)
+        others = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+            if issubclass(category, InputWarning):
+                click.echo(f"scarfmt: warning: {message}", err=True)
+            else:
+                others(message, category, *place, **more)
+
+        warnings.showwarning = show
+        yield
 
 
 class FailureGroup(click.Group):

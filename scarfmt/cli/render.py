@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from scarfmt.cli.failures import requires_extra
+from scarfmt.cli.failures import doubts_told, requires_extra
 from scarfmt.cli.files import timeout_option
 from scarfmt.cli.progress import Report, progress
-from scarfmt.cli.views import ViewOptions, choose_cameras, view_options
+from scarfmt.cli.views import RING, ViewOptions, listed_cameras, view_options, views_of
 
 if TYPE_CHECKING:
     from scarfmt.arrays import F32
-    from scarfmt.cli.scenes import SceneOrigin
+    from scarfmt.cli.scenes import SceneOrigin, Subject
     from scarfmt.render.camera import Camera
 
     Pictures = dict[str, list[tuple[str, F32]]]
@@ -37,14 +38,24 @@ def parse_layers(_ctx: click.Context, _parameter: click.Parameter, value: str | 
 @click.command(short_help="Draw a scene into PNG pictures.")
 @click.argument("file")
 @click.argument("output")
-@view_options
+@view_options(RING)
+@click.option("--like", metavar="FILE", help="Place the cameras by this scene: two files show the same pictures.")
 @click.option("--layers", metavar="N|all", callback=parse_layers, help="Layers of a .scar to draw; all: each in turn.")
 @click.option("--sheet", is_flag=True, help=f"Also put all pictures on one sheet, {SHEET}.")
 @click.option("--force", is_flag=True, help="Overwrite pictures that exist.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @timeout_option
 @requires_extra("render")
-def render(file: str, output: str, layers: str | None, sheet: bool, force: bool, quiet: bool, **views: Any) -> None:
+def render(
+    file: str,
+    output: str,
+    layers: str | None,
+    like: str | None,
+    sheet: bool,
+    force: bool,
+    quiet: bool,
+    **views: Any,
+) -> None:
     """Draw the scene FILE (.scar, PLY, SPZ, SOG, .splat or anchor model) into PNG pictures.
 
     OUTPUT is a folder, for one picture per view, or a name ending in .png, for one sheet of them all (one row per
@@ -55,6 +66,7 @@ def render(file: str, output: str, layers: str | None, sheet: bool, force: bool,
       scarfmt render scene.scar pictures/ --views 4
       scarfmt render scene.scar layers.png --views 3 --layers all --frame -y:125:70
       scarfmt render scene.ply view.png --views 1 --size 1280x720
+      scarfmt render scene.scar pictures/ --like scene.ply --from inside
     """
     single = output.lower().endswith(".png")
     sheet_path = Path(output) if single else Path(output) / SHEET
@@ -62,9 +74,12 @@ def render(file: str, output: str, layers: str | None, sheet: bool, force: bool,
         _check_free(sheet_path, force)
     from scarfmt.cli.scenes import scene_origin
 
-    origin = scene_origin(file)
-    with progress(quiet) as report:
-        pictures = _draw(origin, layers, ViewOptions(**views), report)
+    options = ViewOptions(**views)
+    with doubts_told(quiet), progress(quiet) as report:
+        listed = listed_cameras(options)
+        origin = scene_origin(file)
+        placing = None if like is None else scene_origin(like)
+        pictures = _draw(origin, layers, lambda last: listed or _cameras(placing, last, options), report)
     written = [] if single else _write_each(pictures, Path(output), force)
     if single or sheet:
         written.append(_write_sheet(pictures, sheet_path))
@@ -72,14 +87,24 @@ def render(file: str, output: str, layers: str | None, sheet: bool, force: bool,
         click.echo(f"{len(written)} pictures written to {output}", err=True)
 
 
-def _draw(file: SceneOrigin, layers: str | None, options: ViewOptions, report: Report) -> Pictures:
+def _cameras(placing: SceneOrigin | None, last: Subject, options: ViewOptions) -> list[Camera]:
+    """Cameras placed by a file, or by the subject itself."""
+    from scarfmt.cli.scenes import load_subject
+
+    placed = last.placed if placing is None else load_subject(placing).placed
+    return [camera for views in views_of(placed, options, RING).values() for camera in views]
+
+
+def _draw(
+    file: SceneOrigin, layers: str | None, cameras_for: Callable[[Subject], list[Camera]], report: Report
+) -> Pictures:
     """Pictures, with their names, by layer ('' where there is but one set)."""
     from scarfmt.cli.scenes import load_subject
 
     chosen = _layer_numbers(file, layers)
     pictures: Pictures = {}
     # The last layer places the cameras, so that all layers are seen alike.
-    cameras = choose_cameras(load_subject(file, chosen[-1]).placed, options)
+    cameras = cameras_for(load_subject(file, chosen[-1]))
     for layer in chosen:
         subject = load_subject(file, layer)
         rows = pictures.setdefault(f"layer {layer}" if layers == ALL else "", [])

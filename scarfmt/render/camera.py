@@ -1,11 +1,9 @@
-"""Pinhole cameras: the project's evaluation orbit, and the cameras of a photo capture."""
+"""Pinhole cameras, and the project's evaluation orbit."""
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -23,6 +21,8 @@ _HORIZON = {
     "z": ((0, 0, 1), (1, 0, 0), (0, 1, 0)),
     "-z": ((0, 0, -1), (1, 0, 0), (0, -1, 0)),
 }
+AUTO = "auto"
+"""A frame that is to be found out."""
 # INRIA's near plane, world units; orbits of scenes smaller than a unit need one that scales with them.
 NEAR = 0.2
 _NEAR_PART_OF_RADIUS = 0.2
@@ -84,6 +84,11 @@ class Camera:
             self.dilation,
         )
 
+    def sized(self, width: int, height: int) -> Camera:
+        """A picture of that size with this view's horizontal field, and the principal point in its middle."""
+        focal = self.fx * width / self.width
+        return replace(self, width=width, height=height, fx=focal, fy=focal, cx=width / 2, cy=height / 2)
+
     def sampled(self, every: int) -> Camera:
         """One pixel of each `every` x `every` of this view, as it is there: splats are as wide as in the whole picture.
 
@@ -116,16 +121,15 @@ class Arc:
             InvalidInput: the text has another shape, or numbers out of range.
         """
         up, *numbers = text.split(":")
-        try:
-            centre, span = (float(number) for number in numbers) if numbers else (0.0, 360.0)
-        except ValueError:
-            up, centre, span = "", 0.0, 0.0
-        if up not in _HORIZON or not math.isfinite(centre) or not 0 <= span <= 360:
-            raise InvalidInput(
-                "input-frame",
-                f"cannot read the frame {text!r}: give UP or UP:CENTRE_DEG:SPAN_DEG with UP one of "
-                f"{', '.join(_HORIZON)} and the span 0..360, e.g. -y:125:70",
-            )
+        if up not in _HORIZON:
+            raise _frame_fault(text, f"{up!r} is no up axis: {', '.join(_HORIZON)} are known")
+        if not numbers:
+            return Arc(up)
+        if len(numbers) != 2:
+            raise _frame_fault(text, "an arc has two numbers, its centre and its span: UP:CENTRE_DEG:SPAN_DEG")
+        centre, span = (_degrees(text, number) for number in numbers)
+        if not 0 <= span <= 360:
+            raise _frame_fault(text, f"the span is {span:g} and has to be 0 to 360 degrees")
         return Arc(up, centre, span)
 
     def azimuths(self, count: int) -> F64:
@@ -133,6 +137,30 @@ class Arc:
         if self.span_deg == 360 or count == 1:
             return self.centre_deg + np.arange(count, dtype=np.float64) * (self.span_deg / count)
         return self.centre_deg + self.span_deg * np.linspace(-0.5, 0.5, count, dtype=np.float64)
+
+
+def check_frame(text: str) -> None:
+    """Check what an encoder takes for a frame: :data:`AUTO`, or what :meth:`Arc.parse` reads.
+
+    Raises:
+        InvalidInput: ``input-frame``.
+    """
+    if text != AUTO:
+        Arc.parse(text)
+
+
+def _degrees(frame: str, text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise _frame_fault(frame, f"{text!r} is no number of degrees")
+    return number
+
+
+def _frame_fault(text: str, message: str) -> InvalidInput:
+    return InvalidInput("input-frame", f"cannot read the frame {text[:80]!r}: {message}; e.g. -y or -y:125:70")
 
 
 def upward_axes(up: str) -> F64:
@@ -235,28 +263,3 @@ def orbit_cameras(
         label = f"{azimuth % 360:.0f} deg"
         cameras.append(look_at(eye, target, upward, width, height, fov_deg, label, near))
     return cameras
-
-
-def load_cameras(path: str | Path) -> list[Camera]:
-    """Cameras of a photo capture: a JSON file ``{"images": [{name, W, H, fx, fy, cx, cy, world_to_camera, split}]}``.
-
-    Raises:
-        InvalidInput: the file is not JSON of that shape.
-        OSError: the file cannot be read.
-    """
-    text = Path(path).read_text(encoding="utf-8")
-    try:
-        return [_camera_from_json(entry) for entry in json.loads(text)["images"]]
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInput(
-            "input-cameras", f"{path} is not a camera list ({type(error).__name__}: {error})", field="images"
-        ) from error
-
-
-def _camera_from_json(entry: dict[str, object]) -> Camera:
-    pose = np.array(entry["world_to_camera"], dtype=np.float64)
-    if pose.shape != (4, 4) or not np.isfinite(pose).all():
-        raise ValueError(f"world_to_camera must be 4x4 finite numbers, got shape {pose.shape}")
-    fx, fy, cx, cy = (float(str(entry[key])) for key in ("fx", "fy", "cx", "cy"))
-    width, height = int(str(entry["W"])), int(str(entry["H"]))
-    return Camera(width, height, fx, fy, cx, cy, pose, str(entry["name"]), str(entry.get("split", "")))

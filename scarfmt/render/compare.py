@@ -10,7 +10,8 @@ import numpy as np
 
 from scarfmt.arrays import Floats
 from scarfmt.errors import InvalidInput
-from scarfmt.render.camera import Camera, load_cameras
+from scarfmt.render.camera import Camera
+from scarfmt.render.capture import load_cameras
 from scarfmt.render.images import read_image
 from scarfmt.render.metrics import psnr, ssim
 from scarfmt.render.rasterise import render
@@ -40,9 +41,19 @@ class Comparison:
         return float(np.mean(self.psnr_db))
 
     @property
+    def p5_psnr_db(self) -> float:
+        """5th percentile of the views' PSNR, dB: the view that at most one in twenty falls behind."""
+        return sorted(self.psnr_db)[(len(self.psnr_db) - 1) // 20]
+
+    @property
     def worst_psnr_db(self) -> float:
         """PSNR of the worst view, dB."""
         return min(self.psnr_db)
+
+    def part(self, first: int, count: int) -> Comparison:
+        """That of `count` views, the first of which is number `first`, from 0."""
+        rows = slice(first, first + count)
+        return Comparison(self.names[rows], self.psnr_db[rows], self.ssim[rows])
 
     @property
     def mean_ssim(self) -> float:
@@ -88,18 +99,19 @@ def compare_with_photos(
 
     Args:
         scene: a scene, or a function from camera to (height, width, 3) picture.
-        photos: a folder with `cameras.json` and `images/`, or the path of that JSON file.
-        split: take the cameras marked so; empty takes all.
+        photos: a folder with cameras (:func:`scarfmt.render.capture.load_cameras`) and `images/`, or their file.
+        split: take the cameras marked so; empty takes all, and so does a file that marks none.
         ssim: also compute SSIM.
         background: colour behind the scene.
 
     Raises:
-        InvalidInput: no camera has that split, the JSON has another shape, or a photo another size than its camera.
+        InvalidInput: no camera has that split, the cameras cannot be read, or a photo has another size than its camera.
         OSError: a file cannot be read.
     """
-    listing = Path(photos) / "cameras.json" if Path(photos).is_dir() else Path(photos)
-    cameras = [camera for camera in load_cameras(listing) if split in ("", camera.split)]
-    folder = listing.parent / "images"
+    everything = load_cameras(photos)
+    marked = any(camera.split for camera in everything)
+    cameras = [camera for camera in everything if split in ("", camera.split) or not marked]
+    folder = (Path(photos) if Path(photos).is_dir() else Path(photos).parent) / "images"
     pairs = ((camera.name, _picture(scene, camera, background), read_image(folder / camera.name)) for camera in cameras)
     return compare_pictures(pairs, ssim)
 

@@ -6,6 +6,7 @@ Zwicker et al. 2001, "EWA volume splatting", with the constants of INRIA's 3D Ga
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import prange
@@ -22,6 +23,8 @@ MIN_TRANSMITTANCE = 1e-4
 FRUSTUM_MARGIN = 1.3
 # The bounds of an ellipse are widened by this much of a pixel, so that rounding never drops a pixel.
 _BOUND_SLACK = 1e-3
+# Bounds are rounded to binary32 and away from what they bound.
+_UP, _DOWN = 1 + 1e-6, 1 - 1e-6
 
 # Columns of a splat row.
 MEAN_X, MEAN_Y, CONIC_A, CONIC_B, CONIC_C, OPACITY, RED, GREEN, BLUE, HALF_X, HALF_Y = range(11)
@@ -91,6 +94,13 @@ def _axes(rotation: F32, log_scale: F32, axes: F64) -> None:
 
 
 @device
+def _touches(mean: float, half: float, size: float) -> bool:
+    """Whether the centre of some pixel of the picture lies within `half` of `mean`, pixels."""
+    first, last = max(0.0, np.ceil(mean - half - 0.5)), min(size - 1.0, np.floor(mean + half - 0.5))
+    return bool(first <= last)
+
+
+@device
 def _ellipse(x: float, y: float, z: float, axes: F64, pose: F64, lens: F64, splat: F64) -> bool:
     """Fill centre, conic and half extents of a splat whose opacity is set; False where nothing can be seen."""
     fx, fy, cx, cy, width, height, dilation = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[7]
@@ -115,12 +125,7 @@ def _ellipse(x: float, y: float, z: float, axes: F64, pose: F64, lens: F64, spla
     splat[CONIC_A], splat[CONIC_B], splat[CONIC_C] = cov_yy / determinant, -cov_xy / determinant, cov_xx / determinant
     reach = 2.0 * math.log(splat[OPACITY] / MIN_ALPHA)
     splat[HALF_X], splat[HALF_Y] = math.sqrt(reach * cov_xx) + _BOUND_SLACK, math.sqrt(reach * cov_yy) + _BOUND_SLACK
-    return bool(
-        splat[MEAN_X] + splat[HALF_X] > 0.0
-        and splat[MEAN_X] - splat[HALF_X] < width
-        and splat[MEAN_Y] + splat[HALF_Y] > 0.0
-        and splat[MEAN_Y] - splat[HALF_Y] < height
-    )
+    return _touches(splat[MEAN_X], splat[HALF_X], width) and _touches(splat[MEAN_Y], splat[HALF_Y], height)
 
 
 @device
@@ -137,7 +142,75 @@ def _colour(direction: F64, sh: F32, degree: int, basis: F64, splat: F64) -> Non
 
 
 @kernel
+def _find_bounds(log_scales: F32, logits: F32, bounds: F32) -> None:
+    """Fill the bounds (N, 2) of a :class:`Drawable`."""
+    for i in prange(len(logits)):
+        opacity = 1.0 / (1.0 + np.exp(-np.float64(logits[i])))
+        largest = max(max(log_scales[i, 0], log_scales[i, 1]), log_scales[i, 2])
+        bounds[i, 0] = _UP * np.exp(2.0 * np.float64(largest))
+        # Written so that a NaN counts as unseen.
+        bounds[i, 1] = _UP * 2.0 * math.log(opacity / MIN_ALPHA) if opacity >= MIN_ALPHA else -1.0
+
+
+@device
+def _misses(centre: float, slope: float, focal: float, size: float, variance: float, reach: float, blur: float) -> bool:
+    """Whether no ellipse of a Gaussian can touch the picture along one axis.
+
+    Args:
+        centre: of the Gaussian, pixels from the picture's first edge.
+        slope: of the ray to it, clamped as for the projection.
+        focal: pixels a world unit at its depth.
+        size: of the picture, pixels.
+        variance, reach: its bounds.
+        blur: of the camera, pixels^2.
+    """
+    beyond = max(-centre, centre - size) - _BOUND_SLACK
+    return bool(beyond > 0.0 and beyond * beyond > reach * (focal * focal * (1.0 + slope * slope) * variance + blur))
+
+
+@kernel
+def _near_picture(
+    positions: F64, bounds: F32, pose: F64, lens: F64, found: NDArray[np.int32], counts: NDArray[np.int64]
+) -> None:
+    """Fill `found`, from the start of each block, with its Gaussians that may touch the picture, and `counts`."""
+    fx, fy, cx, cy, width, height, near, blur = lens
+    limit_x, limit_y = FRUSTUM_MARGIN * width / (2.0 * fx), FRUSTUM_MARGIN * height / (2.0 * fy)
+    for block in prange(len(counts)):
+        fill = block * _BLOCK
+        for i in range(block * _BLOCK, min(len(positions), (block + 1) * _BLOCK)):
+            p0, p1, p2 = positions[i, 0], positions[i, 1], positions[i, 2]
+            z = pose[2, 0] * p0 + pose[2, 1] * p1 + pose[2, 2] * p2 + pose[2, 3]
+            # Written so that a NaN is left out too.
+            if not (z > near * _DOWN and z < np.inf and bounds[i, 1] >= 0.0):
+                continue
+            x = (pose[0, 0] * p0 + pose[0, 1] * p1 + pose[0, 2] * p2 + pose[0, 3]) / z
+            y = (pose[1, 0] * p0 + pose[1, 1] * p1 + pose[1, 2] * p2 + pose[1, 3]) / z
+            variance, reach = np.float64(bounds[i, 0]), np.float64(bounds[i, 1])
+            slope_x, slope_y = min(limit_x, max(-limit_x, x)), min(limit_y, max(-limit_y, y))
+            if _misses(fx * x + cx, slope_x, fx / z, width, variance, reach, blur) or _misses(
+                fy * y + cy, slope_y, fy / z, height, variance, reach, blur
+            ):
+                continue
+            found[fill] = i
+            fill += 1
+        counts[block] = fill - block * _BLOCK
+
+
+@device
+def _joined(found: NDArray[np.int32], counts: NDArray[np.int64]) -> NDArray[np.int32]:
+    """What lies at the start of each block of `found`, one after another."""
+    joined = np.empty(counts.sum(), np.int32)
+    fill = 0
+    for block in range(len(counts)):
+        for k in range(counts[block]):
+            joined[fill] = found[block * _BLOCK + k]
+            fill += 1
+    return joined
+
+
+@kernel
 def _project(
+    drawn: NDArray[np.int32],
     positions: F64,
     log_scales: F32,
     rotations: F32,
@@ -152,11 +225,12 @@ def _project(
     depths: F32,
 ) -> None:
     """Fill `splats` and `depths` (inf where culled); work goes by blocks, so that scratch is allocated per block."""
-    count = len(positions)
+    count = len(drawn)
     for block in prange((count + _BLOCK - 1) // _BLOCK):
         axes, basis, local = np.empty((3, 3)), np.empty(16), np.empty(3)
-        for i in range(block * _BLOCK, min(count, (block + 1) * _BLOCK)):
-            depths[i] = np.inf
+        for row in range(block * _BLOCK, min(count, (block + 1) * _BLOCK)):
+            i = drawn[row]
+            depths[row] = np.inf
             opacity = 1.0 / (1.0 + np.exp(-np.float64(logits[i])))
             for k in range(3):
                 local[k] = pose[k, 3]
@@ -166,16 +240,16 @@ def _project(
             if not (local[2] > lens[6] and local[2] < np.inf and opacity >= MIN_ALPHA):
                 continue
             _axes(rotations[i], log_scales[i], axes)
-            splats[i, OPACITY] = opacity
-            if not _ellipse(local[0], local[1], local[2], axes, pose, lens, splats[i]):
+            splats[row, OPACITY] = opacity
+            if not _ellipse(local[0], local[1], local[2], axes, pose, lens, splats[row]):
                 continue
-            depths[i] = local[2]
+            depths[row] = local[2]
             if len(colours) > 0:
-                splats[i, RED : BLUE + 1] = colours[i]
+                splats[row, RED : BLUE + 1] = colours[i]
             else:
                 for axis in range(3):
                     local[axis] = positions[i, axis] - eye[axis]
-                _colour(local, sh[i], degree, basis, splats[i])
+                _colour(local, sh[i], degree, basis, splats[row])
 
 
 @device
@@ -210,10 +284,47 @@ def _nearest_first(depths: F32) -> NDArray[np.int64]:
     return order
 
 
+@dataclass(frozen=True)
+class Drawable:
+    """A scene made ready to be drawn from many views: what does not depend on the camera is computed once.
+
+    Attributes:
+        scene: N Gaussians in contiguous arrays.
+        bounds: (N, 2) float32 variance of the longest axis, world units^2, and how far the ellipse reaches,
+            deviations^2, both rounded up; the second is negative where nothing can be seen.
+    """
+
+    scene: GaussianScene
+    bounds: F32
+
+    @staticmethod
+    def of(scene: GaussianScene | Drawable) -> Drawable:
+        """Of a scene; one that is ready is returned as it is."""
+        if isinstance(scene, Drawable):
+            return scene
+        ready = GaussianScene(
+            np.ascontiguousarray(scene.positions, dtype=np.float64),
+            np.ascontiguousarray(scene.log_scales, dtype=np.float32),
+            np.ascontiguousarray(scene.rotations, dtype=np.float32),
+            np.ascontiguousarray(scene.opacity_logits, dtype=np.float32),
+            np.ascontiguousarray(scene.sh, dtype=np.float32),
+        )
+        bounds = np.empty((len(ready), 2), dtype=np.float32)
+        _find_bounds(ready.log_scales, ready.opacity_logits, bounds)
+        return Drawable(ready, bounds)
+
+    def near_picture(self, pose: F64, lens: F64) -> NDArray[np.int32]:
+        """(V,) int32 rising: the Gaussians whose ellipses may touch the picture; some of them do not."""
+        blocks = -(-len(self.scene) // _BLOCK)
+        found, counts = np.empty(len(self.scene), np.int32), np.empty(blocks, np.int64)
+        _near_picture(self.scene.positions, self.bounds, pose, lens, found, counts)
+        return _joined(found, counts)
+
+
 def project(
-    scene: GaussianScene, camera: Camera, sh_degree: int | None = None, colours: F64 | None = None
-) -> tuple[F64, NDArray[np.int64]]:
-    """The splats a camera can see, nearest first.
+    scene: GaussianScene | Drawable, camera: Camera, sh_degree: int | None = None, colours: F64 | None = None
+) -> tuple[F64, NDArray[np.int64], NDArray[np.int32]]:
+    """The splats that touch a pixel's centre, and which is nearest.
 
     Args:
         scene: the N Gaussians.
@@ -222,25 +333,28 @@ def project(
         colours: (N, 3) float64 colours to use instead of the spherical harmonics, unclamped.
 
     Returns:
-        (V, 11) float64 splats (columns `MEAN_X` .. `HALF_Y`; pixels, 1/pixels^2 and colour units) in depth
-        order with ties by index, and (V,) int64 rows of `scene` they come from.
+        (V, 11) float64 splats (columns `MEAN_X` .. `HALF_Y`; pixels, 1/pixels^2 and colour units), of which some
+        touch nothing; (S,) int64 rows of those that do, nearest first with ties by index; and (V,) int32 rising,
+        which Gaussian each splat is.
     """
-    degree = scene.sh_degree if sh_degree is None else min(sh_degree, scene.sh_degree)
-    splats = np.empty((len(scene), SPLAT_COLUMNS))
-    depths = np.empty(len(scene), dtype=np.float32)
+    drawable = Drawable.of(scene)
+    ready = drawable.scene
+    degree = ready.sh_degree if sh_degree is None else min(sh_degree, ready.sh_degree)
     lens = np.array(
         [camera.fx, camera.fy, camera.cx, camera.cy, camera.width, camera.height, camera.near, camera.dilation],
         dtype=np.float64,
     )
-    fixed = np.zeros((0, 3)) if colours is None else np.ascontiguousarray(colours, dtype=np.float64)
     pose = np.ascontiguousarray(camera.world_to_camera, dtype=np.float64)
+    drawn = drawable.near_picture(pose, lens)
+    splats, depths = np.empty((len(drawn), SPLAT_COLUMNS)), np.empty(len(drawn), dtype=np.float32)
     _project(
-        np.ascontiguousarray(scene.positions, dtype=np.float64),
-        np.ascontiguousarray(scene.log_scales, dtype=np.float32),
-        np.ascontiguousarray(scene.rotations, dtype=np.float32),
-        np.ascontiguousarray(scene.opacity_logits, dtype=np.float32),
-        np.ascontiguousarray(scene.sh, dtype=np.float32),
-        fixed,
+        drawn,
+        ready.positions,
+        ready.log_scales,
+        ready.rotations,
+        ready.opacity_logits,
+        ready.sh,
+        np.zeros((0, 3)) if colours is None else np.ascontiguousarray(colours, dtype=np.float64),
         degree,
         pose,
         camera.centre,
@@ -249,5 +363,4 @@ def project(
         depths,
     )
     # Depth is compared as float32, as INRIA's sort keys do.
-    order = _nearest_first(depths)
-    return splats[order], order
+    return splats, _nearest_first(depths), drawn

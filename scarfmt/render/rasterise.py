@@ -8,7 +8,7 @@ float64 in a fixed order, so results are the same bits whatever the number of th
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,8 @@ from scarfmt.render.projection import (
     MIN_TRANSMITTANCE,
     OPACITY,
     RED,
+    SPLAT_COLUMNS,
+    Drawable,
     project,
 )
 from scarfmt.scene.gaussians import GaussianScene
@@ -46,6 +48,8 @@ _TRANSMITTANCE, _OPEN, _COLOUR, _FINAL, _LANES = 0, _PIXELS, 2 * _PIXELS, 5 * _P
 _STATE = 8 * _PIXELS + 4 * TILE
 # Columns worked on together: enough for most splats, and for vectors.
 _SPAN = TILE // 2
+# Splats of at most so many columns are drawn pixel by pixel.
+_NARROW = 3
 # Splats between two looks at whether any pixel of the tile is still open.
 _CHECK_EVERY = 16
 
@@ -75,11 +79,18 @@ class Contributions:
 
 
 @device
-def _bin_splats(splats: F64, columns: int, rows: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def _bin_splats(
+    splats: F64, order: NDArray[np.int64], columns: int, rows: int
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Splat numbers per tile in depth order: (tiles + 1,) offsets into the (intersections,) list."""
     offsets = np.zeros(columns * rows + 1, dtype=np.int64)
-    spans = np.empty((len(splats), 4), dtype=np.int32)
+    spans = np.empty((len(splats), 4), dtype=np.int16)
+    shown = np.zeros(len(splats), dtype=np.bool_)
+    for k in range(len(order)):
+        shown[order[k]] = True
     for i in range(len(splats)):
+        if not shown[i]:
+            continue
         splat = splats[i]
         spans[i, 0] = int(max(0.0, (splat[MEAN_X] - splat[HALF_X]) / TILE))
         spans[i, 1] = int(min(float(columns - 1), (splat[MEAN_X] + splat[HALF_X]) / TILE))
@@ -92,7 +103,8 @@ def _bin_splats(splats: F64, columns: int, rows: int) -> tuple[NDArray[np.int64]
         offsets[tile + 1] += offsets[tile]
     fill = offsets[:-1].copy()
     members = np.empty(offsets[-1], dtype=np.int32)
-    for i in range(len(splats)):
+    for k in range(len(order)):
+        i = order[k]
         for row in range(spans[i, 2], spans[i, 3] + 1):
             for column in range(spans[i, 0], spans[i, 1] + 1):
                 tile = row * columns + column
@@ -114,10 +126,15 @@ def _last_row(splat: F64, top: float) -> int:
 
 
 @device
-def _spans(splat: F64, left: float) -> tuple[int, int]:
-    """First column of the tile starting at `left` to work on, and the column after the last: one span or all."""
+def _columns(splat: F64, left: float) -> tuple[int, int]:
+    """First and last column of the tile starting at `left` whose pixel centres the splat can reach."""
     first = int(max(0.0, np.ceil(splat[MEAN_X] - splat[HALF_X] - left - 0.5)))
-    last = int(min(TILE - 1.0, np.floor(splat[MEAN_X] + splat[HALF_X] - left - 0.5)))
+    return first, int(min(TILE - 1.0, np.floor(splat[MEAN_X] + splat[HALF_X] - left - 0.5)))
+
+
+@device
+def _spans(first: int, last: int) -> tuple[int, int]:
+    """First of the columns to work on together, and the column after the last: one span or all."""
     if last - first >= _SPAN:
         return 0, TILE
     begin = min(first, TILE - _SPAN)
@@ -194,14 +211,35 @@ def _behind(planes: F64, place: int) -> float:
 
 
 @device
+def _contrast(planes: F64, pixel: int, alpha: float, red: float, green: float, blue: float) -> tuple[float, float]:
+    """Blend as :func:`_shade`; the weight, and the squared distance of the colour from what is behind."""
+    weight, after = _shade(planes, pixel, alpha, red, green, blue)
+    share = 1.0 / max(after, MIN_TRANSMITTANCE)
+    over_red = red - _behind(planes, pixel) * share
+    over_green = green - _behind(planes, pixel + _PIXELS) * share
+    over_blue = blue - _behind(planes, pixel + 2 * _PIXELS) * share
+    return weight, over_red * over_red + over_green * over_green + over_blue * over_blue
+
+
+@device
 def _blend(state: F64, splat: F64, left: float, top: float) -> None:
     """Blend one splat over the tile whose first pixel is (left, top)."""
     a, b, c = -0.5 * splat[CONIC_A], -splat[CONIC_B], -0.5 * splat[CONIC_C]
     opacity, red, green, blue = splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE]
     dx0 = left + 0.5 - splat[MEAN_X]
     first_row, last_row = _first_row(splat, top), _last_row(splat, top)
+    first, last = _columns(splat, left)
+    if last - first < _NARROW:
+        for row in range(first_row, last_row + 1):
+            dy = top + row + 0.5 - splat[MEAN_Y]
+            for column in range(first, last + 1):
+                dx = dx0 + column
+                alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
+                if alpha > 0.0:
+                    _shade(state, row * TILE + column, alpha, red, green, blue)
+        return
     # Constant loop bounds let LLVM see that no index is negative, without which it does not vectorise.
-    begin, end = _spans(splat, left)
+    begin, end = _spans(first, last)
     for first_column in range(begin, end, _SPAN):
         planes = state[first_column:]
         for row in range(TILE):
@@ -226,13 +264,20 @@ def _composite_tile(
     top: float,
     wide: int,
     high: int,
+    blended: F64,
 ) -> int:
-    """Blend the tile's splats until all pixels are closed; the number after the last intersection blended."""
+    """Blend the tile's splats until all pixels are closed; the number after the last intersection blended.
+
+    Copies them to `blended`, as far as that reaches: the next reader finds them side by side.
+    """
     _open_tile(state, wide, high)
     for k in range(first, last):
         if (k - first) % _CHECK_EVERY == 0 and not _tile_is_open(state):
             return k
-        _blend(state, splats[members[k]], left, top)
+        splat = splats[members[k]]
+        if k - first < len(blended):
+            blended[k - first] = splat
+        _blend(state, splat, left, top)
     return last
 
 
@@ -250,9 +295,9 @@ def _render_tiles(
         tile = tiles[k]
         row, column = tile // columns, tile % columns
         wide, high = min(TILE, image.shape[1] - column * TILE), min(TILE, image.shape[0] - row * TILE)
-        state = np.empty(_STATE)
+        state, unread = np.empty(_STATE), np.empty((0, SPLAT_COLUMNS))
         left, top = float(column * TILE), float(row * TILE)
-        _composite_tile(state, splats, members, offsets[tile], offsets[tile + 1], left, top, wide, high)
+        _composite_tile(state, splats, members, offsets[tile], offsets[tile + 1], left, top, wide, high, unread)
         for y in range(high):
             for x in range(wide):
                 pixel = y * TILE + x
@@ -272,9 +317,25 @@ def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
     opacity, red, green, blue = splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE]
     dx0 = left + 0.5 - splat[MEAN_X]
     first_row, last_row = _first_row(splat, top), _last_row(splat, top)
+    first, last = _columns(splat, left)
+    if last - first < _NARROW:
+        weight_sum, weight_sq, contrast_sq, weight_max = 0.0, 0.0, 0.0, 0.0
+        for row in range(first_row, last_row + 1):
+            dy = top + row + 0.5 - splat[MEAN_Y]
+            for column in range(first, last + 1):
+                dx = dx0 + column
+                alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
+                if alpha > 0.0:
+                    weight, contrast = _contrast(state, row * TILE + column, alpha, red, green, blue)
+                    weight_sum += weight
+                    weight_sq += weight * weight
+                    contrast_sq += weight * weight * contrast
+                    weight_max = max(weight_max, weight)
+        out[0], out[1], out[2], out[3] = weight_sum, weight_sq, contrast_sq, weight_max
+        return
     for lane in range(4 * TILE):
         state[_LANES + lane] = 0.0
-    begin, end = _spans(splat, left)
+    begin, end = _spans(first, last)
     for first_column in range(begin, end, _SPAN):
         planes = state[first_column:]
         for row in range(TILE):
@@ -285,13 +346,8 @@ def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
                 pixel = row * TILE + place
                 dx = dx0 + (first_column + place)
                 alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
-                weight, after = _shade(planes, pixel, alpha, red, green, blue)
-                share = 1.0 / max(after, MIN_TRANSMITTANCE)
-                over_red = red - _behind(planes, pixel) * share
-                over_green = green - _behind(planes, pixel + _PIXELS) * share
-                over_blue = blue - _behind(planes, pixel + 2 * _PIXELS) * share
+                weight, contrast = _contrast(planes, pixel, alpha, red, green, blue)
                 squared = weight * weight
-                contrast = over_red * over_red + over_green * over_green + over_blue * over_blue
                 largest = planes[_LANES + 3 * TILE + place]
                 planes[_LANES + place] += weight
                 planes[_LANES + TILE + place] += squared
@@ -322,36 +378,30 @@ def _measure_tiles(
         row, column = tile // columns, tile % columns
         left, top = float(column * TILE), float(row * TILE)
         wide, high = min(TILE, size[0] - column * TILE), min(TILE, size[1] - row * TILE)
-        state = np.empty(_STATE)
         first, last = offsets[tile], offsets[tile + 1]
-        seen = _composite_tile(state, splats, members, first, last, left, top, wide, high)
+        state, blended = np.empty(_STATE), np.empty((last - first, SPLAT_COLUMNS))
+        seen = _composite_tile(state, splats, members, first, last, left, top, wide, high, blended)
         for channel in range(3):
             for pixel in range(_PIXELS):
                 colour = state[_COLOUR + channel * _PIXELS + pixel]
                 state[_FINAL + channel * _PIXELS + pixel] = colour + state[_TRANSMITTANCE + pixel] * background[channel]
         _open_tile(state, wide, high)
         for j in range(first, seen):
-            _measure(state, splats[members[j]], left, top, measures[j])
+            _measure(state, blended[j - first], left, top, measures[j])
         measures[seen:last] = 0.0
 
 
 @device
-def _gather(
-    measures: F64, members: NDArray[np.int32], order: NDArray[np.int64], totals: F64, views: NDArray[np.int32]
-) -> None:
-    """Add one view's `measures` to the scene's `totals` (N, 4), in the order of the tiles."""
-    sums = np.zeros((len(order), 4))
+def _gather(measures: F64, members: NDArray[np.int32], count: int) -> F64:
+    """(count, 4) `measures` of each splat of a view, added in the order of the tiles; of the last, the largest."""
+    sums = np.zeros((count, 4))
     for k in range(len(members)):
-        row = sums[members[k]]
-        for quantity in range(3):
-            row[quantity] += measures[k, quantity]
-        row[3] = max(row[3], measures[k, 3])
-    for i in range(len(order)):
-        target = totals[order[i]]
-        for quantity in range(3):
-            target[quantity] += sums[i, quantity]
-        target[3] = max(target[3], sums[i, 3])
-        views[order[i]] += sums[i, 3] > 0.0
+        if measures[k, 3] > 0.0:
+            row = sums[members[k]]
+            for quantity in range(3):
+                row[quantity] += measures[k, quantity]
+            row[3] = max(row[3], measures[k, 3])
+    return sums
 
 
 def _spread(tiles: int) -> NDArray[np.int64]:
@@ -368,7 +418,7 @@ def _check(scene: GaussianScene, colours: NDArray[np.floating] | None) -> F64 | 
 
 
 def render(
-    scene: GaussianScene,
+    scene: GaussianScene | Drawable,
     camera: Camera,
     background: Sequence[float] = (0.0, 0.0, 0.0),
     sh_degree: int | None = None,
@@ -386,19 +436,65 @@ def render(
     Raises:
         InvalidInput: `colours` has the wrong shape.
     """
-    fixed = _check(scene, colours)
+    drawable = Drawable.of(scene)
+    fixed = _check(drawable.scene, colours)
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
     image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
     with _lock:
-        splats, _ = project(scene, camera, sh_degree, fixed)
-        offsets, members = _bin_splats(splats, columns, rows)
+        splats, order, _ = project(drawable, camera, sh_degree, fixed)
+        offsets, members = _bin_splats(splats, order, columns, rows)
         behind = np.asarray(background, dtype=np.float64)
         _render_tiles(splats, offsets, members, _spread(columns * rows), columns, behind, image)
     return image
 
 
+@dataclass(frozen=True)
+class ViewContributions:
+    """What V Gaussians contribute to one picture; all others nothing.
+
+    Attributes:
+        index: (V,) int64 rising, which Gaussians.
+        weight_sum, weight_sq, weight_max, contrast_sq: (V,) float64 as in :class:`Contributions`.
+    """
+
+    index: NDArray[np.int64]
+    weight_sum: F64
+    weight_sq: F64
+    weight_max: F64
+    contrast_sq: F64
+
+
+def contributions_by_view(
+    scene: GaussianScene | Drawable,
+    cameras: Iterable[Camera],
+    background: Sequence[float] = (0.0, 0.0, 0.0),
+    sh_degree: int | None = None,
+    colours: NDArray[np.floating] | None = None,
+) -> Iterator[ViewContributions]:
+    """As :func:`contributions`, view after view.
+
+    Raises:
+        InvalidInput: `colours` has the wrong shape.
+    """
+    drawable = Drawable.of(scene)
+    fixed = _check(drawable.scene, colours)
+    behind = np.asarray(background, dtype=np.float64)
+    for camera in cameras:
+        columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
+        size = np.array([camera.width, camera.height], dtype=np.int64)
+        with _lock:
+            splats, order, index = project(drawable, camera, sh_degree, fixed)
+            offsets, members = _bin_splats(splats, order, columns, rows)
+            measures = np.empty((len(members), 4))
+            _measure_tiles(splats, offsets, members, _spread(columns * rows), columns, size, behind, measures)
+            sums = _gather(measures, members, len(splats))
+        seen = np.flatnonzero(sums[:, 3] > 0)
+        weight_sum, weight_sq, contrast_sq, weight_max = sums[seen].T
+        yield ViewContributions(index[seen].astype(np.int64), weight_sum, weight_sq, weight_max, contrast_sq)
+
+
 def contributions(
-    scene: GaussianScene,
+    scene: GaussianScene | Drawable,
     cameras: Iterable[Camera],
     background: Sequence[float] = (0.0, 0.0, 0.0),
     sh_degree: int | None = None,
@@ -414,17 +510,12 @@ def contributions(
     Raises:
         InvalidInput: `colours` has the wrong shape.
     """
-    fixed = _check(scene, colours)
-    behind = np.asarray(background, dtype=np.float64)
-    totals, views = np.zeros((len(scene), 4)), np.zeros(len(scene), dtype=np.int32)
-    for camera in cameras:
-        columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
-        size = np.array([camera.width, camera.height], dtype=np.int64)
-        with _lock:
-            splats, order = project(scene, camera, sh_degree, fixed)
-            offsets, members = _bin_splats(splats, columns, rows)
-            measures = np.empty((len(members), 4))
-            _measure_tiles(splats, offsets, members, _spread(columns * rows), columns, size, behind, measures)
-            _gather(measures, members, order, totals, views)
-    weight_sum, weight_sq, contrast_sq, weight_max = (np.ascontiguousarray(column) for column in totals.T)
-    return Contributions(weight_sum, weight_sq, weight_max, views, contrast_sq)
+    drawable = Drawable.of(scene)
+    totals, views = np.zeros((3, len(drawable.scene))), np.zeros(len(drawable.scene), dtype=np.int32)
+    weight_max = np.zeros(len(drawable.scene))
+    for seen in contributions_by_view(drawable, cameras, background, sh_degree, colours):
+        for total, added in zip(totals, (seen.weight_sum, seen.weight_sq, seen.contrast_sq), strict=True):
+            total[seen.index] += added
+        weight_max[seen.index] = np.maximum(weight_max[seen.index], seen.weight_max)
+        views[seen.index] += 1
+    return Contributions(totals[0], totals[1], weight_max, views, totals[2])

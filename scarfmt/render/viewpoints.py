@@ -11,8 +11,8 @@ seed fill their space evenly; views of two seeds have nothing in common but the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -129,3 +129,26 @@ def viewpoints(around: Surroundings, kind: str, count: int, seed: int) -> list[C
     numbers = even_numbers(count, 7, seed)
     made = (KINDS[kind](around, u) for u in numbers)
     return [around.camera(eye, target, f"{kind} {number}") for number, (eye, target) in enumerate(made, 1)]
+
+
+def beside(cameras: Sequence[Camera], distance: float, degrees: float, seed: int) -> list[Camera]:
+    """A view beside each camera: the eye up to `distance` away along each axis, and turned by up to `degrees`."""
+    made = []
+    for camera, u in zip(cameras, 2 * even_numbers(len(cameras), 6, seed) - 1, strict=True):
+        pose = camera.world_to_camera.copy()
+        pose[:3, :3] = _turn(np.radians(degrees) * u[3:6]) @ pose[:3, :3]
+        pose[:3, 3] = -pose[:3, :3] @ (camera.centre + distance * u[:3])
+        made.append(replace(camera, world_to_camera=pose, name=f"beside {camera.name}"))
+    return made
+
+
+def _turn(angles: F64) -> F64:
+    """(3, 3) rotation by `angles` (3,) about the axes, one after another."""
+    turned = np.eye(3)
+    for axis, angle in enumerate(angles):
+        step = np.eye(3)
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        step[a, a] = step[b, b] = math.cos(angle)
+        step[a, b], step[b, a] = -math.sin(angle), math.sin(angle)
+        turned = step @ turned
+    return turned

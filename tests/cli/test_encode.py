@@ -17,8 +17,10 @@ from scarfmt.container.source import FileSource
 from scarfmt.formats import FORMATS
 from scarfmt.formats.export_ply import write_inria_ply
 from scarfmt.limits import MAX_ANCHORS_PER_TILE
+from scarfmt.render.camera import look_at, orbit_cameras
 from scarfmt.tools.inspection import inspect
 from tests.cli.conftest import Run, gaussians
+from tests.render.capture import files
 
 FAST = ("--effort", 1, "--layers", 1, "--quality", 25)
 
@@ -122,3 +124,24 @@ def test_smaller_tiles_are_more_tiles(run: Run, tmp_path: Path) -> None:
             tiles[size] = inspect(source)["tiles"]
     assert tiles[1024] > tiles[65536] == 1
     assert run("encode", tmp_path / "many.ply", tmp_path / "no.scar", "--tile-size", 1000).exit_code == 2
+
+
+def test_cameras_of_another_frame_get_a_warning(run: Run, ply: Path, tmp_path: Path) -> None:
+    """They are used all the same; --quiet says nothing."""
+    away = look_at(np.array([0.0, 0, 1e4]), np.array([0.0, 0, 2e4]), np.array([0.0, 1, 0]), 64, 48)
+    listing = files.in_json(files.inria([away, orbit_cameras(gaussians(300), 1, 64, 48)[0]]), tmp_path / "near.json")
+    strangers = files.in_json(files.inria([away]), tmp_path / "away.json")
+    for given, warned, quiet in ((strangers, True, ()), (strangers, False, ("-q",)), (listing, False, ())):
+        target = tmp_path / "a.scar"
+        result = run("encode", ply, target, *FAST, "--cameras", given, "--force", *quiet)
+        assert result.exit_code == 0, result.stderr
+        assert ("scarfmt: warning: the cameras do not look at the scene" in result.stderr) == warned
+
+
+def test_the_fence_needs_cameras_and_the_frame_may_be_left_to_the_encoder(run: Run, ply: Path, tmp_path: Path) -> None:
+    target = tmp_path / "a.scar"
+    assert run("encode", ply, target, "--only-cameras").exit_code == 2
+    assert run("encode", ply, target, *FAST, "--frame", "auto").exit_code == 0
+    listing = files.in_json(files.inria(orbit_cameras(gaussians(300), 2, 64, 48)), tmp_path / "cameras.json")
+    result = run("encode", ply, target, *FAST, "--cameras", listing, "--only-cameras", "--force")
+    assert result.exit_code == 0, result.stderr

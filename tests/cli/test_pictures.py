@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
+from scarfmt.formats.export_ply import write_inria_ply
 from scarfmt.render.camera import Camera, orbit_cameras
-from scarfmt.render.images import write_png
+from scarfmt.render.images import read_image, write_png
+from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
 from tests.cli.conftest import Run, gaussians
+from tests.render.capture import files
 
-SMALL = ("--size", "64x48", "--views", 2)
+SMALL = ("--size", "64x48", "--views", 2, "--from", "survey")
 
 
 def camera_list(cameras: list[Camera], path: Path) -> Path:
@@ -67,7 +72,66 @@ def test_all_layers_are_tabled_with_their_sizes(run: Run, ply: Path, encoded: Pa
 
 def test_the_table_ends_with_mean_and_worst(run: Run, ply: Path, encoded: Path) -> None:
     lines = run("compare", ply, encoded, *SMALL).stdout.splitlines()
-    assert [line.split()[0] for line in lines[-2:]] == ["mean", "worst"]
+    assert [line.split()[0] for line in lines[-4:]] == ["of", "mean", "5", "worst"]
+
+
+def test_everywhere_is_compared_from_unless_asked_otherwise(run: Run, ply: Path, encoded: Path) -> None:
+    """Three kinds of views, each with its mean, 5th percentile and worst; each kind can be asked for alone."""
+    few = ("--size", "64x48", "--views", 2, "--no-ssim")
+    everywhere = compare_json(run, ply, encoded, *few)["results"]["b"]
+    assert everywhere["names"] == [f"{kind} {number}" for kind in ("orbit", "near", "inside") for number in (1, 2)]
+    assert list(everywhere["kinds"]) == ["orbit", "near", "inside"]
+    for first, (kind, summary) in enumerate(everywhere["kinds"].items()):
+        alone = compare_json(run, ply, encoded, *few, "--from", kind)["results"]["b"]
+        assert alone["psnr_db"] == everywhere["psnr_db"][2 * first : 2 * first + 2]
+        assert alone["worst_psnr_db"] == summary["worst_psnr_db"] == min(alone["psnr_db"])
+        assert alone["mean_psnr_db"] == summary["mean_psnr_db"] == pytest.approx(sum(alone["psnr_db"]) / 2)
+    text = run("compare", ply, encoded, *few).stdout
+    assert "of near:" in text
+    assert "of all views:" in text
+
+
+def test_the_first_file_alone_places_the_cameras(run: Run, ply: Path, tmp_path: Path) -> None:
+    """A second file whose Gaussians lie elsewhere is looked at from where the first is, by render --like too."""
+    scene = gaussians(300)
+    far = tmp_path / "far.ply"
+    write_inria_ply(replace(scene, positions=scene.positions + 1e4), far)
+    for kind in ("survey", "near"):
+        run("render", ply, tmp_path / "a", *SMALL[:4], "--from", kind, "--force")
+        like = run("render", far, tmp_path / "b", *SMALL[:4], "--from", kind, "--like", ply, "--force")
+        assert like.exit_code == 0, like.stderr
+        names = sorted(path.name for path in (tmp_path / "a").iterdir())
+        assert sorted(path.name for path in (tmp_path / "b").iterdir()) == names
+    black = read_image(tmp_path / "b" / names[0])
+    assert black.max() == 0
+    decibels = compare_json(run, ply, far, *SMALL, "--no-ssim")["results"]["b"]["psnr_db"]
+    empty = psnr(np.zeros((48, 64, 3)), render(scene, orbit_cameras(scene, 2, 64, 48)[0]))
+    assert decibels[0] == pytest.approx(empty, abs=1e-3)
+
+
+def test_every_format_of_cameras_is_taken(run: Run, ply: Path, tmp_path: Path) -> None:
+    cameras = orbit_cameras(gaussians(300), 2, 80, 60)
+    model = files.colmap_binary(cameras, tmp_path / "capture" / "sparse" / "0")
+    listing = files.in_json(files.inria(cameras), tmp_path / "cameras.json")
+    for given in (tmp_path / "capture", model, listing):
+        found = compare_json(run, ply, ply, "--cameras", given, "--no-ssim")["results"]["b"]
+        assert found["names"] == [camera.name for camera in cameras]
+        assert list(found["kinds"]) == ["cameras"]
+    assert run("compare", ply, ply, "--cameras", listing, "--from", "near").exit_code == 2
+
+
+def test_wrong_cameras_and_frames_are_told_before_a_scene_is_read(run: Run, tmp_path: Path) -> None:
+    """The scenes named here do not exist."""
+    (tmp_path / "wrong.json").write_text("{}")
+    a, b = tmp_path / "a.ply", tmp_path / "b.scar"
+    commands = {"compare": (a, b), "render": (a, tmp_path / "out"), "encode": (a, b)}
+    for command, names in commands.items():
+        wrong = run(command, *names, "--cameras", tmp_path / "wrong.json")
+        assert (wrong.exit_code, wrong.stderr.count("\n")) == (1, 1)
+        assert "input-cameras" in wrong.stderr
+        wrong = run(command, *names, "--frame", "-y:125")
+        assert (wrong.exit_code, wrong.stderr.count("\n")) == (2, 1)
+        assert "input-frame: cannot read the frame '-y:125': an arc has two numbers" in wrong.stderr
 
 
 def test_layers_of_a_file_without_layers_are_an_argument_error(run: Run, ply: Path) -> None:

@@ -191,7 +191,7 @@ def test_baked_ply_says_that_it_is_lossy() -> None:
 @pytest.mark.scene
 def test_real_model_looks_like_its_photos(shared_data: Path) -> None:
     """A wrong reading of slots, directions or scales loses 10 dB; three held-out photos at half size will tell."""
-    from scarfmt.render.camera import load_cameras
+    from scarfmt.render.capture import load_cameras
     from scarfmt.render.images import read_image
     from scarfmt.render.metrics import psnr
     from scarfmt.render.rasterise import render

@@ -60,3 +60,10 @@ def test_the_page_of_efforts_has_every_number_of_every_level() -> None:
         name: [_told(level[name]) for level in levels] for name in levels[0]
     }
     assert f"{LARGE_SCENE:,}" in PAGE.read_text(encoding="utf-8")
+
+
+def test_a_fence_needs_cameras() -> None:
+    """Only the cameras: refused where there are none."""
+    with pytest.raises(InvalidInput) as caught:
+        EncodeOptions(only_cameras=True).check()
+    assert (caught.value.refusal, caught.value.field) == ("input-options", "only_cameras")

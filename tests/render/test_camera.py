@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scarfmt.errors import InvalidInput
-from scarfmt.render.camera import Arc, Camera, load_cameras, look_at, orbit_cameras
+from scarfmt.render.camera import Arc, Camera, look_at, orbit_cameras
+from scarfmt.render.capture import load_cameras
 from scarfmt.render.rasterise import render
 
 from .scenes import random_scene
@@ -117,37 +117,6 @@ def test_scaled_camera_sees_the_same_directions() -> None:
     point = np.array([0.3, -0.2, 2.0])
     assert (half.width, half.height) == (320, 240)
     np.testing.assert_allclose(np.array(_project(half, point)[:2]) * 2, _project(camera, point)[:2])
-
-
-ENTRY = {"name": "a.jpg", "W": 8, "H": 6, "fx": 7, "fy": 7.5, "cx": 4, "cy": 3, "split": "test"}
-
-
-def test_camera_file_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "cameras.json"
-    path.write_text(json.dumps({"images": [ENTRY | {"world_to_camera": np.eye(4).tolist()}]}))
-    (camera,) = load_cameras(path)
-    assert (camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy) == (8, 6, 7, 7.5, 4, 3)
-    assert (camera.name, camera.split) == ("a.jpg", "test")
-    assert camera.world_to_camera.dtype == np.float64
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "[]",
-        "{}",
-        '{"images": [1]}',
-        json.dumps({"images": [ENTRY]}),
-        json.dumps({"images": [ENTRY | {"world_to_camera": [[1, 2], [3, 4]]}]}),
-        json.dumps({"images": [ENTRY | {"world_to_camera": np.eye(4).tolist(), "W": "wide"}]}),
-    ],
-)
-def test_malformed_camera_files_are_refused(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "cameras.json"
-    path.write_text(text)
-    with pytest.raises(InvalidInput, match="input-cameras"):
-        load_cameras(path)
 
 
 @pytest.mark.scene

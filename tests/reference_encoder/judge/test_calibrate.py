@@ -11,7 +11,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from reference_encoder.judge.calibrate import Judge, calibrated, judged_cameras, next_aim
-from reference_encoder.measure.sensitivity import survey
+from reference_encoder.measure.survey import survey
 from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import TOLERANCE_DB
 from scarfmt.render.camera import Camera, orbit_cameras
@@ -83,16 +83,16 @@ def test_results_are_judged_from_elsewhere(scene: GaussianScene, effort: int, fr
     options = EncodeOptions(effort=effort, frame=frame)
     judged = judged_cameras(scene, options)
     assert judged
-    assert not _poses(judged) & _poses(survey(scene, options))
+    assert not _poses(judged) & _poses(survey(scene, options).cameras)
 
 
-def test_given_cameras_are_shared_out(scene: GaussianScene) -> None:
-    """Of many cameras, those that were not surveyed judge; of a few, all do both; photos for tests do neither."""
+def test_given_cameras_judge(scene: GaussianScene) -> None:
+    """Of many cameras, some, and none of the photos for tests; of a few, all."""
     cameras = orbit_cameras(scene, 60)
     options = EncodeOptions(cameras=[*cameras, replace(cameras[0], split="test")])
-    assert not _poses(judged_cameras(scene, options)) & _poses(survey(scene, options))
+    assert {camera.split for camera in judged_cameras(scene, options)} == {""}
     few = EncodeOptions(cameras=cameras[:3])
-    assert judged_cameras(scene, few) == survey(scene, few)
+    assert judged_cameras(scene, few) == cameras[:3]
 
 
 def test_judge_compares_with_the_source(scene: GaussianScene) -> None:

@@ -15,7 +15,8 @@ from reference_encoder.measure.anchor_sensitivity import measure_anchors
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import load
-from scarfmt.render.camera import Camera, load_cameras, look_at
+from scarfmt.render.camera import Camera, look_at
+from scarfmt.render.capture import load_cameras
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
 from scarfmt.scene.gaussians import AnchorModel, Mlp

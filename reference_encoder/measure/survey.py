@@ -1,0 +1,87 @@
+"""The views that stand for wherever somebody may look from (encoder only, informative).
+
+Views of every kind of :mod:`scarfmt.render.viewpoints`, many and small; cameras that are given stand beside them, with
+their neighbourhood (docs/decisions/0023-survey-of-everywhere.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.tuning import (
+    BESIDE_SHARE,
+    GAUSSIANS_A_VIEW,
+    GIVEN_SHARE,
+    JITTER_DEG,
+    JITTER_PART,
+    KIND_SHARES,
+    MOST_LOCAL_VIEWS,
+    ORBIT_PART,
+    SURVEY_SAMPLES,
+    SURVEY_SEED,
+)
+from scarfmt.render.camera import Camera
+from scarfmt.render.viewpoints import Surroundings, beside, viewpoints
+from scarfmt.scene.gaussians import GaussianScene
+
+GIVEN, BESIDE = "given", "beside"
+"""Kinds of views that cameras add: themselves, and their neighbourhood."""
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Views to measure from.
+
+    Attributes:
+        views: of each kind.
+        shares: how much each kind counts; they add up to 1.
+        radius: of the scene (:class:`Surroundings`), world units.
+    """
+
+    views: Mapping[str, Sequence[Camera]]
+    shares: Mapping[str, float]
+    radius: float
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """All views."""
+        return [camera for cameras in self.views.values() for camera in cameras]
+
+
+def survey(scene: GaussianScene, options: EncodeOptions) -> Survey:
+    """The views of a scene: from everywhere, from the given cameras and beside them, or from these alone.
+
+    Raises:
+        InvalidInput: ``input-frame``; ``input-empty`` if no position is finite.
+    """
+    given = [camera for camera in options.cameras or () if camera.split != "test"] or list(options.cameras or ())
+    around = Surroundings.of(scene, options.frame)
+    if options.only_cameras:
+        return Survey({GIVEN: [sparse(camera) for camera in given]}, {GIVEN: 1.0}, around.radius)
+    views = {
+        kind: [sparse(camera) for camera in viewpoints(around, kind, count, SURVEY_SEED)]
+        for kind, count in view_counts(options.effort, len(scene)).items()
+    }
+    if not given:
+        return Survey(views, KIND_SHARES, around.radius)
+    near_given = beside(given, JITTER_PART * around.radius, JITTER_DEG, SURVEY_SEED)
+    rest = 1 - GIVEN_SHARE - BESIDE_SHARE
+    shares = {GIVEN: GIVEN_SHARE, BESIDE: BESIDE_SHARE, **{kind: rest * part for kind, part in KIND_SHARES.items()}}
+    known = {GIVEN: [sparse(camera) for camera in given], BESIDE: [sparse(camera) for camera in near_given]}
+    return Survey({**known, **views}, shares, around.radius)
+
+
+def view_counts(effort: int, gaussians: int) -> dict[str, int]:
+    """Views of each kind. From outside everything is seen at once; what is seen from near grows with what there is."""
+    views = EFFORTS[effort].survey_views
+    outside = round(ORBIT_PART * views)
+    local = min(max(views - outside, round(gaussians / GAUSSIANS_A_VIEW)), MOST_LOCAL_VIEWS)
+    return {"orbit": outside, "near": local // 2, "inside": local - local // 2}
+
+
+def sparse(camera: Camera) -> Camera:
+    """About `SURVEY_SAMPLES` pixels of a view."""
+    return camera.sampled(max(1, round(math.sqrt(camera.width * camera.height / SURVEY_SAMPLES))))

@@ -1,0 +1,246 @@
+"""COLMAP's sparse models: `cameras` and `images`, binary or text, as its "Output Format" page defines them.
+
+Poses are from world to camera, with OpenCV axes: those of :class:`Camera`. Lens distortion is ignored with a warning:
+undistortion leaves about the same pinhole. Fisheye lenses are refused. Keypoints are skipped unread. Where both forms
+are there, the binary one is read, as COLMAP does.
+"""
+
+from __future__ import annotations
+
+import struct
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from scarfmt.arrays import F64
+from scarfmt.errors import InputWarning, InvalidInput
+from scarfmt.render.camera import Camera
+from scarfmt.render.capture.record import EXPORT_AGAIN, MAX_CAMERAS, Record, wrong
+from scarfmt.scene.rotation import matrix_from_quaternion
+
+FOLDERS = (".", "sparse", "sparse/0")
+MAX_NAME = 4096
+_MAX_LINE = 1 << 16
+"""Bytes of a line that is read; lines of keypoints are longer, and skipped."""
+_KEYPOINT = 24
+
+
+@dataclass(frozen=True)
+class LensModel:
+    """A camera model of COLMAP.
+
+    Attributes:
+        name: in text files.
+        parameters: how many numbers it has: one or two focal lengths, the principal point, then distortion.
+        focal_lengths: 1 or 2; 0 where no pinhole is near it.
+    """
+
+    name: str
+    parameters: int
+    focal_lengths: int
+
+
+MODELS = (
+    LensModel("SIMPLE_PINHOLE", 3, 1),
+    LensModel("PINHOLE", 4, 2),
+    LensModel("SIMPLE_RADIAL", 4, 1),
+    LensModel("RADIAL", 5, 1),
+    LensModel("OPENCV", 8, 2),
+    LensModel("OPENCV_FISHEYE", 8, 0),
+    LensModel("FULL_OPENCV", 12, 2),
+    LensModel("FOV", 5, 0),
+    LensModel("SIMPLE_RADIAL_FISHEYE", 4, 0),
+    LensModel("RADIAL_FISHEYE", 5, 0),
+    LensModel("THIN_PRISM_FISHEYE", 12, 0),
+)
+"""By the number that binary files have for them."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Intrinsics of one camera: size, focal lengths and principal point in pixels, and whether it distorts."""
+
+    size: tuple[int, int]
+    focal: tuple[float, float]
+    centre: tuple[float, float]
+    distorts: bool
+
+
+@dataclass(frozen=True)
+class Pose:
+    """One image: quaternion w, x, y, z and translation (7,) from world to camera, its camera's id, and its name."""
+
+    numbers: F64
+    camera: int
+    name: str
+
+
+def model_files(folder: Path) -> tuple[Path, Path] | None:
+    """The cameras and images files of a sparse model in `folder`, `sparse` or `sparse/0`; None if there is none."""
+    for inner in FOLDERS:
+        for ending in (".bin", ".txt"):
+            pair = (folder / inner / f"cameras{ending}", folder / inner / f"images{ending}")
+            if all(path.is_file() for path in pair):
+                return pair
+    return None
+
+
+def colmap_cameras(cameras: Path, images: Path) -> list[Camera]:
+    """The cameras of a sparse model, in the order of their photos' names.
+
+    Args:
+        cameras, images: of :func:`model_files`.
+
+    Raises:
+        InvalidInput: ``input-cameras``.
+        OSError: a file cannot be read.
+    """
+    binary = cameras.suffix == ".bin"
+    lenses = dict(_binary_lenses(cameras) if binary else _text_lenses(cameras))
+    found = []
+    for index, pose in enumerate(_binary_poses(images) if binary else _text_poses(images)):
+        record = Record(str(images), f"image {index + 1}", {})
+        if pose.camera not in lenses:
+            raise record.fault("camera_id", f"camera {pose.camera} is not in {cameras.name}; {EXPORT_AGAIN}")
+        lens = lenses[pose.camera]
+        found.append(record.camera("pose", _matrix(record, pose), lens.size, lens.focal, lens.centre, pose.name))
+    if any(lens.distorts for lens in lenses.values()):
+        warnings.warn(f"{cameras}: lens distortion is ignored", InputWarning, stacklevel=3)
+    return sorted(found, key=lambda camera: camera.name)
+
+
+def _matrix(record: Record, pose: Pose) -> F64:
+    """(4, 4) float64, world to camera."""
+    checked = Record(record.file, record.place, {"pose": pose.numbers.tolist()}).numbers("pose", 7)
+    length = float(np.linalg.norm(checked[:4]))
+    if not length > 1e-6:
+        raise record.fault("quaternion", f"a quaternion of length {length:g} is no rotation; {EXPORT_AGAIN}")
+    matrix = np.eye(4)
+    matrix[:3, :3] = matrix_from_quaternion(checked[None, :4] / length)[0]
+    matrix[:3, 3] = checked[4:]
+    return matrix
+
+
+def _lens(record: Record, model: LensModel, size: tuple[int, int], parameters: list[float]) -> Lens:
+    if model.focal_lengths == 0:
+        message = f"lenses of model {model.name} cannot be drawn; run 'colmap image_undistorter', and give its folder"
+        raise record.fault("model", message)
+    if len(parameters) != model.parameters:
+        message = f"{model.name} has {model.parameters} parameters, here are {len(parameters)}; {EXPORT_AGAIN}"
+        raise record.fault("params", message)
+    names = [*(("f",) if model.focal_lengths == 1 else ("fx", "fy")), "cx", "cy"]
+    values = {"width": size[0], "height": size[1], **dict(zip(names, parameters, strict=False))}
+    named = Record(record.file, record.place, values)
+    focal = [named.positive(name) for name in names[:-2]]
+    centre = named.number("cx"), named.number("cy")
+    distorts = any(value != 0 for value in parameters[len(names) :])
+    return Lens((named.pixels("width"), named.pixels("height")), (focal[0], focal[-1]), centre, distorts)
+
+
+# Binary files
+
+
+def _binary_lenses(path: Path) -> Iterator[tuple[int, Lens]]:
+    with path.open("rb") as stream:
+        for index in range(_count(path, stream)):
+            record = Record(str(path), f"camera {index + 1}", {})
+            camera, model, width, height = struct.unpack("<iiQQ", _exactly(path, stream, 24))
+            if not 0 <= model < len(MODELS):
+                raise record.fault("model", f"COLMAP's camera model {model} is not known here; use PINHOLE")
+            count = MODELS[model].parameters
+            parameters = struct.unpack(f"<{count}d", _exactly(path, stream, 8 * count))
+            yield camera, _lens(record, MODELS[model], (width, height), list(parameters))
+
+
+def _binary_poses(path: Path) -> Iterator[Pose]:
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        for _ in range(_count(path, stream)):
+            _image, *numbers, camera = struct.unpack("<I7dI", _exactly(path, stream, 64))
+            name = _name(path, stream)
+            (keypoints,) = struct.unpack("<Q", _exactly(path, stream, 8))
+            if keypoints * _KEYPOINT > size - stream.tell():
+                raise _cut(path)
+            stream.seek(keypoints * _KEYPOINT, 1)
+            yield Pose(np.array(numbers), camera, name)
+
+
+def _count(path: Path, stream: BinaryIO) -> int:
+    (count,) = struct.unpack("<Q", _exactly(path, stream, 8))
+    if count > MAX_CAMERAS:
+        raise wrong(str(path), f"declares {count} entries, more than {MAX_CAMERAS}: is it a file of COLMAP?")
+    return int(count)
+
+
+def _exactly(path: Path, stream: BinaryIO, length: int) -> bytes:
+    data = stream.read(length)
+    if len(data) != length:
+        raise _cut(path)
+    return data
+
+
+def _name(path: Path, stream: BinaryIO) -> str:
+    data = stream.read(MAX_NAME)
+    name, end, _rest = data.partition(b"\0")
+    if not end:
+        raise _cut(path) if len(data) < MAX_NAME else wrong(str(path), f"a name of over {MAX_NAME} bytes")
+    stream.seek(len(name) + 1 - len(data), 1)
+    return name.decode("utf-8", "replace")
+
+
+def _cut(path: Path) -> InvalidInput:
+    return wrong(str(path), "ends too early: it is cut short or no file of COLMAP; copy or export it again")
+
+
+# Text files
+
+
+def _text_lenses(path: Path) -> Iterator[tuple[int, Lens]]:
+    by_name = {model.name: model for model in MODELS}
+    for number, line in _lines(path):
+        record = Record(str(path), f"line {number}", {})
+        words = line.split()
+        if not words or line.startswith("#"):
+            continue
+        try:
+            camera, width, height = int(words[0]), int(words[2]), int(words[3])
+            parameters = [float(word) for word in words[4:]]
+        except (IndexError, ValueError) as error:
+            raise record.fault("camera", f"expected ID MODEL WIDTH HEIGHT PARAMS...; {EXPORT_AGAIN}") from error
+        if words[1] not in by_name:
+            raise record.fault("model", f"COLMAP's camera model {words[1][:40]} is not known here; use PINHOLE")
+        yield camera, _lens(record, by_name[words[1]], (width, height), parameters)
+
+
+def _text_poses(path: Path) -> Iterator[Pose]:
+    lines = _lines(path)
+    for number, line in lines:
+        words = line.split(maxsplit=9)
+        if not words or line.startswith("#"):
+            continue
+        try:
+            numbers, camera, name = [float(word) for word in words[1:8]], int(words[8]), words[9].strip()
+        except (IndexError, ValueError) as error:
+            place = f"line {number}"
+            message = f"expected ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of points; {EXPORT_AGAIN}"
+            raise wrong(str(path), message, place) from error
+        next(lines, None)  # its keypoints, perhaps an empty line
+        yield Pose(np.array(numbers), camera, name)
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Number, from 1, and start of every line: what is beyond :data:`_MAX_LINE` is skipped in pieces."""
+    with path.open("rb") as stream:
+        number = 0
+        while line := stream.readline(_MAX_LINE):
+            number += 1
+            if number > 4 * MAX_CAMERAS:
+                raise wrong(str(path), f"has over {4 * MAX_CAMERAS} lines: is it a file of COLMAP?")
+            piece = line
+            while not piece.endswith(b"\n") and (piece := stream.readline(_MAX_LINE)):
+                pass
+            yield number, line.decode("utf-8", "replace")

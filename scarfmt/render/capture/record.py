@@ -1,0 +1,188 @@
+"""The values of one camera in a file, each checked as it is read, and the camera they make."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scarfmt.arrays import F64
+from scarfmt.errors import InvalidInput
+from scarfmt.render.camera import Camera
+
+MAX_LISTING_BYTES = 1 << 28
+"""Of a file that is read as a whole: a million cameras."""
+MAX_CAMERAS = 1 << 20
+MAX_PIXELS_WIDE = 1 << 16
+_FAR = 1e12
+"""World units or pixels: beyond, squares of such numbers leave binary32."""
+_ROTATION_TOLERANCE = 1e-3
+"""Of any element of R R^T: files hold six digits or more."""
+EXPORT_AGAIN = "export the cameras again"
+
+
+def wrong(file: str, message: str, field: str | None = None) -> InvalidInput:
+    """The error for a camera file that cannot be used: ``input-cameras``.
+
+    Args:
+        file: its path.
+        message: what is wrong, and what to do about it.
+        field: where in the file.
+    """
+    return InvalidInput("input-cameras", f"{file}: {message}", field=field)
+
+
+@dataclass(frozen=True)
+class Record:
+    """Named values of one camera, which know their place so that faults can name it.
+
+    Attributes:
+        file: path of the file.
+        place: where in it, e.g. ``"frames[3]"``.
+        values: as read, none checked.
+    """
+
+    file: str
+    place: str
+    values: dict[str, Any]
+
+    @staticmethod
+    def of(file: str, place: str, value: object) -> Record:
+        """The record of a JSON value.
+
+        Raises:
+            InvalidInput: ``input-cameras``: it is no object.
+        """
+        if not isinstance(value, dict):
+            raise wrong(file, f"a camera has to be a JSON object; {EXPORT_AGAIN}", place)
+        return Record(file, place, value)
+
+    def fault(self, key: str, message: str) -> InvalidInput:
+        """The error for the value of `key`."""
+        return wrong(self.file, message, f"{self.place}.{key}")
+
+    def number(self, key: str, default: float | None = None) -> float:
+        """A finite number; `default` where there is none.
+
+        Raises:
+            InvalidInput: ``input-cameras``: missing without a default, no number, or not within 10^12.
+        """
+        value = self.values.get(key, default)
+        if value is None:
+            raise self.fault(key, f"{key} is missing; {EXPORT_AGAIN}")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _FAR:
+            raise self.fault(key, f"{key} is {_shown(value)}, not a finite number; {EXPORT_AGAIN}")
+        return float(value)
+
+    def positive(self, key: str, default: float | None = None) -> float:
+        """A number above 0, e.g. a focal length.
+
+        Raises:
+            InvalidInput: ``input-cameras``.
+        """
+        value = self.number(key, default)
+        if not value > 0:
+            raise self.fault(key, f"{key} is {value:g} and has to be above 0; {EXPORT_AGAIN}")
+        return value
+
+    def pixels(self, key: str) -> int:
+        """Width or height of a picture.
+
+        Raises:
+            InvalidInput: ``input-cameras``: not an integer of 1 to 65536.
+        """
+        value = self.positive(key)
+        if value != round(value) or value > MAX_PIXELS_WIDE:
+            raise self.fault(key, f"{key} is {value:g}, not 1 to {MAX_PIXELS_WIDE} whole pixels; {EXPORT_AGAIN}")
+        return round(value)
+
+    def text(self, key: str) -> str:
+        """A text; empty where there is none."""
+        return str(self.values.get(key, ""))[:4096]
+
+    def numbers(self, key: str, *shape: int) -> F64:
+        """Finite numbers of a shape.
+
+        Raises:
+            InvalidInput: ``input-cameras``.
+        """
+        value = self.values.get(key)
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError, RecursionError):
+            array = np.array(np.nan)
+        if array.shape != shape or not (np.abs(array) <= _FAR).all():
+            size = " x ".join(map(str, shape))
+            raise self.fault(key, f"{key} has to be {size} finite numbers; {EXPORT_AGAIN}")
+        return array
+
+    def affine(self, key: str) -> F64:
+        """(4, 4) float64 of 4 x 4 or 3 x 4 numbers, the last row 0 0 0 1.
+
+        Raises:
+            InvalidInput: ``input-cameras``.
+        """
+        value = self.values.get(key)
+        rows = 3 if isinstance(value, list) and len(value) == 3 else 4
+        matrix = np.eye(4)
+        matrix[:rows] = self.numbers(key, rows, 4)
+        if not np.array_equal(matrix[3], (0, 0, 0, 1)):
+            raise self.fault(key, f"the last row of {key} has to be 0 0 0 1; is the matrix transposed?")
+        return matrix
+
+    def camera(
+        self,
+        key: str,
+        pose: F64,
+        size: tuple[int, int],
+        focal: tuple[float, float],
+        centre: tuple[float, float],
+        name: str,
+        split: str = "",
+    ) -> Camera:
+        """The camera of checked values.
+
+        Args:
+            key: where `pose` was read.
+            pose: (4, 4) float64, world to camera, OpenCV axes.
+            size: width and height, pixels.
+            focal: fx and fy, pixels, above 0.
+            centre: principal point, pixels.
+            name: of the photo.
+            split: ``"train"``, ``"test"`` or empty.
+
+        Raises:
+            InvalidInput: ``input-cameras``: the pose does not turn and move alone.
+        """
+        self.check_rotation(key, pose[:3, :3])
+        return Camera(*size, *focal, *centre, pose, name, split)
+
+    def check_rotation(self, key: str, rotation: F64) -> None:
+        """Refuse a (3, 3) matrix that scales, shears or mirrors.
+
+        Raises:
+            InvalidInput: ``input-cameras``.
+        """
+        if not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=_ROTATION_TOLERANCE):
+            raise self.fault(key, f"{key} scales or shears: a camera's has to be a rotation; {EXPORT_AGAIN}")
+        if np.linalg.det(rotation) < 0:
+            raise self.fault(key, f"{key} mirrors: one axis of the camera points the wrong way; {EXPORT_AGAIN}")
+
+
+def inverted(pose: F64) -> F64:
+    """The (4, 4) inverse of a rotation and translation."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = pose[:3, :3].T
+    inverse[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return inverse
+
+
+def focal_of_angle(angle: float, pixels: int) -> float:
+    """Focal length in pixels of a field of view of `angle` radians, 0 to pi, over so many pixels."""
+    return pixels / (2 * math.tan(angle / 2))
+
+
+def _shown(value: object) -> str:
+    return repr(value)[:40]

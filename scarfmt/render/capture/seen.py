@@ -1,0 +1,53 @@
+"""Whether cameras and a scene belong together."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+
+from scarfmt.arrays import F64
+from scarfmt.errors import InputWarning
+from scarfmt.render.camera import Camera
+
+SEEN_AT_LEAST = 0.01
+"""Of the Gaussians, by the camera that has most of them in view: one of a capture has tens of percent."""
+_SAMPLE = 4096
+
+
+def most_in_view(positions: F64, cameras: Sequence[Camera]) -> float:
+    """The largest part, 0..1, of (N, 3) float64 positions that one of the cameras has in its picture, hidden or not.
+
+    An even sample of the positions is looked at.
+    """
+    sample = positions[:: max(1, len(positions) // _SAMPLE)]
+    return max((_part_in_view(sample, camera) for camera in cameras), default=0.0)
+
+
+def warn_of_strangers(positions: F64, cameras: Sequence[Camera]) -> None:
+    """Warn where no camera sees the scene: most likely they have another frame or scale.
+
+    Args:
+        positions: (N, 3) float64, of Gaussians or anchors.
+        cameras: at least one.
+
+    Warns:
+        InputWarning: none has 1 % of the positions in its picture.
+    """
+    found = most_in_view(positions, cameras)
+    if found < SEEN_AT_LEAST:
+        message = (
+            f"the cameras do not look at the scene: none of {len(cameras)} has over {100 * found:.2g} % of it in view;"
+            " are they in the frame and scale that the scene was trained in?"
+        )
+        warnings.warn(message, InputWarning, stacklevel=3)
+
+
+def _part_in_view(positions: F64, camera: Camera) -> float:
+    seen = positions @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
+    x, y, depth = seen[:, 0], seen[:, 1], seen[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        column, row = camera.fx * x / depth + camera.cx, camera.fy * y / depth + camera.cy
+    inside = (column > 0) & (column < camera.width) & (row > 0) & (row < camera.height)
+    return float(((depth > camera.near) & inside).mean()) if len(positions) else 0.0

@@ -1,0 +1,160 @@
+"""`transforms.json` of Nerfstudio, Instant-NGP and Blender: poses from camera to world with OpenGL axes.
+
+x points right, y up, z backwards; a camera of OpenCV axes is that with y and z flipped. Intrinsics (`fl_x`, `fl_y`,
+`cx`, `cy`, `w`, `h`, or `camera_angle_x`) stand in the frame, or above for all of them.
+
+Poses are taken as they stand, which is where trainers that read the file put the scene. Two frames differ from it:
+
+- `ns-process-data` turns COLMAP's frame into the file's by the `applied_transform` it records. A scene trained from the
+  COLMAP folder is in COLMAP's: give that folder.
+- Nerfstudio's own trainer centres and scales once more, and writes `dataparser_transforms.json`. Beside the file, it is
+  applied. It maps from before `applied_transform` and `applied_scale`, so these are taken out of it.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scarfmt.arrays import F64
+from scarfmt.errors import InputWarning
+from scarfmt.render.camera import Camera
+from scarfmt.render.capture.record import MAX_PIXELS_WIDE, Record, focal_of_angle, inverted
+
+DATAPARSER = "dataparser_transforms.json"
+PINHOLE_MODELS = ("", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "FULL_OPENCV")
+_DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")
+_SIZES = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
+_SHARED = (*_SIZES, "camera_model", "is_fisheye", *_DISTORTIONS)
+"""What may stand above the frames, for all of them."""
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+_BLENDER_PIXELS = 800
+"""Width and height of the pictures of NeRF's synthetic scenes, whose files do not name them."""
+_PNG = struct.Struct(">8s4s4sII")
+_SPLITS = {"train_filenames": "train", "val_filenames": "test", "test_filenames": "test"}
+
+
+def transforms_cameras(file: str, document: Mapping[str, Any], frames: list[Any], dataparser: Any) -> list[Camera]:
+    """The cameras of a `transforms.json`.
+
+    Args:
+        file: its path.
+        document: its content.
+        frames: its list of frames.
+        dataparser: content of the `dataparser_transforms.json` beside it, or None.
+
+    Raises:
+        InvalidInput: ``input-cameras``.
+    """
+    shared = {key: document[key] for key in _SHARED if key in document}
+    splits = _splits(file, document)
+    placed = _Placement.of(file, document, dataparser)
+    records = [
+        Record(file, f"frames[{index}]", shared | Record.of(file, f"frames[{index}]", frame).values)
+        for index, frame in enumerate(frames)
+    ]
+    cameras = [_camera(record, placed, splits) for record in records]
+    if any(record.values.get(key) not in (0, None) for record in records for key in _DISTORTIONS):
+        warnings.warn(f"{file}: lens distortion (k1, ...) is ignored", InputWarning, stacklevel=3)
+    if any("w" not in record.values and _picture_size(record) is None for record in records):
+        message = f"{file} names no size of pictures: {_BLENDER_PIXELS}x{_BLENDER_PIXELS} is assumed"
+        warnings.warn(message, InputWarning, stacklevel=3)
+    return cameras
+
+
+class _Placement:
+    """From the file's world to the scene's: a rotation with translation, then a scale."""
+
+    def __init__(self, transform: F64, scale: float):
+        self.transform = transform
+        self.scale = scale
+
+    @staticmethod
+    def of(file: str, document: Mapping[str, Any], dataparser: Any) -> _Placement:
+        if dataparser is None:
+            return _Placement(np.eye(4), 1.0)
+        beside = str(Path(file).parent / DATAPARSER)
+        scene = Record.of(beside, "transform", dataparser)
+        whole = Record(file, "top level", dict(document))
+        applied = whole.affine("applied_transform") if "applied_transform" in document else np.eye(4)
+        whole.check_rotation("applied_transform", applied[:3, :3])
+        transform = scene.affine("transform")
+        scene.check_rotation("transform", transform[:3, :3])
+        scale = scene.positive("scale", 1.0) / whole.positive("applied_scale", 1.0)
+        return _Placement(transform @ inverted(applied), scale)
+
+    def __call__(self, camera_to_world: F64) -> F64:
+        placed: F64 = self.transform @ camera_to_world
+        placed[:3, 3] *= self.scale
+        return placed
+
+
+def _camera(record: Record, placed: _Placement, splits: dict[str, str]) -> Camera:
+    model = record.text("camera_model").upper()
+    if record.values.get("is_fisheye") is True:
+        model = "FISHEYE"
+    if model not in PINHOLE_MODELS:
+        message = f"lenses of model {model[:40]} cannot be drawn; undistort the photos, and give the resulting cameras"
+        raise record.fault("camera_model", message)
+    width, height = size = _size(record)
+    focal_x = _focal(record, "fl_x", "camera_angle_x", width, None)
+    focal_y = _focal(record, "fl_y", "camera_angle_y", height, focal_x)
+    centre = record.number("cx", width / 2), record.number("cy", height / 2)
+    camera_to_world = record.affine("transform_matrix")
+    record.check_rotation("transform_matrix", camera_to_world[:3, :3])
+    pose = inverted(placed(camera_to_world @ _FLIP))
+    name = record.text("file_path")
+    return record.camera("transform_matrix", pose, size, (focal_x, focal_y), centre, name, splits.get(name, ""))
+
+
+def _focal(record: Record, key: str, angle_key: str, pixels: int, default: float | None) -> float:
+    if key in record.values:
+        return record.positive(key)
+    if angle_key not in record.values and default is not None:
+        return default
+    if angle_key not in record.values:
+        raise record.fault(key, f"no focal length: neither {key} nor {angle_key} is there, in the frame or above")
+    angle = record.positive(angle_key)
+    if angle >= math.pi:
+        raise record.fault(angle_key, f"{angle_key} is {angle:g} and has to be below pi: it is in radians")
+    return focal_of_angle(angle, pixels)
+
+
+def _size(record: Record) -> tuple[int, int]:
+    if "w" in record.values:
+        return record.pixels("w"), record.pixels("h")
+    return _picture_size(record) or (_BLENDER_PIXELS, _BLENDER_PIXELS)
+
+
+def _picture_size(record: Record) -> tuple[int, int] | None:
+    """Width and height of the frame's PNG, if it is there: Blender's file names leave out the ending."""
+    name = record.text("file_path")
+    if not name or "\0" in name:
+        return None
+    path = Path(record.file).parent / (name if name.lower().endswith(".png") else f"{name}.png")
+    try:
+        if not path.is_file():
+            return None
+        with path.open("rb") as stream:
+            signature, _length, kind, width, height = _PNG.unpack(stream.read(_PNG.size))
+    except (OSError, ValueError, struct.error):
+        return None
+    good = signature == b"\x89PNG\r\n\x1a\n" and kind == b"IHDR"
+    return (width, height) if good and 0 < width <= MAX_PIXELS_WIDE and 0 < height <= MAX_PIXELS_WIDE else None
+
+
+def _splits(file: str, document: Mapping[str, Any]) -> dict[str, str]:
+    """Picture name -> split, where the file tells: what is held out to validate counts as test."""
+    splits = {}
+    for key, split in _SPLITS.items():
+        names = document.get(key, [])
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise Record(file, "top level", {}).fault(key, f"{key} has to be a list of file names")
+        splits.update(dict.fromkeys(names, split))
+    return splits

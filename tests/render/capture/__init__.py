@@ -1,0 +1,1 @@
+"""Cameras from the files that programs write."""

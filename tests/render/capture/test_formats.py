@@ -1,0 +1,168 @@
+"""The same cameras come out of every program's files."""
+
+from __future__ import annotations
+
+import json
+import struct
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from scarfmt.errors import InputWarning
+from scarfmt.render.camera import Camera
+from scarfmt.render.capture import held_out, load_cameras
+from scarfmt.render.images import write_png
+
+from . import files
+
+SEVERAL = [files.camera(seed, "test" if seed == 2 else "") for seed in range(4)]
+
+
+def written(kind: str, cameras: list[Camera], folder: Path) -> Path:
+    """What to give :func:`load_cameras` for cameras in a format."""
+    if kind == "colmap binary":
+        return files.colmap_binary(cameras, folder)
+    if kind == "colmap text":
+        return files.colmap_text(cameras, folder)
+    content = {"own": files.own, "inria": files.inria, "transforms": files.transforms}[kind](cameras)
+    return files.in_json(content, folder / "any name")
+
+
+def assert_alike(found: list[Camera], expected: list[Camera]) -> None:
+    assert len(found) == len(expected)
+    for one, other in zip(found, expected, strict=True):
+        assert (one.width, one.height, one.name) == (other.width, other.height, other.name)
+        np.testing.assert_allclose([one.fx, one.fy, one.cx, one.cy], [other.fx, other.fy, other.cx, other.cy])
+        np.testing.assert_allclose(one.world_to_camera, other.world_to_camera, atol=1e-9)
+
+
+KINDS = ("own", "inria", "transforms", "colmap binary", "colmap text")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.integers(0, 9999), min_size=1, max_size=5, unique=True))
+def test_what_was_written_is_read(kind: str, tmp_path: Path, seeds: list[int]) -> None:
+    cameras = [files.camera(seed) for seed in sorted(seeds)]
+    assert_alike(load_cameras(written(kind, cameras, tmp_path)), cameras)
+
+
+@pytest.mark.parametrize("kind", ["own", "transforms"])
+def test_the_split_is_kept_where_the_file_has_one(kind: str, tmp_path: Path) -> None:
+    found = load_cameras(written(kind, SEVERAL, tmp_path))
+    assert [camera.split for camera in found] == ["", "", "test", ""]
+    assert held_out(found) == [found[2]]
+    assert held_out(found[:2]) == found[:2]
+
+
+@pytest.mark.parametrize("inner", ["", "sparse", "sparse/0"])
+@pytest.mark.parametrize("kind", ["colmap binary", "colmap text"])
+def test_a_sparse_model_is_found_in_its_folders(kind: str, inner: str, tmp_path: Path) -> None:
+    model = written(kind, SEVERAL, tmp_path / inner)
+    assert_alike(load_cameras(tmp_path), SEVERAL)
+    assert_alike(load_cameras(next(model.glob("images.*"))), SEVERAL)
+
+
+def test_of_a_folder_the_list_that_tells_most_is_taken(tmp_path: Path) -> None:
+    files.in_json(files.transforms(SEVERAL[:1]), tmp_path / "transforms.json")
+    assert len(load_cameras(tmp_path)) == 1
+    files.colmap_binary(SEVERAL[:2], tmp_path / "sparse" / "0")
+    assert len(load_cameras(tmp_path)) == 2
+    files.in_json(files.own(SEVERAL[:3]), tmp_path / "cameras.json")
+    assert len(load_cameras(tmp_path)) == 3
+
+
+def test_opengl_axes_look_along_minus_z(tmp_path: Path) -> None:
+    frame = {"file_path": "a", "transform_matrix": np.eye(4).tolist()}
+    (camera,) = load_cameras(files.in_json({"fl_x": 9, "w": 8, "h": 6, "frames": [frame]}, tmp_path / "t.json"))
+    np.testing.assert_array_equal(camera.world_to_camera[:3, :3] @ (0, 0, -1), (0, 0, 1))  # forward
+    np.testing.assert_array_equal(camera.world_to_camera[:3, :3] @ (0, 1, 0), (0, -1, 0))  # up
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == (9, 9, 4, 3)
+
+
+def test_blender_files_name_an_angle_and_the_picture_its_size(tmp_path: Path) -> None:
+    frame = {"file_path": "./train/r_0", "transform_matrix": np.eye(4).tolist()}
+    path = files.in_json({"camera_angle_x": np.pi / 2, "frames": [frame]}, tmp_path / "transforms_train.json")
+    with pytest.warns(InputWarning, match="800x800 is assumed"):
+        (camera,) = load_cameras(path)
+    assert (camera.width, camera.height, camera.cx) == (800, 800, 400)
+    assert camera.fx == pytest.approx(400)
+    (tmp_path / "train").mkdir()
+    write_png(tmp_path / "train" / "r_0.png", np.zeros((30, 40, 3), np.float32))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (camera,) = load_cameras(path)
+    assert (camera.width, camera.height) == (40, 30)
+    assert (camera.fx, camera.fy) == (pytest.approx(20), pytest.approx(20))
+
+
+def test_nerfstudios_own_frame_is_gone_to_where_its_file_is_there(tmp_path: Path) -> None:
+    """Its transform maps the world before `applied_transform`; positions are scaled after it."""
+    original = files.camera(5)
+    applied, dataparser = (np.linalg.inv(files.camera(seed).world_to_camera) for seed in (6, 7))
+    frame = {"file_path": "a", "transform_matrix": (applied @ files.opengl_pose(original)).tolist()}
+    document = {"fl_x": 9, "w": 8, "h": 6, "applied_transform": applied[:3].tolist(), "frames": [frame]}
+    path = files.in_json(document, tmp_path / "transforms.json")
+    files.in_json({"transform": dataparser[:3].tolist(), "scale": 0.25}, tmp_path / "dataparser_transforms.json")
+    (camera,) = load_cameras(path)
+    expected = 0.25 * (dataparser[:3, :3] @ original.centre + dataparser[:3, 3])
+    np.testing.assert_allclose(camera.centre, expected, atol=1e-9)
+    turned = dataparser[:3, :3] @ original.world_to_camera[:3, :3].T
+    np.testing.assert_allclose(camera.world_to_camera[:3, :3].T, turned, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("model", "parameters", "expected"),
+    [
+        (0, (50, 4, 3), (50, 50, 4, 3)),
+        (2, (50, 4, 3, 0.1), (50, 50, 4, 3)),
+        (3, (50, 4, 3, 0.1, 0.2), (50, 50, 4, 3)),
+        (4, (50, 60, 4, 3, 0.1, 0, 0, 0), (50, 60, 4, 3)),
+        (6, (50, 60, 4, 3, *(0.1,) * 8), (50, 60, 4, 3)),
+    ],
+)
+def test_lenses_that_distort_are_taken_as_pinholes_with_a_warning(
+    tmp_path: Path, model: int, parameters: tuple[float, ...], expected: tuple[float, ...]
+) -> None:
+    files.colmap_binary([files.camera(1)], tmp_path)
+    lens = struct.pack(f"<QiiQQ{len(parameters)}d", 1, 0, model, 8, 6, *parameters)
+    (tmp_path / "cameras.bin").write_bytes(lens)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        (camera,) = load_cameras(tmp_path)
+    assert (camera.fx, camera.fy, camera.cx, camera.cy) == expected
+    assert [str(one.message).endswith("lens distortion is ignored") for one in caught] == [True] * (model != 0)
+
+
+def test_distortion_of_a_transforms_file_is_told(tmp_path: Path) -> None:
+    path = files.in_json(files.transforms(SEVERAL) | {"k1": 0.01}, tmp_path / "t.json")
+    with pytest.warns(InputWarning, match="distortion"):
+        assert_alike(load_cameras(path), SEVERAL)
+
+
+def test_reading_cameras_imports_nothing_heavy(tmp_path: Path) -> None:
+    """A wrong file is told before a renderer is compiled."""
+    path = files.in_json(files.own(SEVERAL), tmp_path / "a.json")
+    code = (
+        f"from scarfmt.render.capture import load_cameras; load_cameras({str(path)!r}); import sys; print(*sys.modules)"
+    )
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"numba", "torch", "scipy", "PIL", "rich"} & set(loaded)
+
+
+@pytest.mark.scene
+def test_the_examples_cameras_survive_every_format(tmp_path: Path) -> None:
+    example = Path(__file__).parents[3] / "examples" / "plush-toys.cameras.json"
+    cameras = sorted(load_cameras(example), key=lambda camera: camera.name)
+    assert len(json.loads(example.read_text())["images"]) == len(cameras)
+    for kind in KINDS:
+        (tmp_path / kind).mkdir()
+        again = load_cameras(written(kind, cameras, tmp_path / kind))
+        for one, other in zip(again, cameras, strict=True):
+            np.testing.assert_allclose(one.world_to_camera, other.world_to_camera, atol=1e-7)
