@@ -145,7 +145,7 @@ def measured(scene: GaussianScene | AnchorModel, options: EncodeOptions, report:
 
 
 def attempted(profile: Profile[Any], quality: float, layering: Layering | None = None) -> Attempt:
-    """What is decided at the lambda that is predicted to give `quality` dB; layers as predicted, or as `layering` has."""
+    """What is decided at the lambda predicted to give `quality` dB; layers as predicted, or as `layering` has."""
     return decided(profile, profile.problem(quality), layering)
 
 
