@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from reference_encoder.pipeline import Encoded
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-FORMAT_IDS = ("compressed-ply", "ply", "spz", "sog", "anchor-npz", "splat")
+FORMAT_IDS = ("compressed-ply", "ply", "spz", "streamed-sog", "sog", "anchor-npz", "splat")
 DEFAULTS = EncodeOptions()
 
 

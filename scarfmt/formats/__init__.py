@@ -9,7 +9,7 @@ from pathlib import Path
 
 from scarfmt.container.source import read_bounded
 from scarfmt.errors import InvalidInput
-from scarfmt.formats import anchor_npz, compressed_ply, inria_ply, sog, splat, spz
+from scarfmt.formats import anchor_npz, compressed_ply, inria_ply, sog, splat, spz, streamed_sog
 from scarfmt.formats.anchor_npz import save_anchor_npz
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
@@ -43,6 +43,13 @@ FORMATS = (
     Format("compressed-ply", "PlayCanvas PLY", (".compressed.ply",), compressed_ply.sniff, compressed_ply.load),
     Format("ply", "INRIA 3D Gaussian splatting PLY", (".ply",), inria_ply.sniff, inria_ply.load),
     Format("spz", "Niantic SPZ 1 to 4", (".spz",), spz.sniff, spz.load),
+    Format(
+        "streamed-sog",
+        "PlayCanvas streamed SOG, its finest level",
+        ("lod-meta.json",),
+        streamed_sog.sniff,
+        streamed_sog.load,
+    ),
     Format("sog", "PlayCanvas SOG 1 and 2, bundled or meta.json", (".sog", "meta.json"), sog.sniff, sog.load),
     Format("anchor-npz", "Scaffold-GS style anchor model", (".npz",), anchor_npz.sniff, anchor_npz.load),
     Format("splat", "antimatter15 .splat", (".splat",), splat.sniff, splat.load),
@@ -55,7 +62,7 @@ def load(path_or_bytes: str | PathLike[str] | bytes, *, format: str | None = Non
     Values are as stored: nothing is clamped, and NaN and infinities are kept (see `scarfmt.formats.clean`).
 
     Args:
-        path_or_bytes: a file, a pipe, a directory holding an unbundled SOG, or the content of a file.
+        path_or_bytes: a file, a pipe, a directory holding an unbundled or streamed SOG, or the content of a file.
         format: id of the format; by default the content decides, then the file name.
 
     Returns:
@@ -94,7 +101,13 @@ def _source(path_or_bytes: str | PathLike[str] | bytes) -> Source:
     if path.is_fifo():
         with path.open("rb") as pipe:
             return Source(read_bounded(pipe, str(path), MAX_PIPE_BYTES))
-    return Source(path / "meta.json" if path.is_dir() else path)
+    return Source(_index_of(path) if path.is_dir() else path)
+
+
+def _index_of(directory: Path) -> Path:
+    """The file to begin with in a directory that holds a SOG."""
+    streamed = directory / streamed_sog.INDEX
+    return streamed if streamed.exists() else directory / "meta.json"
 
 
 def _named(format_id: str) -> Format:

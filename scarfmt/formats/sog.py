@@ -53,7 +53,7 @@ def load(source: Source) -> GaussianScene:
         LimitExceeded: more Gaussians than any scene has.
     """
     if not is_zip(source):
-        directory = _directory(source)
+        directory = directory_of(source)
         read: ReadMember = lambda name: Source(directory / name).read()  # noqa: E731
         return _Reader(source, source.read(), read, _bytes_in(directory)).scene()
     with open_archive(source) as archive:
@@ -62,8 +62,12 @@ def load(source: Source) -> GaussianScene:
         return _Reader(source, meta, lambda name: archive.read(paths.get(name, name)), source.size).scene()
 
 
-def _directory(source: Source) -> Path:
-    """The directory of a `meta.json`."""
+def directory_of(source: Source) -> Path:
+    """The directory of a JSON file whose images lie beside it.
+
+    Raises:
+        InvalidInput: ``input-incomplete``: the source is no file.
+    """
     if source.path is None:
         message = "a meta.json read from memory has no images beside it; give its path, or a bundled .sog"
         raise InvalidInput("input-incomplete", message)

@@ -152,7 +152,19 @@ def test_that_npz_can_be_compared_and_encoded_again(run: Run, anchors: Path, tmp
     """As the help of decode says."""
     pytest.importorskip("torch", reason="needs the extra encode")
     run("decode", anchors, tmp_path / "a.npz")
-    result = run("compare", anchors, tmp_path / "a.npz", "--views", 1, "--size", "32x24", "--no-ssim", "--json")
+    result = run(
+        "compare",
+        anchors,
+        tmp_path / "a.npz",
+        "--views",
+        1,
+        "--from",
+        "survey",
+        "--size",
+        "32x24",
+        "--no-ssim",
+        "--json",
+    )
     assert result.exit_code == 0, result.stderr
     assert json.loads(result.stdout)["results"]["b"]["psnr_db"] == [None]
     options = ("--effort", 1, "--layers", 1, "--corrections", 0, "-q")

@@ -148,7 +148,7 @@ def test_smaller_tiles_are_more_tiles(run: Run, tmp_path: Path) -> None:
 def test_cameras_of_another_frame_get_a_warning(run: Run, ply: Path, tmp_path: Path) -> None:
     """They are used all the same; --quiet says nothing."""
     away = look_at(np.array([0.0, 0, 1e4]), np.array([0.0, 0, 2e4]), np.array([0.0, 1, 0]), 64, 48)
-    listing = files.in_json(files.inria([away, orbit_cameras(gaussians(300), 1, 64, 48)[0]]), tmp_path / "near.json")
+    listing = files.in_json(files.inria([away, *orbit_cameras(gaussians(300), 2, 64, 48)]), tmp_path / "near.json")
     strangers = files.in_json(files.inria([away]), tmp_path / "away.json")
     for given, warned, quiet in ((strangers, True, ()), (strangers, False, ("-q",)), (listing, False, ())):
         target = tmp_path / "a.scar"

@@ -11,35 +11,36 @@ from scarfmt.arrays import F64
 from scarfmt.errors import InputWarning
 from scarfmt.render.camera import Camera
 
-SEEN_AT_LEAST = 0.01
-"""Of the Gaussians, by the camera that has most of them in view: one of a capture has tens of percent."""
-_SAMPLE = 4096
+SEEN_AT_LEAST = 0.02
+"""Of the Gaussians, by half of the cameras. Captures have 59 and 98 %, with axes or world turned 0 to 3 % [0024]."""
+_POSITIONS, _CAMERAS = 4096, 1024
 
 
-def most_in_view(positions: F64, cameras: Sequence[Camera]) -> float:
-    """The largest part, 0..1, of (N, 3) float64 positions that one of the cameras has in its picture, hidden or not.
+def part_in_view(positions: F64, cameras: Sequence[Camera]) -> float:
+    """The part, 0..1, of (N, 3) float64 positions that half of the cameras have in their pictures, hidden or not.
 
-    An even sample of the positions is looked at.
+    An even sample of positions and cameras is looked at.
     """
-    sample = positions[:: max(1, len(positions) // _SAMPLE)]
-    return max((_part_in_view(sample, camera) for camera in cameras), default=0.0)
+    sample = positions[:: max(1, len(positions) // _POSITIONS)]
+    chosen = cameras[:: max(1, len(cameras) // _CAMERAS)]
+    return float(np.median([_part_in_view(sample, camera) for camera in chosen]))
 
 
 def warn_of_strangers(positions: F64, cameras: Sequence[Camera]) -> None:
-    """Warn where no camera sees the scene: most likely they have another frame or scale.
+    """Warn where half of the cameras have hardly anything in view: most likely they have another frame or scale.
 
     Args:
         positions: (N, 3) float64, of Gaussians or anchors.
         cameras: at least one.
 
     Warns:
-        InputWarning: none has 1 % of the positions in its picture.
+        InputWarning: half of them have less than 2 % of the positions in their pictures.
     """
-    found = most_in_view(positions, cameras)
+    found = part_in_view(positions, cameras)
     if found < SEEN_AT_LEAST:
         message = (
-            f"the cameras do not look at the scene: none of {len(cameras)} has over {100 * found:.2g} % of it in view;"
-            " are they in the frame and scale that the scene was trained in?"
+            f"the cameras do not look at the scene: half of the {len(cameras)} have at most {100 * found:.2g} % of it"
+            " in view; are they in the frame and scale that the scene was trained in?"
         )
         warnings.warn(message, InputWarning, stacklevel=3)
 

@@ -1,0 +1,134 @@
+"""PlayCanvas streamed SOG, version 1: `lod-meta.json` beside folders that each hold an unbundled SOG.
+
+A tree of boxes covers the scene. Its leaves name, for each level of detail, runs of Gaussians in the files. Level 0 is
+the scene; coarser levels are copies of it with fewer Gaussians and are not read. The `environment`, such as a sky,
+belongs to the scene and comes last. Files from before there was a version lack that field.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from scarfmt.arrays import F32
+from scarfmt.errors import LimitExceeded, Unsupported
+from scarfmt.formats import sog
+from scarfmt.formats.source import MAX_GAUSSIANS, Source
+from scarfmt.scene.gaussians import GaussianScene
+
+INDEX = "lod-meta.json"
+MAX_INDEX_BYTES = 1 << 28
+"""Indices of the largest published scenes have 58 MB."""
+_FINEST = "0"
+
+
+def sniff(source: Source) -> bool:
+    """Whether the content is a JSON object that names levels of detail."""
+    head = source.head(1 << 14)
+    return head.lstrip()[:1] == b"{" and b'"lodLevels"' in head
+
+
+def load(source: Source) -> GaussianScene:
+    """Read level 0, the finest, and the environment.
+
+    Raises:
+        InvalidInput: damaged, a file is missing, or the index is read from memory.
+        Unsupported: a newer version.
+        LimitExceeded: a larger index, or more Gaussians than any scene has.
+    """
+    directory = sog.directory_of(source)
+    index = _index(source)
+    names = _names(source, index)
+    runs: dict[PurePosixPath, list[tuple[int, int]]] = {}
+    for file, first, count in _finest_runs(source, index.get("tree"), len(names)):
+        runs.setdefault(names[file], []).append((first, count))
+    parts = []
+    for name, wanted in sorted(runs.items()):
+        parts.append(_chosen(source, name, _chunk(directory, name), wanted))
+        if sum(map(len, parts)) > MAX_GAUSSIANS:
+            raise LimitExceeded("input-limit", f"{source.name}: more than {MAX_GAUSSIANS} Gaussians")
+    if index.get("environment") is not None:
+        parts.append(_chunk(directory, _path(source, index["environment"], "environment")))
+    if not parts:
+        raise source.corrupt(f"no leaf of the tree has Gaussians of level {_FINEST}", field="tree")
+    return _together(parts)
+
+
+def _index(source: Source) -> dict[str, Any]:
+    if source.size > MAX_INDEX_BYTES:
+        raise LimitExceeded("input-limit", f"{source.name}: an index of over {MAX_INDEX_BYTES >> 20} MiB")
+    try:
+        index = json.loads(source.read())
+    except (ValueError, RecursionError) as error:
+        raise source.corrupt(f"{INDEX} is not JSON ({str(error)[:100]})") from error
+    if not isinstance(index, dict):
+        raise source.corrupt(f"{INDEX} is not a JSON object")
+    if index.get("version", 1) != 1:
+        message = f"{source.name}: streamed SOG version {index['version']!r}; this importer reads 1"
+        raise Unsupported("input-version", message)
+    return index
+
+
+def _names(source: Source, index: dict[str, Any]) -> list[PurePosixPath]:
+    names = index.get("filenames")
+    if not isinstance(names, list):
+        raise source.corrupt("expected a list of file names", field="filenames")
+    return [_path(source, name, "filenames") for name in names]
+
+
+def _path(source: Source, name: object, field: str) -> PurePosixPath:
+    """A path below the directory of the index."""
+    path = PurePosixPath(name) if isinstance(name, str) and "\0" not in name and "\\" not in name else None
+    if path is None or path.is_absolute() or ".." in path.parts or path.name != "meta.json":
+        raise source.corrupt(f"{str(name)[:80]!r} is no relative path of a meta.json", field=field)
+    return path
+
+
+def _finest_runs(source: Source, tree: object, files: int) -> Iterator[tuple[int, int, int]]:
+    """File, first Gaussian and number of Gaussians of every leaf that has some of level 0."""
+    waiting = [tree]
+    while waiting:
+        match waiting.pop():
+            case {"children": list(children)}:
+                waiting.extend(reversed(children))
+            case {"lods": {"0": {"file": int(file), "offset": int(first), "count": int(count)}}}:
+                if not 0 <= file < files or first < 0 or count < 0:
+                    raise source.corrupt(f"Gaussians {first} to {first + count} of file {file}", field="tree.lods")
+                yield file, first, count
+            case {"lods": dict(levels)} if _FINEST not in levels:
+                pass
+            case _:
+                raise source.corrupt("a node has neither children nor levels of detail that can be read", field="tree")
+
+
+def _chunk(directory: Path, name: PurePosixPath) -> GaussianScene:
+    return sog.load(Source(directory / name))
+
+
+def _chosen(source: Source, name: PurePosixPath, chunk: GaussianScene, runs: list[tuple[int, int]]) -> GaussianScene:
+    """The runs of one file; most often that is all of it, in order."""
+    total = sum(count for _, count in runs)
+    if total > len(chunk) or any(first + count > len(chunk) for first, count in runs):
+        raise source.corrupt(f"asks for {total} of the {len(chunk)} Gaussians of {name}", field="tree.lods")
+    order = np.concatenate([np.arange(first, first + count) for first, count in sorted(runs)])
+    return chunk if np.array_equal(order, np.arange(len(chunk))) else chunk.take(order)
+
+
+def _together(parts: list[GaussianScene]) -> GaussianScene:
+    """One scene of all; a part of a lower SH degree gets zeros above it."""
+    coefficients = max(part.sh.shape[1] for part in parts)
+    return GaussianScene(
+        np.concatenate([part.positions for part in parts]),
+        np.concatenate([part.log_scales for part in parts]),
+        np.concatenate([part.rotations for part in parts]),
+        np.concatenate([part.opacity_logits for part in parts]),
+        np.concatenate([_widened(part.sh, coefficients) for part in parts]),
+    )
+
+
+def _widened(sh: F32, coefficients: int) -> F32:
+    return np.pad(sh, ((0, 0), (0, coefficients - sh.shape[1]), (0, 0)))
