@@ -28,7 +28,8 @@ class EncodeOptions:
     Attributes:
         quality: PSNR in dB, against the source, that pictures of the last layer have on average, from wherever views
             are drawn that nothing was decided by; 20..80.
-        worst: dB that each of the views has by which results are judged, in place of a mean; 20..80, or None.
+        worst: dB that 19 of 20 of the views have by which results are judged (their 5th percentile), in place of a
+            mean; 20..80, or None.
         effort: 1 fast, static tables alone; 2 default; 3 slow: size of the training sample, epochs, codebooks, views,
             networks tried, corrections.
         corrections: how often at most lambda is corrected by what pictures of the result show, 0..10; 0 takes the

@@ -214,7 +214,7 @@ class Loop:
         """What pictures of a file will have of what was asked for, dB."""
         self.profile.report("quality", 0.0)
         quality = self.judge.quality(self.profile.finished(scene))
-        return quality.mean_db if self.profile.options.worst is None else quality.worst_db
+        return quality.mean_db if self.profile.options.worst is None else quality.low_db
 
     def laid_out(self) -> Attempt:
         """The attempt before any network that is as good as asked, layers in place."""

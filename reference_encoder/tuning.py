@@ -66,7 +66,9 @@ many degrees [0025]."""
 MOST_DB, MOST_ABOVE_DB = 70.0, 15.0
 """What one picture counts for at most, dB, and how far above what was asked at least [0025]."""
 WORST_BELOW_DB = 8.0
-"""About how far the worst view lies below the mean: where the search for a worst view begins [0025]."""
+"""About how far the 5th percentile lies below the mean: where the search for a floor begins [0025]."""
+KIND_BELOW_DB, LOW_BELOW_DB = 3.0, 5.0
+"""How far the mean of a kind, and the 5th percentile, may lie below what was asked before it is said [0025]."""
 LEAST_SLOPE, GREATEST_SLOPE = 0.5, 2.0
 """dB found per dB aimed at, at least and at most [0017]."""
 MOST_UP_DB, MOST_DOWN_DB = 6.0, 15.0

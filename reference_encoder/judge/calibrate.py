@@ -41,7 +41,7 @@ class Search:
         self.aim = self.start
 
     def settled(self, made: T, make: Callable[[float], T], judged: Callable[[T], float], spare: int = 0) -> T:
-        """`made` if it is close enough to what was asked, or what the last correction made of it.
+        """Of `made` and what corrections make of it, what is closest to what was asked; all are judged.
 
         Args:
             made: for the present aim.
@@ -49,30 +49,43 @@ class Search:
             judged: result -> dB found.
             spare: corrections to leave to later stages.
         """
-        tried: list[tuple[float, float]] = []
+        if self.left <= spare:
+            return made
+        tried: list[tuple[float, float]] = [(self.aim, judged(made))]
+        closest, aim = made, self.aim
         while self.left > spare:
-            tried.append((self.aim, judged(made)))
             better = next_aim(self.asked, tried, self.start)
             if better is None:
                 break
             self.left -= 1
-            self.aim, made = better, make(better)
-        return made
+            made = make(better)
+            tried.append((better, judged(made)))
+            if abs(tried[-1][1] - self.asked) <= min(abs(found - self.asked) for _, found in tried):
+                closest, aim = made, better
+        self.aim = aim
+        return closest
 
 
 def next_aim(asked: float, tried: Sequence[tuple[float, float]], start: float) -> float | None:
     """The quality to predict for next, so that pictures have `asked` dB; None when the last try was close enough.
 
+    What pictures have does not rise evenly with what is aimed at: thresholds and codebooks change with lambda. So the
+    line goes between tries on both sides of what is asked, or as far as tries reach.
+
     Args:
         asked: dB.
-        tried: (aimed at, found) so far, dB; a line through the last two, or at first a slope of 1, leads on.
+        tried: (aimed at, found) so far, dB.
         start: the first aim, dB: no other is far from it.
     """
     aim, found = tried[-1]
     if not math.isfinite(found) or abs(asked - found) <= TOLERANCE_DB:
         return None
+    below = max((pair for pair in tried if pair[1] < asked), key=lambda pair: pair[1], default=None)
+    above = min((pair for pair in tried if pair[1] > asked), key=lambda pair: pair[1], default=None)
+    if below is not None and above is not None and below[0] < above[0]:
+        return below[0] + (above[0] - below[0]) * (asked - below[1]) / (above[1] - below[1])
     slope = 1.0
-    if len(tried) > 1 and aim != tried[-2][0]:
-        slope = (found - tried[-2][1]) / (aim - tried[-2][0])
+    if len(tried) > 1 and aim != tried[0][0]:
+        slope = (found - tried[0][1]) / (aim - tried[0][0])
     slope = min(max(slope, LEAST_SLOPE), GREATEST_SLOPE)
     return min(max(aim + (asked - found) / slope, start - MOST_DOWN_DB), start + MOST_UP_DB)

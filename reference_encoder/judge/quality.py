@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from reference_encoder.tuning import MOST_ABOVE_DB, MOST_DB
+from reference_encoder.tuning import KIND_BELOW_DB, LOW_BELOW_DB, MOST_ABOVE_DB, MOST_DB
 from scarfmt.arrays import F64
 
 LOW_PART = 0.05
@@ -64,6 +64,18 @@ class Quality:
     def by_kind(self) -> dict[str, Quality]:
         """The same of each kind."""
         return {kind: Quality({kind: values}, {kind: 1.0}) for kind, values in self.psnr_db.items()}
+
+    def shortfalls(self, asked_db: float) -> list[str]:
+        """What is far below what was asked for, one sentence each."""
+        said = [
+            f"{kind} is {asked_db - found.mean_db:.1f} dB below what was asked for"
+            for kind, found in self.by_kind().items()
+            if found.mean_db < asked_db - KIND_BELOW_DB
+        ]
+        if self.low_db < asked_db - LOW_BELOW_DB:
+            below = f"{asked_db - self.low_db:.1f} dB below what was asked for"
+            said.append(f"one view in twenty is {below} or worse; --worst asks for a floor")
+        return said
 
     def figures(self) -> dict[str, Any]:
         """JSON-able: number of views; mean, 5th percentile and worst in dB, two decimals; the same of each kind."""

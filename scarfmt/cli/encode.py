@@ -88,8 +88,8 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
     "--worst",
     type=click.FloatRange(MIN_QUALITY, MAX_QUALITY),
     metavar="DB",
-    help="Target PSNR, in dB, of the worst of the views the encoder judges its result by, instead of --quality, a mean."
-    " Views in between can be worse.",
+    help="Target in place of --quality: a floor, in dB, that 19 of 20 of the views have which the encoder judges its"
+    " result by (their 5th percentile).",
 )
 @click.option(
     "--effort",
@@ -185,7 +185,7 @@ def encode(
         target.write(data)
     if not quiet:
         _print_summary(data)
-        _print_quality(data.quality)
+        _print_quality(data.quality, options.asked_db)
 
 
 def _read_scene(
@@ -237,7 +237,7 @@ def _print_summary(data: bytes) -> None:
         click.echo(f"{line}  {layer['end_offset'] / count:6.2f} bytes per {unit} of the input", err=True)
 
 
-def _print_quality(quality: Quality) -> None:
+def _print_quality(quality: Quality, asked_db: float) -> None:
     if not len(quality):
         click.echo("quality not judged: no view shows anything", err=True)
         return
@@ -245,3 +245,5 @@ def _print_quality(quality: Quality) -> None:
     for name, found in {"all": quality, **quality.by_kind()}.items():
         line = f"mean {found.mean_db:6.2f}  5th percentile {found.low_db:6.2f}  worst {found.worst_db:6.2f}"
         click.echo(f"  {name:<6}  {line}", err=True)
+    for shortfall in quality.shortfalls(asked_db):
+        click.echo(f"  {shortfall}", err=True)

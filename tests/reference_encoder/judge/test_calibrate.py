@@ -25,21 +25,22 @@ def test_corrections_reach_what_was_asked(asked: float, offset: float, slope: fl
 
 
 def test_no_more_attempts_than_corrections() -> None:
-    """Each correction is one more attempt, and the one after the last is not judged."""
+    """Each correction is one more attempt; all are judged, and the closest is taken, be it not the last."""
     attempts: list[float] = []
-    judged: list[float] = []
 
     def attempt(aim: float) -> float:
         attempts.append(aim)
         return aim
 
-    def judge(aim: float) -> float:
-        judged.append(aim)
-        return aim + 5
-
-    Search(40.0, 1, 40.0).settled(attempt(40.0), attempt, judge)
+    found = {40.0: 45.0, 35.0: 33.0}
+    assert Search(40.0, 1, 40.0).settled(attempt(40.0), attempt, lambda aim: found[aim]) == 40.0
     assert attempts == [40.0, 35.0]
-    assert judged == [40.0]
+
+
+def test_what_jumps_is_enclosed() -> None:
+    """Between tries on both sides of what is asked, whatever the slope of the last two."""
+    assert next_aim(40.0, [(40.0, 44.0), (36.0, 38.0)], 40.0) == 36 + 4 * 2 / 6
+    assert next_aim(40.0, [(40.0, 44.0), (36.0, 38.0), (37.5, 41.0)], 40.0) == 36 + 1.5 * 2 / 3
 
 
 def test_later_stages_go_on_from_where_earlier_ones_ended() -> None:

@@ -112,3 +112,12 @@ def test_kinds_count_by_their_shares() -> None:
     assert found.low_db == 30
     assert found.worst_db == 20
     assert found.figures()["kinds"]["b"] == {"views": 4, "mean_db": 30.0, "p5_db": 20.0, "worst_db": 20.0}
+
+
+def test_what_is_far_below_is_said() -> None:
+    """A kind by more than 3 dB, the 5th percentile by more than 5."""
+    found = Quality({"near": np.array([30.0, 36.0]), "orbit": np.array([42.0, 44.0])}, {"near": 0.5, "orbit": 0.5})
+    kind, low = found.shortfalls(38)
+    assert kind == "near is 5.0 dB below what was asked for"
+    assert "8.0 dB below" in low
+    assert found.shortfalls(34) == []
