@@ -28,6 +28,7 @@ import torch
 from benchmarks.ablation_scenes import OWN, QUANTISERS, Sample, encoded, sample, static_bytes
 from benchmarks.ablation_tables import NAME, texts, write_page
 from benchmarks.entropy_variants import BranchedMlp, GruOnly, StageMlp, build_variant
+from benchmarks.judged import judgement
 from benchmarks.latent import at_bits, learned_curves, thinned
 from benchmarks.report import SCRATCH, add_arguments, load_results, save_results
 from benchmarks.scenes import chosen
@@ -48,7 +49,6 @@ from scarfmt.cli.scenes import load_subject
 from scarfmt.coding.writer import write_scene
 from scarfmt.engines import best_engine
 from scarfmt.neural.network import Inputs
-from scarfmt.render.compare import compare
 
 SCENES = ("plush-on-bed", "flowers", "plush-on-bed, anchors")
 SHORT_SCENES, SHORT_STUDY = ("plush-toys",), "context"
@@ -212,10 +212,10 @@ def _psnr(job: Job, data: bytes) -> float:
     place = chosen([job.scene])[0]
     path = SCRATCH / "ablation" / f"{os.getpid()}.scar"
     path.write_bytes(data)
-    source = load_subject(str(place.path))
-    result = compare(source.view, load_subject(str(path)).view, place.judged_cameras(source), ssim=False)
+    source = load_subject(str(place.path)).remembering()
+    found = judgement(source, load_subject(str(path)), place.judged_views(source))
     path.unlink()
-    return result.mean_psnr_db
+    return float(found["psnr_db"])
 
 
 # Study 4

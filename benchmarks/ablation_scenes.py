@@ -105,7 +105,7 @@ def _encode(scene: Scene, quantiser: str) -> Encoded:
         if own.quantiser == QUANTISERS[quantiser]:
             return own
     source, _ = clean(load(scene.path), drop_invalid=True)
-    options = EncodeOptions(quality=QUALITY, frame=scene.frame, cameras=scene.known_cameras())
+    options = scene.options(quality=QUALITY)
     with _watched(QUANTISERS.get(quantiser)) as asked:
         found = pipeline.quantised(source, options)
     problem, used = asked[0]

@@ -30,6 +30,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "time_error": (SHORT, FULL),
     "rivals_run": (SHORT, FULL),
     "scaling": (SHORT, FULL),
+    "survey_time": (SHORT, FULL),
     "regions": (SHORT, FULL),
     "stability": (SHORT, FULL),
     "entropy_speed": (SHORT, ("--full",)),

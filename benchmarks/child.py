@@ -94,15 +94,13 @@ def note_path(path: Path) -> Path:
 
 def _encode(job: Job) -> dict[str, Any]:
     from benchmarks.scenes import chosen
-    from reference_encoder.encode import EncodeOptions, encode
+    from reference_encoder.encode import encode
     from scarfmt.formats import load
     from scarfmt.formats.clean import clean
 
     scene = chosen([job["scene"]])[0]
     source, _ = clean(load(scene.path), drop_invalid=True)
-    options = EncodeOptions(
-        quality=job["quality"], effort=job["effort"], frame=scene.frame, cameras=scene.known_cameras()
-    )
+    options = scene.options(quality=job["quality"], effort=job["effort"])
     start = time.perf_counter()
     data = encode(source, options)
     report = {"seconds": time.perf_counter() - start, "bytes": len(data)}

@@ -55,9 +55,9 @@ def key_of(parts: Iterable[object]) -> str:
 
 
 def scene_parts(scene: Scene) -> list[str]:
-    """What of a scene an encoded file depends on: the bytes of its files, and the frame."""
+    """What of a scene an encoded file depends on: the bytes of its files."""
     known = [] if scene.known is None else [file_key(scene.known)]
-    return [file_key(scene.path), scene.frame, *known]
+    return [file_key(scene.path), *known]
 
 
 def kept_path(scene: Scene, what: str, suffix: str = ".scar") -> Path:

@@ -86,8 +86,7 @@ def hardly_trained() -> Iterator[None]:
 def make(job: dict[str, Any]) -> dict[str, Any]:
     """Child job: write the files of a scene that are missing, and how long each kind took to make beside them."""
     scene = chosen([job["scene"]])[0]
-    options = EncodeOptions(quality=job["quality"], effort=job["effort"], frame=scene.frame)
-    options = replace(options, cameras=scene.known_cameras())
+    options = scene.options(quality=job["quality"], effort=job["effort"])
     with hardly_trained() if job["effort"] == 1 else nullcontext():
         plain = quantised(scene, options)
         began = time.perf_counter()

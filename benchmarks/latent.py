@@ -32,7 +32,7 @@ from reference_encoder.latent.rvq import RvqOptions, RvqResult, Vectors, quantis
 from reference_encoder.measure.anchor_sensitivity import measure_anchors
 from reference_encoder.measure.attributes import from_scene
 from reference_encoder.measure.sensitivity import measure
-from reference_encoder.measure.survey import survey
+from reference_encoder.measure.survey import GIVEN, Survey, survey
 from reference_encoder.measure.weights import weighed
 from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import SLOT_ABSENCE
@@ -42,6 +42,7 @@ from scarfmt.blocks.mlp import pack_networks
 from scarfmt.formats import anchor_npz, inria_ply
 from scarfmt.formats.source import Source
 from scarfmt.render.capture import load_cameras
+from scarfmt.render.upright import Upright
 
 STAGES = 4
 RATE_FACTORS = (1.0, 8.0, 64.0)
@@ -73,7 +74,7 @@ def anchor_problem(path: Path, cameras: Path, quality: float) -> Problem:
     """Features of an anchor model, as the encoder of the anchor profile sees them."""
     model = anchor_npz.load(Source(path))
     views = [camera for camera in load_cameras(cameras) if camera.split != "test"][::4]
-    seen = measure_anchors(model, views, 0, lambda _fraction: None)
+    seen = measure_anchors(model, Survey({GIVEN: views}, {GIVEN: 1.0}, 1.0, Upright("-y")), 0, lambda _fraction: None)
     rate = 10 ** (-quality / 10) / (3.0 * len(model) * model.slots)
     classes, _ = classify(seen.shape.sum(axis=1) * SLOT_ABSENCE, rate, 60.0, 7)
     kept = np.flatnonzero(classes >= 0)

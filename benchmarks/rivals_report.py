@@ -1,4 +1,4 @@
-"""The tables and plots of docs/rivals.md, from the results of `benchmarks.rivals_run`."""
+"""The tables and plots of docs/rivals.md, from the results of `benchmarks.rivals_run` and of `benchmarks.quality`."""
 
 from __future__ import annotations
 
@@ -6,21 +6,25 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from benchmarks.report import dated, replace_section, table
+from benchmarks.judged import kinds_text, levels_text
+from benchmarks.quality_report import FIRST_SHARE, equal_cells, ordered, title
+from benchmarks.quality_report import NAME as QUALITY
+from benchmarks.report import dated, load_results, replace_section, table
 from benchmarks.scenes import REPOSITORY
+from benchmarks.verdicts import LEVELS, best, smallest
+from benchmarks.views import KINDS
 
 NAME = "rivals"
 PAGE = REPOSITORY / "docs" / "rivals.md"
 IMAGES = REPOSITORY / "docs" / "images"
-# Qualities of .scar that are set against rivals, and the first pictures that are waited for, dB.
-GOALS = (41.0, 47.0)
+LEAST_DB = 36.0
+"""Rivals from this mean on are set against `.scar`."""
 FIRST_PICTURES = (25.0, 30.0)
-# What this project aims at: bytes against those of the smallest rival.
-AIM, FIRST_AIM = 0.5, 0.15
-# Below, the aims are not meant to hold: nothing to save in spherical harmonics.
-_SH_DEGREE = 2
+"""First pictures that are waited for, mean dB over all views."""
+_PLOTTED = 2
+"""Scenes of this degree of spherical harmonics and more have a plot."""
 # Lossless rivals lie far off the plots.
-_PLOT_DB, _PLOT_BYTES = (15, 60), 70
+_PLOT_DB, _PLOT_BYTES = (15, 65), 70
 _DEFAULTS = ("SPZ v3", "SPZ v4")
 _MARKERS = {"spz": "o", "sog": "s", "compressed-ply": "^", "splat": "D"}
 _TITLES = {"spz": "SPZ", "sog": "SOG", "compressed-ply": "compressed.ply", "splat": ".splat"}
@@ -29,10 +33,17 @@ _COLOURS = {"spz": "#0072b2", "sog": "#d55e00", "compressed-ply": "#009e73", "sp
 Run = dict[str, Any]
 
 
+def gathered(runs: Sequence[Run]) -> list[Run]:
+    """Runs of rivals with the files of `benchmarks.quality` of the same scenes, effort 2, under ``scar``."""
+    files = [run for run in ordered(list(load_results(QUALITY).values())) if run["effort"] == 2]
+    return [{**run, "scar": [file for file in files if file["scene"] == run["scene"]]} for run in runs]
+
+
 def write_page(runs: Sequence[Run]) -> None:
     """Put all tables into docs/rivals.md."""
     for section, text in (("rivals-verdicts", verdicts(runs)), ("rivals-scenes", scenes(runs))):
-        replace_section(section, dated(text, NAME), PAGE)
+        stated = f"{dated(text, NAME)}\n\n`.scar`: {dated('', QUALITY).strip()}"
+        replace_section(section, stated, PAGE)
 
 
 def tables(runs: Sequence[Run]) -> str:
@@ -41,76 +52,40 @@ def tables(runs: Sequence[Run]) -> str:
 
 
 def verdicts(runs: Sequence[Run]) -> str:
-    """`.scar` against the smallest rival at each goal, and the first pictures."""
+    """What `.scar` needs to be as good as each rival that no other beats, and the first pictures."""
     full = [run for run in runs if run.get("scar") and run["rivals"]]
-    parts = []
-    for goal in GOALS:
-        rows = [_verdict_row(run, goal) for run in full]
-        head = ["scene", "SH", "`.scar`, B/G", "its dB", "smallest rival", "B/G", "its dB", "ratio"]
-        head += ["`.scar` at its dB, B/G", "ratio"]
-        parts += [f"**At about {goal:g} dB**", table(head, rows)]
-    rows = [_first_row(run) for run in full]
+    head = ["scene", "SH", "rival", "B/G", "mean / 5 % / worst, dB", "`.scar` at its mean, B/G", "ratio"]
+    head += ["`.scar` at all three, B/G", "ratio"]
+    rows = [_verdict_row(run, rival) for run in full for rival in best(run["rivals"], LEAST_DB)]
+    parts = ["**At equal quality**", table(head, rows, 3)]
     head = ["scene", "SH"]
     for goal in FIRST_PICTURES:
         head += [f"{goal:g} dB: `.scar`, kB", "smallest rival", "kB", "share"]
-    return "\n\n".join([*parts, "**First picture**", table(head, rows)])
-
-
-def smallest(run: Run, goal: float) -> Run | None:
-    """The smallest rival's file with at least `goal` dB; None if there is none."""
-    good = [rival for rival in run["rivals"] if rival["psnr_db"] >= goal]
-    return min(good, key=lambda rival: int(rival["bytes"]), default=None)
+    return "\n\n".join([*parts, "**First picture**", table(head, [_first_row(run) for run in full])])
 
 
 def smallest_layer(run: Run, goal: float) -> Run | None:
-    """The fewest bytes of any `.scar` file of the scene that give at least `goal` dB; None if none do."""
-    layers = [layer for file in run["scar"] for layer in file["layers"] if layer["psnr_db"] >= goal]
-    return min(layers, key=lambda layer: int(layer["bytes"]), default=None)
+    """The fewest bytes of any `.scar` file of the scene with a mean of at least `goal` dB; None if none have it."""
+    return smallest([layer for file in run["scar"] for layer in file["layers"]], goal)
 
 
-def at_goal(run: Run, goal: float) -> tuple[Run, Run | None]:
-    """The whole `.scar` file encoded for `goal` dB, and the smallest rival that is at least as good.
-
-    At least as good as the goal, or as ours if that missed the goal: so that missing it helps no ratio.
-    """
-    ours: Run = next(file for file in run["scar"] if file["quality"] == goal)["layers"][-1]
-    return ours, smallest(run, min(goal, ours["psnr_db"]))
-
-
-def _verdict_row(run: Run, goal: float) -> list[str]:
-    ours, rival = at_goal(run, goal)
-    count = run["count"]
-    cells = [run["scene"], str(run["sh_degree"]), f"{ours['bytes'] / count:.2f}", f"{ours['psnr_db']:.1f}"]
-    if rival is None:
-        return [*cells, "none", "", "", "", "", ""]
-    cells += [rival["name"], f"{rival['bytes'] / count:.2f}", _decibels(rival["psnr_db"])]
-    cells.append(_ratio(run, ours["bytes"] / rival["bytes"], AIM))
-    equal = smallest_layer(run, rival["psnr_db"])
-    if equal is None:
-        return [*cells, "not measured", ""]
-    return [*cells, f"{equal['bytes'] / count:.2f}", f"{equal['bytes'] / rival['bytes']:.2f}"]
+def _verdict_row(run: Run, rival: Run) -> list[str]:
+    cells = [title(run["scene"]), str(run["sh_degree"]), rival["name"]]
+    cells += [f"{rival['bytes'] / run['count']:.2f}", levels_text(rival)]
+    files = [file["layers"][-1] for file in run["scar"]]
+    return [*cells, *equal_cells(run, files, rival, LEVELS[:1]), *equal_cells(run, files, rival)]
 
 
 def _first_row(run: Run) -> list[str]:
-    cells = [run["scene"], str(run["sh_degree"])]
+    cells = [title(run["scene"]), str(run["sh_degree"])]
     for goal in FIRST_PICTURES:
-        ours, rival = smallest_layer(run, goal), smallest(run, goal)
+        ours, rival = smallest_layer(run, goal), smallest(run["rivals"], goal)
         cells.append("not reached" if ours is None else f"{ours['bytes'] / 1e3:,.0f}")
         cells += ["none", ""] if rival is None else [rival["name"], f"{rival['bytes'] / 1e3:,.0f}"]
-        known = ours is not None and rival is not None
-        aim = FIRST_AIM if goal == FIRST_PICTURES[0] else None
-        cells.append(_ratio(run, ours["bytes"] / rival["bytes"], aim, True) if known and ours and rival else "")
+        share = ours["bytes"] / rival["bytes"] if ours and rival else None
+        met = share is not None and goal == FIRST_PICTURES[0] and share <= FIRST_SHARE
+        cells.append("" if share is None else f"**{share:.0%}**" if met else f"{share:.0%}")
     return cells
-
-
-def _ratio(run: Run, value: float, aim: float | None, percent: bool = False) -> str:
-    """The number, bold where it is what this project aims at."""
-    text = f"{value:.0%}" if percent else f"{value:.2f}"
-    return f"**{text}**" if aim is not None and value <= aim and run["sh_degree"] >= _SH_DEGREE else text
-
-
-def _decibels(level: float) -> str:
-    return "equal" if level >= 100 else f"{level:.1f}"
 
 
 def scenes(runs: Sequence[Run]) -> str:
@@ -120,22 +95,22 @@ def scenes(runs: Sequence[Run]) -> str:
         parts += [f"### {run['scene']}", _facts(run), table(_head(run), _rows(run))]
         if run["skipped"]:
             parts.append("Skipped: " + "; ".join(f"{skip['name']} ({skip['why']})" for skip in run["skipped"]) + ".")
-        if run["sh_degree"] >= _SH_DEGREE and run.get("scar"):
+        if run["sh_degree"] >= _PLOTTED and run.get("scar"):
             parts.append(f"![PSNR against bytes](images/{_image(run)})")
     return "\n\n".join(parts)
 
 
 def _facts(run: Run) -> str:
-    text = f"{run['count']:,} Gaussians, SH {run['sh_degree']}, {run['source_bytes']:,} bytes; {run['note']}."
-    if run.get("source_photos_psnr_db") is not None:
-        text += f" The source itself reaches {run['source_photos_psnr_db']:.2f} dB against the held-out photos."
-    return text
+    return f"{run['count']:,} Gaussians, SH {run['sh_degree']}, {run['source_bytes']:,} bytes; {run['note']}."
 
 
 def _head(run: Run) -> list[str]:
-    head = ["file", "bytes", "B/G", "PSNR dB", "SSIM", "encode s", "decode s", "peak MiB, encode", "decode"]
-    head += [f"{goal:g} dB after" for goal in FIRST_PICTURES]
-    return [*head, *(["against photos"] if _has_photos(run) else [])]
+    head = ["file", "bytes", "B/G", "mean / 5 % / worst, dB", *_kinds(run), "SSIM", "encode s", "decode s"]
+    return [*head, "peak MiB, encode", "decode", *(["against photos"] if _has_photos(run) else [])]
+
+
+def _kinds(run: Run) -> list[str]:
+    return [kind for kind in KINDS if any(kind in rival["kinds"] for rival in run["rivals"])]
 
 
 def _has_photos(run: Run) -> bool:
@@ -143,11 +118,10 @@ def _has_photos(run: Run) -> bool:
 
 
 def _rows(run: Run) -> list[list[str]]:
-    files = [(int(rival["bytes"]), _row(run, rival, rival["name"], [rival], rival)) for rival in shown(run["rivals"])]
+    files = [(int(rival["bytes"]), _row(run, rival, rival["name"], rival)) for rival in shown(run["rivals"])]
     for file in run.get("scar", ()):
         last = file["layers"][-1]
-        row = _row(run, file, f"**`.scar`, quality {file['quality']:g}**", file["layers"], last)
-        files.append((int(last["bytes"]), row))
+        files.append((int(last["bytes"]), _row(run, file, f"**`.scar`, quality {file['quality']:g}**", last)))
     return [row for _, row in sorted(files, key=lambda pair: pair[0])]
 
 
@@ -165,22 +139,19 @@ def shown(rivals: Sequence[Run]) -> list[Run]:
     ]
 
 
-def _row(run: Run, costs: Run, name: str, layers: Sequence[Run], whole: Run) -> list[str]:
-    first = [
-        next((f"{layer['bytes']:,}" for layer in layers if layer["psnr_db"] >= goal), "") for goal in FIRST_PICTURES
-    ]
+def _row(run: Run, costs: Run, name: str, whole: Run) -> list[str]:
     photos = whole["photos_psnr_db"]
     return [
         name,
         f"{whole['bytes']:,}",
         f"{whole['bytes'] / run['count']:.2f}",
-        _decibels(whole["psnr_db"]) if whole["psnr_db"] >= 100 else f"{whole['psnr_db']:.2f}",
+        levels_text(whole),
+        *(cell for cell in kinds_text(whole) if cell),
         f"{whole['ssim']:.4f}",
         f"{costs['encode_seconds']:.2f}",
         f"{costs['decode_seconds']:.3f}",
         f"{costs['encode_peak_bytes'] / 2**20:,.0f}",
         f"{costs['decode_peak_bytes'] / 2**20:,.0f}",
-        *first,
         *(["" if photos is None else f"{photos:.2f}"] if _has_photos(run) else []),
     ]
 
@@ -192,7 +163,7 @@ def _image(run: Run) -> str:
 def plots(runs: Sequence[Run], folder: Path = IMAGES) -> None:
     """One picture for each scene with view-dependent colours: `.scar` layers as lines, rivals as points."""
     for run in runs:
-        if run["sh_degree"] >= _SH_DEGREE and run.get("scar"):
+        if run["sh_degree"] >= _PLOTTED and run.get("scar"):
             _plot(run, folder / _image(run))
 
 
@@ -205,7 +176,8 @@ def _plot(run: Run, path: Path) -> None:
     # Text stays text and ids do not change from run to run: small files, small differences.
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": NAME, "font.size": 9}):
         figure, axes = plt.subplots(figsize=(6, 3.6), layout="constrained")
-        for file, style in zip(run["scar"], ("-", "--"), strict=False):
+        layered = [file for file in run["scar"] if not file["whole"]]
+        for file, style in zip(layered, ("-", "--"), strict=False):
             x = [layer["bytes"] / run["count"] for layer in file["layers"]]
             y = [layer["psnr_db"] for layer in file["layers"]]
             label = f".scar layers, quality {file['quality']:g}"

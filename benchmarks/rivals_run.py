@@ -1,4 +1,4 @@
-"""What a user would pick instead, measured against `.scar`: the same scenes, the same views, one run.
+"""What a user would pick instead of `.scar`: the same scenes, judged from the same views.
 
     python -m benchmarks.rivals_run                                 all scenes: a quarter of an hour once cached
     python -m benchmarks.rivals_run --short --no-write              the example scene, printed
@@ -7,7 +7,8 @@
 
 Needs node and npm for SPZ, SOG and compressed.ply; without them those are listed as skipped. Programs and the rivals'
 files are kept in `$SCAR_BENCH_CACHE` (build/rivals/ without it) with what writing them took; --fresh writes them
-again. Results are merged into benchmarks/results/rivals.json, from which docs/rivals.md gets its tables and plots.
+again. Results are merged into benchmarks/results/rivals.json; with those of `benchmarks.quality`, docs/rivals.md gets
+its tables and plots from it.
 """
 
 from __future__ import annotations
@@ -21,33 +22,30 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from benchmarks import child
-from benchmarks.encoded import encoded, file_key, source_key
-from benchmarks.quality import distortion
+from benchmarks.encoded import file_key, source_key
+from benchmarks.judged import judgement, photos_psnr_db
 from benchmarks.report import add_arguments, load_results, save_results
 from benchmarks.rivals_formats import FAMILIES, Format, formats, read
 from benchmarks.rivals_read import reading_cost
-from benchmarks.rivals_report import NAME, plots, tables, write_page
+from benchmarks.rivals_report import NAME, gathered, plots, tables, write_page
 from benchmarks.rivals_tools import CACHE, ToolFailed, install, install_readers, measured, tool_key
 from benchmarks.scenes import REPOSITORY, Scene, chosen
+from benchmarks.views import View
 from scarfmt.cli.scenes import Subject, load_subject
 from scarfmt.formats import inria_ply, load
 from scarfmt.formats.clean import clean
 from scarfmt.formats.export_ply import write_inria_ply
 from scarfmt.formats.source import Source
-from scarfmt.render.compare import compare, compare_with_photos
 from scarfmt.scene.gaussians import GaussianScene
 
-QUALITIES = (41.0, 47.0)
 SCENES = (
     *("plush-on-bed", "flowers", "plush-dog", "plush-toys", "fruit-drops", "flower-tile"),
     *("biker", "plant", "angel", "massa"),
 )
-SCAR = "scar"
-# What equal pictures count as, dB.
-_EQUAL_DB = 100.0
+_JUDGES = ("views.py", "judged.py", "scenes.py")
+
+Judge = tuple[Subject, list[View]]
+"""The source, which remembers its pictures, and the views it is judged from."""
 
 
 @dataclass(frozen=True)
@@ -55,15 +53,13 @@ class Plan:
     """What of each scene is measured.
 
     Attributes:
-        families: formats, see `FAMILIES` and `SCAR`.
-        effort: of `.scar`.
+        families: formats, see `FAMILIES`.
         few: only some settings of SPZ.
         fresh: write files again that are kept.
         missing: why no format of npm can be written; None if all can.
     """
 
     families: Sequence[str]
-    effort: int = 2
     few: bool = False
     fresh: bool = False
     missing: str | None = None
@@ -72,6 +68,7 @@ class Plan:
 def measure(scene: Scene, plan: Plan) -> dict[str, Any]:
     """Everything of one scene."""
     original = load_subject(str(scene.path)).remembering()
+    views = scene.judged_views(original)
     source = source_ply(scene, original.placed)
     rivals, skipped = [], []
     for rival in formats(original.placed, plan.few):
@@ -81,7 +78,7 @@ def measure(scene: Scene, plan: Plan) -> dict[str, Any]:
         try:
             if rival.of_npm and plan.missing:
                 raise ToolFailed(plan.missing)
-            rivals.append(_rival(scene, original, source, rival, plan.fresh))
+            rivals.append(_rival(scene, (original, views), source, rival, plan.fresh))
         except ToolFailed as error:
             skipped.append({"name": rival.name, "family": rival.family, "why": str(error)})
     return {
@@ -92,7 +89,6 @@ def measure(scene: Scene, plan: Plan) -> dict[str, Any]:
         "source_bytes": scene.path.stat().st_size,
         "rivals": rivals,
         "skipped": skipped,
-        **(_scar(scene, plan.effort) if SCAR in plan.families else {}),
     }
 
 
@@ -116,7 +112,7 @@ def _stem(name: str) -> str:
     return "".join(c if c.isalnum() or c in "-." else "_" for c in name)
 
 
-def _rival(scene: Scene, original: Subject, source: Path, rival: Format, fresh: bool) -> dict[str, Any]:
+def _rival(scene: Scene, judge: Judge, source: Path, rival: Format, fresh: bool) -> dict[str, Any]:
     path, cost = _written(scene, source, rival, fresh)
     reading = reading_cost(path, rival.scale)
     return {
@@ -128,7 +124,7 @@ def _rival(scene: Scene, original: Subject, source: Path, rival: Format, fresh: 
         "decode_seconds": round(reading["seconds"], 5),
         "decode_peak_bytes": reading["peak_bytes"],
         "reader": reading["reader"],
-        **_pictures(scene, original, path, rival),
+        **_pictures(scene, judge, path, rival),
     }
 
 
@@ -153,67 +149,24 @@ def kept_file(scene: Scene, source: Path, rival: Format) -> Path:
     return CACHE / "files" / f"{_stem(scene.name)}-{_stem(rival.name)}-{key}{rival.suffix}"
 
 
-def _pictures(scene: Scene, original: Subject, path: Path, rival: Format) -> dict[str, Any]:
-    """PSNR and SSIM against the source over the judged views; kept beside the file until a picture could change."""
+def _pictures(scene: Scene, judge: Judge, path: Path, rival: Format) -> dict[str, Any]:
+    """How far its pictures are from the source's; kept beside the file until a picture could change."""
     drawn = source_key(("scarfmt/render", "scarfmt/formats")), file_key(path)
-    key = sha256(repr((drawn, file_key(REPOSITORY / "benchmarks" / "scenes.py"))).encode()).hexdigest()[:12]
-    kept = path.with_name(f"{path.name}.{key}.pictures.json")
+    key = sha256(repr((drawn, [file_key(REPOSITORY / "benchmarks" / name) for name in _JUDGES])).encode())
+    kept = path.with_name(f"{path.name}.{key.hexdigest()[:12]}.pictures.json")
     if not kept.exists():
         gaussians = clean(read(path, rival.scale), drop_invalid=True)[0]
         assert isinstance(gaussians, GaussianScene)
-        found = compare(original.view, gaussians, scene.judged_cameras(original))
-        levels = [min(level, _EQUAL_DB) for level in found.psnr_db]
-        facts = {
-            "psnr_db": round(float(np.mean(levels)), 3),
-            "worst_psnr_db": round(min(levels), 3),
-            "ssim": round(found.mean_ssim, 5),
-            "photos_psnr_db": _against_photos(scene, gaussians),
-        }
+        subject = Subject(gaussians, gaussians)
+        facts = {**judgement(judge[0], subject, judge[1]), "photos_psnr_db": photos_psnr_db(scene, subject)}
         kept.write_text(json.dumps(facts), encoding="utf-8")
     return dict(json.loads(kept.read_text(encoding="utf-8")))
-
-
-def _against_photos(scene: Scene, gaussians: GaussianScene) -> float | None:
-    if scene.photos is None:
-        return None
-    return round(compare_with_photos(gaussians, scene.photos, ssim=False).mean_psnr_db, 3)
-
-
-def _scar(scene: Scene, effort: int) -> dict[str, Any]:
-    files = []
-    photos = None
-    for quality in QUALITIES:
-        print(f"{scene.name}, .scar, quality {quality:g}", file=sys.stderr)
-        file = encoded(scene, quality, effort)
-        path = Path(file["path"])
-        decoded = child.run(child.ENVIRONMENT, job="decode", file=str(path), threads=2)
-        found = distortion(scene, path)
-        photos = found["source_photos_psnr_db"]
-        files.append(
-            {
-                "quality": quality,
-                "effort": effort,
-                "encode_seconds": round(file["seconds"], 3),
-                "encode_peak_bytes": file["peak_bytes"],
-                "decode_seconds": round(decoded["seconds"], 5),
-                "decode_peak_bytes": decoded["peak_bytes"],
-                "layers": [_layer(layer) for layer in found["layers"]],
-            }
-        )
-    return {"scar": files, "source_photos_psnr_db": photos}
-
-
-def _layer(layer: dict[str, Any]) -> dict[str, Any]:
-    digits = {"psnr_db": 3, "ssim": 5, "photos_psnr_db": 3}
-    facts = {name: None if layer[name] is None else round(layer[name], digits[name]) for name in digits}
-    return {"bytes": layer["bytes"], **facts}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
-    parser.add_argument("--formats", nargs="+", choices=(SCAR, *FAMILIES), default=(SCAR, *FAMILIES))
-    parser.add_argument("--effort", type=int, help="of .scar [default: 2; 1 with --short]")
+    parser.add_argument("--formats", nargs="+", choices=FAMILIES, default=FAMILIES)
     parser.add_argument("--fresh", action="store_true", help="write the rivals' files again, to time it")
     parser.add_argument("--report", action="store_true", help="measure nothing, rewrite the page")
     arguments = parser.parse_args()
@@ -223,13 +176,12 @@ def main() -> None:
     missing = None if arguments.report else install()
     for note in filter(None, () if arguments.report else (missing, install_readers())):
         print(note, file=sys.stderr)
-    effort = arguments.effort or (1 if short else 2)
-    plan = Plan(arguments.formats, effort, short, arguments.fresh, missing)
+    plan = Plan(arguments.formats, short, arguments.fresh, missing)
     for scene in () if arguments.report else chosen(names):
         found = measure(scene, plan)
         results[scene.name] = merged(results.get(scene.name, {}), found, arguments.formats)
         save_results(NAME, results, keep, [scene.name])
-    runs = [results[name] for name in SCENES if name in results]
+    runs = gathered([results[name] for name in SCENES if name in results])
     if keep:
         write_page(runs)
         plots(runs)

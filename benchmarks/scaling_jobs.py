@@ -21,7 +21,6 @@ def encode(job: Job) -> dict[str, Any]:
 
     Also of a job: `scene`, `quality`, `effort`, and perhaps `tile_anchors`.
     """
-    from reference_encoder.encode import EncodeOptions
     from reference_encoder.encode import encode as encoded
     from scarfmt.formats import load
     from scarfmt.formats.clean import clean
@@ -33,9 +32,7 @@ def encode(job: Job) -> dict[str, Any]:
         far = np.abs(source.positions - np.median(source.positions, axis=0)).max(axis=1)
         source = source.take(np.sort(np.argsort(far, kind="stable")[: job["count"]]))
     more = {name: job[name] for name in ("tile_anchors",) if name in job}
-    options = EncodeOptions(
-        quality=job["quality"], effort=job["effort"], frame=scene.frame, cameras=scene.known_cameras(), **more
-    )
+    options = scene.options(quality=job["quality"], effort=job["effort"], **more)
     wall, processor = time.perf_counter(), time.process_time()
     data = encoded(source, options)
     seconds, cpu = time.perf_counter() - wall, time.process_time() - processor

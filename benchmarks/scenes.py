@@ -5,16 +5,18 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+from benchmarks.views import View, judged_views
+from reference_encoder.options import EncodeOptions
 from scarfmt.cli.scenes import Subject
-from scarfmt.render.camera import Camera, orbit_cameras
+from scarfmt.render.camera import Camera
 from scarfmt.render.capture import load_cameras
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("SCAR_DATA", REPOSITORY.parent / "shared" / "data"))
-VIEWS = 8
 
 
 @dataclass(frozen=True)
@@ -24,82 +26,77 @@ class Scene:
     Attributes:
         name: as tables show it.
         path: scene file.
-        frame: of the orbit (`scarfmt.render.camera.Arc`).
-        known: camera list the encoder is given instead of `frame`; of a split one, its training cameras.
-        judged: camera list pictures are compared from instead of the orbit; of a split one, its test cameras.
+        up: axis that points up in it. The encoder is not told.
+        known: camera list the encoder is given; of a split one, its training cameras. None: it runs without options.
+        captured: camera list with poses of photos that were held out, where they are known; judged from, too.
         photos: capture folder with photos to compare with, too.
         note: what a reader of the table should know.
         ours: made for this project, so that pictures of it may be published.
+        fitted: constants of the encoder were chosen by trials on it.
     """
 
     name: str
     path: Path
-    frame: str = "-y"
+    up: str = "-y"
     known: Path | None = None
-    judged: Path | None = None
+    captured: Path | None = None
     photos: Path | None = None
     note: str = ""
     ours: bool = False
+    fitted: bool = False
 
-    def known_cameras(self) -> list[Camera] | None:
-        """What the encoder is told of the views; None for the orbit's frame only."""
-        return None if self.known is None else _part(load_cameras(self.known), "train")
+    @property
+    def title(self) -> str:
+        """Its name, with a mark if constants were fitted on it."""
+        return self.name + (FITTED_MARK if self.fitted else "")
 
-    def judged_cameras(self, source: Subject) -> list[Camera]:
-        """The views all figures are means of: never those the encoder was given."""
-        if self.judged is not None:
-            return _part(load_cameras(self.judged), "test")
-        return orbit_cameras(source.placed, VIEWS, up=self.frame)
+    def options(self, **more: Any) -> EncodeOptions:
+        """How it is encoded: by default, but for what is said."""
+        known = None if self.known is None else _part(load_cameras(self.known), "train")
+        return EncodeOptions(cameras=known, **more)
+
+    def judged_views(self, original: Subject) -> list[View]:
+        """The views all figures are of: never those of the encoder. `original` should remember its pictures."""
+        held_out = [] if self.captured is None else _part(load_cameras(self.captured), "test")
+        return judged_views(original, self.up, held_out)
 
 
 def _part(cameras: list[Camera], split: str) -> list[Camera]:
     return [camera for camera in cameras if camera.split in ("", split)]
 
 
+FITTED_MARK = " †"
 _EXAMPLES = REPOSITORY / "examples"
 _SPLATS = DATA / "splats"
 _CAPTURE = DATA / "photos" / "plush-on-bed"
 _POSES = _CAPTURE / "cameras.json"
+_BED = Scene("plush-on-bed", _SPLATS / "plush-on-bed.ply", captured=_POSES, photos=_CAPTURE, ours=True, fitted=True)
 
 SCENES = (
     Scene(
         "plush-toys",
         _EXAMPLES / "plush-toys.ply",
-        known=_EXAMPLES / "plush-toys.cameras.json",
-        judged=_EXAMPLES / "plush-toys.views.json",
-        note="the example scene of this repository",
+        captured=_EXAMPLES / "plush-toys.views.json",
+        note="the example scene of this repository, SH 3",
         ours=True,
+        fitted=True,
     ),
-    Scene(
-        "plush-on-bed",
-        _SPLATS / "plush-on-bed.ply",
-        "-y:125:70",
-        photos=_CAPTURE,
-        note="raw float, SH 3",
-        ours=True,
-    ),
-    Scene(
-        "plush-on-bed, poses",
-        _SPLATS / "plush-on-bed.ply",
-        known=_POSES,
-        judged=_POSES,
-        photos=_CAPTURE,
-        note="the encoder knows the poses of the training photos; judged from those of the test photos",
-    ),
+    replace(_BED, note="raw float, SH 3"),
+    replace(_BED, name="plush-on-bed, poses", known=_POSES, note="the encoder knows the poses of the training photos"),
     Scene("flowers", _SPLATS / "flowers.ply", note="SH 2; its values come from a SOG file, already quantised"),
-    Scene("plush-dog", _SPLATS / "plush-dog.ply", note="raw float, SH 3"),
-    Scene("fruit-drops", _SPLATS / "fruit-drops.ply", "-y:270:70", note="raw float, SH 3"),
+    Scene("plush-dog", _SPLATS / "plush-dog.ply", note="raw float, SH 3", fitted=True),
+    Scene("fruit-drops", _SPLATS / "fruit-drops.ply", note="raw float, SH 3"),
     Scene("flower-tile", _SPLATS / "flower-tile.ply", "z", note="raw float, SH 3, of which all rest values are 0"),
     Scene("biker", _SPLATS / "biker.spz", note="SPZ file, SH 0"),
     Scene("biker, PLY", _SPLATS / "biker.compressed.ply", note="PlayCanvas compressed PLY, SH 0"),
-    Scene("plant", _SPLATS / "plant.splat", note="`.splat` file, SH 0"),
-    Scene("angel", _SPLATS / "angel.sog", note="SOG file, SH 0"),
+    Scene("plant", _SPLATS / "plant.splat", note="`.splat` file, SH 0", fitted=True),
+    Scene("angel", _SPLATS / "angel.sog", note="SOG file, SH 0", fitted=True),
     Scene("massa", _SPLATS / "massa.sog", note="SOG file, SH 0"),
     Scene(
         "plush-on-bed, anchors",
         DATA / "anchors" / "plush-on-bed.npz",
         known=_POSES,
-        judged=_POSES,
+        captured=_POSES,
         photos=_CAPTURE,
         note="Scaffold-GS style model, 10 slots an anchor; bytes are per anchor",
     ),
@@ -117,7 +114,7 @@ def chosen(names: Sequence[str] | None) -> list[Scene]:
         sys.exit(f"no scene is called {name!r}: choose from {', '.join(map(repr, known))}")
     present = []
     for scene in (known[name] for name in names) if names else SCENES:
-        needed = [path for path in (scene.path, scene.known, scene.judged, scene.photos) if path is not None]
+        needed = [path for path in (scene.path, scene.known, scene.captured, scene.photos) if path is not None]
         if all(path.exists() for path in needed):
             present.append(scene)
         else:

@@ -25,7 +25,7 @@ from benchmarks.quality import distortion
 from benchmarks.scenes import Scene, chosen
 from reference_decoder.decode import decode
 from reference_encoder.decide import lattice
-from reference_encoder.encode import EncodeOptions, encode
+from reference_encoder.encode import encode
 from reference_encoder.networks import candidates as neural
 from reference_encoder.networks import defaults
 from reference_encoder.networks.candidates import with_index_network
@@ -80,7 +80,7 @@ def position_bits(more: int) -> Iterator[None]:
 def networks(job: Record) -> Record:
     """Child job: bytes of a scene's indices and seconds of training by bits of weights, then of activations."""
     scene = chosen([job["scene"]])[0]
-    options = EncodeOptions(quality=QUALITY, effort=job["effort"], frame=scene.frame, cameras=scene.known_cameras())
+    options = scene.options(quality=QUALITY, effort=job["effort"])
     plain = quantised(scene, options)
     rows: list[Row] = []
     variants = [(bits, None) for bits in job["weight_bits"]] + [(None, bits) for bits in job["activation_bits"]]
@@ -134,7 +134,7 @@ def encode_moved(job: Record) -> Record:
     """Child job: encode a scene at effort 1 with more or fewer bits of positions, and else at the same lambda."""
     scene = chosen([job["scene"]])[0]
     with position_bits(job["more"]):
-        options = EncodeOptions(job["quality"], 1, corrections=0, frame=scene.frame, cameras=scene.known_cameras())
+        options = scene.options(quality=job["quality"], effort=1, corrections=0)
         data = encode(_source(scene), options)
     Path(job["out"]).write_bytes(data)
     return {}

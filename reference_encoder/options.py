@@ -36,9 +36,10 @@ class EncodeOptions:
             predicted one, None what `effort` says.
         layers: most layers, 1..16. The first takes about a quarter of the bytes, from effort 2 as few as give a picture
             of 25 dB.
-        cameras: views that matter, e.g. those of the photos; None for rings round the core.
+        cameras: views that matter most, e.g. those of the photos; None for everywhere alike.
         only_cameras: whether nothing but `cameras` matters: what they do not see is coarse or gone.
-        frame: up axis, or UP:CENTRE_DEG:SPAN_DEG for a scene seen from one side.
+        frame: up axis, or UP:CENTRE_DEG:SPAN_DEG for a scene seen from one side; "auto" for the up axis that the
+            scene seems to have.
         latent: "linear" (a weighted Karhunen-Loève basis, the default as measured) or "learned" (the paper's
             RVQ-VAE).
         estimator: gradient through the learned latent's quantiser: "rotation" or "straight-through".
@@ -60,7 +61,7 @@ class EncodeOptions:
     layers: int = 5
     cameras: Sequence[Camera] | None = None
     only_cameras: bool = False
-    frame: str = "-y"
+    frame: str = "auto"
     latent: str = "linear"
     estimator: str = "rotation"
     decode_budget: int | None = None

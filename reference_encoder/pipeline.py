@@ -27,10 +27,14 @@ from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision, decide
 from reference_encoder.decide.layering import (
     Entry,
+    LayerChoice,
     Layering,
+    Look,
     best_looking,
     first_picture,
+    likely_first,
     predicted,
+    predicted_after,
 )
 from reference_encoder.decide.plans import Plans, layer_costs, planned
 from reference_encoder.decide.problem import Problem
@@ -43,7 +47,7 @@ from reference_encoder.networks.file_costs import index_bytes, latent_cost, with
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
-from reference_encoder.tuning import LAYER_VIEWS, WORST_BELOW_DB
+from reference_encoder.tuning import FIRST_CAP_DB, WORST_BELOW_DB
 from scarfmt.coding.writer import QuantisedScene, Report, silent, write_scene
 from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput, missing_package
@@ -152,12 +156,15 @@ def attempted(profile: Profile[Any], quality: float, layering: Layering | None =
 def decided(profile: Profile[Any], problem: Problem, layering: Layering | None) -> Attempt:
     """What is decided about a problem, layers as predicted or as `layering` says."""
     profile.report("allocate", 0.0)
+    if layering is None and profile.looks is not None and profile.options.layers > 1:
+        layering = likely(profile, problem)
+    classes = problem.classes.count
     if layering is not None:
         problem = layering.split(problem)
     plans = planned(problem)
     costs = layer_costs(problem, plans)
     if layering is not None:
-        choices = layering.choices(costs)
+        choices = layering.choices(costs, classes)
     else:
         choices = predicted(costs, problem.budget.base_share, profile.options.layers)
     decision = decide(problem, plans, choices)
@@ -165,24 +172,44 @@ def decided(profile: Profile[Any], problem: Problem, layering: Layering | None) 
     return Attempt(problem, plans, decision, profile.finish(problem, decision))
 
 
-def looked_at(profile: Profile[Any], judge: Judge[Any], attempt: Attempt) -> Layering:
+def likely(profile: Profile[Any], problem: Problem) -> Layering:
+    """Layers that are good as a rule, without a look at them."""
+    costs, share = layer_costs(problem, planned(problem)), problem.budget.base_share
+    first = likely_first(costs, share)
+    problem, whole = _split_for(problem, first)
+    choices = predicted_after(whole, layer_costs(problem, planned(problem)), profile.options.layers)
+    return Layering.of(len(costs.sizes), first, choices)
+
+
+def looked_at(profile: Profile[Any], problem: Problem) -> Layering:
     """What layers are best by their looks."""
-    problem, plans, options = attempt.problem, attempt.plans, profile.options
-    few = judge.fewer(LAYER_VIEWS)
-
-    def look(entries: Sequence[Entry], part: float = 1.0) -> float:
-        profile.report("layers", 0.0)
-        # The names of this function: a problem that was split is looked at as it is then.
-        return few.quality(rough(problem, plans, entries, part)).mean_db
-
+    plans, options, classes = planned(problem), profile.options, problem.classes.count
+    look = _look(profile, problem, plans, FIRST_CAP_DB)
     first = first_picture(layer_costs(problem, plans), look, options.asked_db, problem.budget.base_share)
-    if first.part < 1:
-        problem = problem.split(first.shown - 1, first.part)
-        plans = planned(problem)
-    whole = replace(first, part=1.0)
+    problem, whole = _split_for(problem, first)
+    plans = planned(problem)
+    look = _look(profile, problem, plans, options.asked_db)
     choices = best_looking(layer_costs(problem, plans), look, whole, options.layers)
     profile.report("layers", 1.0)
-    return Layering.of(attempt.problem.classes.count, first, choices)
+    return Layering.of(classes, first, choices)
+
+
+def _split_for(problem: Problem, first: LayerChoice) -> tuple[Problem, LayerChoice]:
+    """The problem with classes of their own for what the first layer shows, and that layer of it."""
+    if min(first.parts) == 1:
+        return problem, first
+    return problem.split(first.parts), replace(first, parts=(1.0,) * first.shown)
+
+
+def _look(profile: Profile[Any], problem: Problem, plans: Plans, most: float) -> Look:
+    """Looks at layers, each view counting as at most `most` dB."""
+
+    def decibels(entries: Sequence[Entry], parts: Sequence[float]) -> float:
+        profile.report("layers", 0.0)
+        assert profile.looks is not None
+        return profile.looks.psnr_db(rough(problem, plans, entries, parts), most)
+
+    return decibels
 
 
 class Loop:
@@ -219,12 +246,13 @@ class Loop:
     def laid_out(self) -> Attempt:
         """The attempt before any network that is as good as asked, layers in place."""
         options, profile = self.profile.options, self.profile
-        looks = profile.draws_layers and EFFORTS[options.effort].looks_at_layers and options.layers > 1
+        looks = profile.looks is not None and EFFORTS[options.effort].looks_at_layers and options.layers > 1
         spare = 1 if looks or options.trains_networks else 0
         attempt = self._settled(self.attempt(self.search.aim), spare)
         if looks:
-            self.layering = looked_at(profile, self.judge, attempt)
-            attempt = self._settled(decided(profile, attempt.problem, self.layering), spare)
+            problem = profile.problem(self.search.aim)
+            self.layering = looked_at(profile, problem)
+            attempt = self._settled(decided(profile, problem, self.layering), spare)
         return attempt
 
     def _settled(self, attempt: Attempt, spare: int = 0) -> Attempt:

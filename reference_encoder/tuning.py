@@ -22,7 +22,7 @@ ASPECT_CAP = 9.0
 ratio of variances the linear model overestimates [0003]."""
 OPACITY_SHARE = 1.1
 """Picture error of a squared error of log opacity, in that of a relative change of the splat [0003]."""
-GAUSSIAN_ABSENCE = 5.6
+GAUSSIAN_ABSENCE = 15.0
 """Leaving a Gaussian out is so many times worse than the sum of single errors says: neighbours left out err together
 [0003]."""
 SLOT_ABSENCE = 8.0
@@ -37,10 +37,12 @@ SURVEY_SEED = 2023
 """Of the survey's views; those that judge have others [0023]."""
 SURVEY_SAMPLES = 19_200
 """Pixels looked at of each view: 160 x 120 of 640 x 480 [0023]."""
-ORBIT_PART, GAUSSIANS_A_VIEW, MOST_LOCAL_VIEWS = 1 / 6, 4096, 768
-"""Part of the views that look from outside; the others, which see a part of a scene, are one for as many Gaussians
-where that is more, and at most so many [0023]."""
-KIND_SHARES = {"orbit": 1 / 3, "near": 1 / 3, "inside": 1 / 3}
+ORBIT_PART, LOCAL_GAUSSIANS, MOST_LOCAL_VIEWS = 1 / 6, 600_000, 768
+"""Part of the views that look from outside; the others see a part of a scene, and grow in number with what is beyond so
+many Gaussians, up to so many views [0023]."""
+ANCHOR_VIEWS = 48
+"""Views of anchor models at most, given ones apart: their networks are run for each [0023]."""
+KIND_SHARES = {"orbit": 1 / 2, "near": 1 / 4, "inside": 1 / 4}
 """How much each kind of view counts [0023]."""
 GIVEN_SHARE, BESIDE_SHARE = 0.5, 0.2
 """How much given cameras count, and views beside them; the rest is for everywhere [0023]."""
@@ -49,6 +51,8 @@ JITTER_PART, JITTER_DEG = 0.1, 10.0
 FLOOR_SHARE, FLOOR_DISTANCE, FLOOR_CONTRAST = 0.005, 0.3, 0.3
 """Every Gaussian weighs at least this share of what it would with nothing in front of it, at this distance (radii), in
 this contrast to what is behind it [0023]."""
+INVISIBLE_WEIGHT = 1 / 255
+"""Of a Gaussian in every pixel of the survey at most: what has less is said to be invisible [0023]."""
 
 # --- Reaching the quality asked for: judge/ ---
 
@@ -77,9 +81,11 @@ without end [0017]."""
 
 # --- Lambda: decide/lagrangian.py ---
 
-LAMBDA_OFFSET_DB, LAMBDA_QUALITY_DB, LAMBDA_SLOPE = 51.0, 42.0, 0.82
-"""At this quality lambda times the number of Gaussians is this many dB below 1; dB found per dB of lambda [0004,
-0023]."""
+LAMBDA_QUALITY_DB, LAMBDA_SLOPE = 42.0, 0.82
+"""A quality, and dB found per dB of lambda [0004]."""
+GAUSSIAN_LAMBDA_DB, ANCHOR_LAMBDA_DB = 51.0, 60.0
+"""At that quality, lambda times the number of Gaussians, or of anchors, is so many dB below 1. Weights of Gaussians are
+power means, those of anchors plain ones [0004, 0023]."""
 
 # --- Classes and what they receive: decide/ ---
 
@@ -99,6 +105,9 @@ TABLE_ENTRY_BITS = 8.0
 """Bits of an entry of a static table [0001]."""
 PLANNED_ANCHORS = 12_000
 """Anchors of a class that stand for all of it when steps are priced [0014]."""
+COARSEST_COLOUR = 0.42
+"""No layer has wider cells of colour, in coefficients of degree 0: neighbours that all round to grey make a grey meadow
+[0026]."""
 STAGGER = 3.0**0.5
 """Factor of lambda, up or down, by which channels and classes refine in different layers [0007]."""
 CONTEXT_ANCHORS = 200_000
@@ -146,12 +155,25 @@ GAUSSIAN_BASE_SHARE, ANCHOR_BASE_SHARE = 0.265, 0.28
 COARSE_ABSENCE = 3.0
 """How much worse than predicted leaving out a whole class is in early layers: holes, where one Gaussian leaves none
 [0007]."""
-LAYER_VIEWS = 12
-"""Pictures that decide what a layer holds [0018]."""
+LAYER_VIEWS, LAYER_VIEW_SAMPLING = 4, 4
+"""Views of each kind that decide what a layer holds; one pixel of so many along either axis is looked at [0026]."""
+LAYER_BLOCK = 8
+"""Pixels looked at along either side of the blocks whose mean colours are compared, too [0026]."""
+FIRST_CAP_DB = 35.0
+"""A view of next to nothing does not make up for another: at least as good a view counts as much [0026]."""
 PICTURE_DB = 25.4
-"""A first picture, dB: one recognises everything, and nobody takes it for the last [0018]."""
-WORTH_DB = 0.5
-"""A layer in between that gains fewer dB is left out [0018]."""
+"""A first picture, dB over all kinds of views: one recognises everything, nobody takes it for the last [0018, 0026]."""
+NEIGHBOURS = 8
+"""Of so many neighbours of a class those that cover most are shown before the others [0026]."""
+FRONT_CLASSES, FRONT_STEP = 3.0, 0.5
+"""Over so many classes the part that a first layer shows falls from all to nothing, and in which steps that is tried,
+classes [0026]."""
+FRONT_LAMBDA, MOST_MODEL_SHARE = 100.0, 0.25
+"""Of a first layer that nobody looks at: lambda in that of the last layer, and the most that models may take [0026]."""
+FEWEST_DIVIDED = 64
+"""Anchors of a class that may be shown in part [0026]."""
+WORTH_DB = 1.0
+"""A layer in between that gains fewer dB, or leaves fewer to the last, is left out [0018, 0026]."""
 BELOW_DB = 8.0
 """dB that the first picture is at least worse than the last layer [0018]."""
 LARGEST_SHARE = 0.4
@@ -160,8 +182,6 @@ LARGEST_LAMBDA_RATIO, LAMBDAS = 1e7, 80
 """Lambdas a layer may have: the largest over that of the last layer, and how many [0018]."""
 LOOKS, DB_A_LAMBDA = 3, 0.3
 """To find how coarse a layer may be: how often to look, and about how many dB the next lambda costs [0018]."""
-PARTS = (0.75, 0.5, 0.25)
-"""Parts of the last class of the first layer that are tried [0018]."""
 
 # --- Latents and codewords: latent/ ---
 

@@ -8,12 +8,20 @@ are taken along the lower convex hull, so that a smaller lambda never takes anyt
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from reference_encoder.tuning import FINEST_STEP, IMPORTANCE_RATIO, PLANNED_ANCHORS, STAGGER, TABLE_ENTRY_BITS
+from reference_encoder.tuning import (
+    COARSEST_COLOUR,
+    FINEST_STEP,
+    IMPORTANCE_RATIO,
+    PLANNED_ANCHORS,
+    STAGGER,
+    TABLE_ENTRY_BITS,
+)
 from scarfmt.arrays import F64, I64
 from scarfmt.codecs.channels import coarsen
 from scarfmt.container.schema import Stream
@@ -194,6 +202,11 @@ class LatentChain:
     bits: F64
     error: F64
 
+    @property
+    def nothing(self) -> LatentChain:
+        """The chain that ends before it begins."""
+        return LatentChain(0, self.bits[:, :1], self.error[:, :1])
+
 
 def increment(
     plans: Sequence[ChannelPlan], latent: LatentChain, klass: int, lambda_: float, last: float
@@ -217,6 +230,15 @@ def increment(
 
 def _pick(plan: ChannelPlan, klass: int, lambda_: float) -> int:
     best = hull_choice(plan.bits[klass], plan.error[klass], lambda_)
-    # Far from the truth the model of errors is too kind: an anchor that shows has at least a coarse shape,
-    # opacity and colour.
-    return min(max(best, 0 if plan.stream == Stream.POSITION_RESIDUAL else 1), MAX_STEPS)
+    return min(max(best, _least_steps(plan)), MAX_STEPS)
+
+
+def _least_steps(plan: ChannelPlan) -> int:
+    """Steps of an anchor that shows: far from the truth the model of errors is too kind.
+
+    It has at least a coarse shape and opacity, and a colour that is not another one.
+    """
+    if plan.stream == Stream.COLOUR:
+        steps = 1 + math.ceil(math.log(max(plan.step) / COARSEST_COLOUR, 3))
+        return min(max(steps, 1), FINEST_STEP)
+    return 0 if plan.stream == Stream.POSITION_RESIDUAL else 1

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from reference_encoder.tuning import LAMBDA_OFFSET_DB, LAMBDA_QUALITY_DB, LAMBDA_SLOPE
+from reference_encoder.tuning import LAMBDA_QUALITY_DB, LAMBDA_SLOPE
 from scarfmt.arrays import F64
 
 
-def lambda_for(quality: float, gaussians: int) -> float:
+def lambda_for(quality: float, gaussians: int, offset_db: float) -> float:
     """Lambda of the last layer: squared picture error per bit that is predicted to give `quality` dB.
 
     Measured on the real scenes (docs/decisions/0004-rate-constant.md).
+
+    Args:
+        quality: dB.
+        gaussians: of the source, or anchors.
+        offset_db: at `LAMBDA_QUALITY_DB`, lambda times their number is so far below 1.
     """
-    decibels = LAMBDA_OFFSET_DB + (quality - LAMBDA_QUALITY_DB) / LAMBDA_SLOPE
+    decibels = offset_db + (quality - LAMBDA_QUALITY_DB) / LAMBDA_SLOPE
     return 10 ** (-decibels / 10) / max(gaussians, 1)
 
 

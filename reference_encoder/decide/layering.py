@@ -3,7 +3,9 @@
 A layer shows the most important classes at some lambda; later layers show more classes at smaller lambdas. The first is
 the picture somebody sees before the rest has arrived, the last is what `quality` asks for, and in between bytes grow by
 like factors. The model of errors (docs/decisions/0003) is meant for small errors and ranks coarse pictures badly, so an
-encoder with time to spare draws them (docs/decisions/0018-layers-by-looks.md).
+encoder with time to spare draws them (docs/decisions/0018-layers-by-looks.md). A first layer must not have holes: of
+the classes it cannot show whole it shows those that cover most among their neighbours, and it does without colours
+that depend on the view where it can (docs/decisions/0026-first-layers.md).
 """
 
 from __future__ import annotations
@@ -18,20 +20,25 @@ from reference_encoder.decide.problem import Problem
 from reference_encoder.tuning import (
     BELOW_DB,
     DB_A_LAMBDA,
+    FEWEST_DIVIDED,
+    FRONT_CLASSES,
+    FRONT_LAMBDA,
+    FRONT_STEP,
     LAMBDAS,
     LARGEST_LAMBDA_RATIO,
     LARGEST_SHARE,
     LOOKS,
-    PARTS,
+    MOST_MODEL_SHARE,
+    NEIGHBOURS,
     PICTURE_DB,
     WORTH_DB,
 )
-from scarfmt.arrays import F64
+from scarfmt.arrays import F64, I64
 
 Entry = tuple[int, ...]
 """What a class receives: stages, steps of each channel, LATENT steps."""
-Look = Callable[[Sequence[Entry], float], float]
-"""From what each class of a layer receives, and the part of the last of them that is there, to the PSNR in dB."""
+Look = Callable[[Sequence[Entry], Sequence[float]], float]
+"""From what each class of a layer receives, and the part of each that is there, to how good it looks, dB."""
 
 
 @dataclass(frozen=True)
@@ -40,13 +47,23 @@ class LayerChoice:
 
     Attributes:
         lambda_: squared picture error per bit.
-        shown: classes, the most important first.
-        part: of the last of them, the most important anchors; 1 for all.
+        parts: of each class that is shown, the most important first, how much of it: 1 for all.
+        latent: whether it shows colours that depend on the view, or features.
     """
 
     lambda_: float
-    shown: int
-    part: float = 1.0
+    parts: tuple[float, ...]
+    latent: bool = True
+
+    @property
+    def shown(self) -> int:
+        """Classes of which anything is shown."""
+        return len(self.parts)
+
+
+def whole(lambda_: float, shown: int) -> LayerChoice:
+    """The layer that shows all of the first classes."""
+    return LayerChoice(lambda_, (1.0,) * shown)
 
 
 @dataclass(frozen=True)
@@ -57,15 +74,17 @@ class LayerCosts:
         plans: channels in coding order.
         latent: RVQ stages, then steps of the latent channel.
         position_bits: lambda -> (classes,) bits of positions, labels and whatever else presence costs.
+        sizes: (classes,) anchors.
         absence: (classes,) squared picture error of leaving the class out.
         lost: error of the anchors dropped for good.
-        model_bits: bits of codebooks and networks, which the first layer carries too.
+        model_bits: bits of codebooks and networks, which the first layer that has a latent carries too.
         last: lambda of the last layer.
     """
 
     plans: Sequence[ChannelPlan]
     latent: LatentChain
     position_bits: PositionBits
+    sizes: I64
     absence: F64
     lost: float
     model_bits: float
@@ -74,12 +93,12 @@ class LayerCosts:
     @property
     def final(self) -> LayerChoice:
         """The last layer."""
-        return LayerChoice(self.last, len(self.absence))
+        return whole(self.last, len(self.absence))
 
     @property
     def least(self) -> LayerChoice:
         """The cheapest layer there is."""
-        return LayerChoice(float(self.lambdas[-1]), 1)
+        return whole(float(self.lambdas[-1]), 1)
 
     @property
     def lambdas(self) -> F64:
@@ -88,35 +107,46 @@ class LayerCosts:
 
     def entries(self, choice: LayerChoice) -> list[Entry]:
         """What each class receives."""
-        return [self._increment(klass, choice.lambda_)[0] for klass in range(choice.shown)]
+        return [self._increment(klass, choice)[0] for klass in range(choice.shown)]
 
     def bits(self, choice: LayerChoice) -> float:
         """Bits up to a layer."""
         fixed = self.position_bits(choice.lambda_)
-        each = [self._increment(klass, choice.lambda_)[2] + fixed[klass] for klass in range(choice.shown)]
-        return float(self.model_bits + sum(each[:-1]) + choice.part * each[-1])
+        each = [part * (self._increment(k, choice)[2] + fixed[k]) for k, part in enumerate(choice.parts)]
+        return float(self.model_bits * choice.latent + sum(each))
 
     def error(self, choice: LayerChoice) -> float:
         """Predicted squared picture error of a layer of whole classes."""
-        shown = sum(self._increment(klass, choice.lambda_)[1] for klass in range(choice.shown))
+        shown = sum(self._increment(klass, choice)[1] for klass in range(choice.shown))
         return float(self.lost + shown + self.absence[choice.shown :].sum())
 
     def pays(self, klass: int, lambda_: float) -> bool:
         """Whether a class is predicted to be worth its bits at `lambda_`."""
-        _, error, bits = self._increment(klass, lambda_)
+        _, error, bits = self._increment(klass, whole(lambda_, klass + 1))
         return error + lambda_ * (bits + float(self.position_bits(lambda_)[klass])) < float(self.absence[klass])
 
-    def affordable(self, shown: int, bits: float, part: float = 1.0) -> LayerChoice | None:
-        """The layer of so many classes with the smallest lambda that takes at most `bits`; None if there is none."""
-        choices = (LayerChoice(float(lambda_), shown, part) for lambda_ in self.lambdas)
+    def affordable(self, kind: LayerChoice, bits: float) -> LayerChoice | None:
+        """The layer like `kind` with the smallest lambda that takes at most `bits`; None if there is none."""
+        choices = (replace(kind, lambda_=float(lambda_)) for lambda_ in self.lambdas)
         return next((choice for choice in choices if self.bits(choice) <= bits), None)
 
     def coarser(self, choice: LayerChoice) -> list[LayerChoice]:
         """The layer with larger lambdas, rising."""
         return [replace(choice, lambda_=float(lambda_)) for lambda_ in self.lambdas if lambda_ > choice.lambda_]
 
-    def _increment(self, klass: int, lambda_: float) -> tuple[Entry, float, float]:
-        return increment(self.plans, self.latent, klass, lambda_, self.last)
+    def fronts(self) -> list[tuple[float, ...]]:
+        """Parts that a first layer may show, growing: of the :data:`FRONT_CLASSES` last classes less and less."""
+        classes = np.arange(len(self.sizes))
+        found: dict[tuple[float, ...], None] = {}
+        for front in np.arange(0, len(self.sizes), FRONT_STEP):
+            parts = np.clip(np.rint(NEIGHBOURS * (1 - (classes - front) / FRONT_CLASSES)) / NEIGHBOURS, 0, 1)
+            parts = np.where(self.sizes < FEWEST_DIVIDED, np.ceil(parts), parts)
+            found.setdefault(tuple(float(part) for part in parts if part > 0))
+        return list(found)
+
+    def _increment(self, klass: int, choice: LayerChoice) -> tuple[Entry, float, float]:
+        latent = self.latent if choice.latent else self.latent.nothing
+        return increment(self.plans, latent, klass, choice.lambda_, self.last)
 
 
 @dataclass(frozen=True)
@@ -128,8 +158,8 @@ class Layering:
 
     Attributes:
         classes: there were when the layers were chosen, before any was split.
-        first: the first layer; of its last class perhaps a part, which becomes a class of its own.
-        later: layers after it but for the last, lambdas in those of the last layer.
+        first: the first layer, before any class was split for it; its lambda in that of the last layer.
+        later: layers after it but for the last, after classes were split, lambdas likewise.
     """
 
     classes: int
@@ -138,31 +168,34 @@ class Layering:
 
     @classmethod
     def of(cls, classes: int, first: LayerChoice, choices: Sequence[LayerChoice]) -> Layering:
-        """Of the `choices` for all layers, found after the last class of the `first` was split."""
+        """Of the `choices` for all layers, found after classes were split for the `first`."""
         last = choices[-1].lambda_
         later = tuple(replace(choice, lambda_=choice.lambda_ / last) for choice in choices[1:-1])
         return cls(classes, replace(first, lambda_=first.lambda_ / last), later)
 
-    def split(self, problem: Problem) -> Problem:
-        """The problem with the class split that the first layer shows a part of."""
-        if self.first.part == 1:
-            return problem
-        return problem.split(self._shown(self.first, problem.classes.count, 0) - 1, self.first.part)
+    def parts(self, classes: int) -> tuple[float, ...]:
+        """What the first layer shows of its classes where there are `classes`."""
+        more = classes - self.classes
+        return ((1.0,) * more + self.first.parts)[max(-more, 0) :][:classes] or self.first.parts[-1:]
 
-    def choices(self, costs: LayerCosts) -> list[LayerChoice]:
-        """Choices for all layers, of a problem that was split."""
-        extra, count = int(self.first.part < 1), costs.final.shown
+    def split(self, problem: Problem) -> Problem:
+        """The problem with those classes split of which the first layer shows a part."""
+        parts = self.parts(problem.classes.count)
+        return problem if min(parts) == 1 else problem.split(parts)
+
+    def choices(self, costs: LayerCosts, classes: int) -> list[LayerChoice]:
+        """Choices for all layers of a problem that had so many classes before it was split."""
+        count, first = costs.final.shown, len(self.parts(classes))
+        more, cut = classes - self.classes, count - classes
+        cut -= sum(part < 1 for part in self.first.parts)
+        shown = [first, *(max(min(choice.shown + more + cut, count), first) for choice in self.later)]
         return [
             *(
-                LayerChoice(choice.lambda_ * costs.last, self._shown(choice, count, extra))
-                for choice in (self.first, *self.later)
+                LayerChoice(choice.lambda_ * costs.last, (1.0,) * number, choice.latent)
+                for choice, number in zip((self.first, *self.later), shown, strict=True)
             ),
             costs.final,
         ]
-
-    def _shown(self, choice: LayerChoice, count: int, extra: int) -> int:
-        """Classes that a layer shows where there are `count`, `extra` of them by splitting."""
-        return min(max(choice.shown + count - extra - self.classes, 1), count)
 
 
 def predicted(costs: LayerCosts, share: float, layers: int) -> list[LayerChoice]:
@@ -174,11 +207,15 @@ def predicted(costs: LayerCosts, share: float, layers: int) -> list[LayerChoice]
     if layers == 1:
         return [costs.final]
     budget = share * costs.bits(costs.final)
-    affordable = (costs.affordable(shown, budget) for shown in range(1, costs.final.shown + 1))
-    choices = [min((choice for choice in affordable if choice), key=costs.error, default=costs.least)]
-    for lambda_ in reversed(costs.lambdas[costs.lambdas < choices[0].lambda_]):
+    return predicted_after(min(_affordable(costs, budget), key=costs.error, default=costs.least), costs, layers)
+
+
+def predicted_after(first: LayerChoice, costs: LayerCosts, layers: int) -> list[LayerChoice]:
+    """The `first` layer of at least two, and those that are predicted to be best after it."""
+    choices = [first]
+    for lambda_ in reversed(costs.lambdas[costs.lambdas < first.lambda_]):
         paying = [klass + 1 for klass in range(costs.final.shown) if costs.pays(klass, float(lambda_))]
-        choices.append(LayerChoice(float(lambda_), max([choices[-1].shown, *paying])))
+        choices.append(whole(float(lambda_), max([choices[-1].shown, *paying])))
     choices.append(costs.final)
     bits = np.array([costs.bits(choice) for choice in choices])
     between = _budgets(bits[0], bits[-1], layers)[1:-1]
@@ -186,10 +223,29 @@ def predicted(costs: LayerCosts, share: float, layers: int) -> list[LayerChoice]
     return [choices[0], *(choices[k] for k in sorted(kept)), costs.final]
 
 
-def first_picture(costs: LayerCosts, look: Look, quality: float, share: float) -> LayerChoice:
-    """The smallest first layer whose pictures have :data:`PICTURE_DB`.
+def likely_first(costs: LayerCosts, share: float) -> LayerChoice:
+    """The first layer of `share` of the bits that is good as a rule, without a look at it.
 
-    If none has within :data:`LARGEST_SHARE` of the bits, the best within `share`.
+    Of the best looking ones lambda is about :data:`FRONT_LAMBDA` times that of the last layer; they have latents where
+    the models that these need leave most of the bits to the scene.
+    """
+    budget = share * costs.bits(costs.final)
+    latent = costs.model_bits <= MOST_MODEL_SHARE * budget
+    kinds = (LayerChoice(costs.last, parts, latent) for parts in costs.fronts())
+    choices = [choice for choice in (costs.affordable(kind, budget) for kind in kinds) if choice]
+    return min(choices, key=lambda c: abs(np.log(c.lambda_ / (FRONT_LAMBDA * costs.last))), default=costs.least)
+
+
+def _affordable(costs: LayerCosts, bits: float) -> list[LayerChoice]:
+    """The finest layers of so many bits, with every number of whole classes."""
+    found = (costs.affordable(whole(costs.last, shown), bits) for shown in range(1, costs.final.shown + 1))
+    return [choice for choice in found if choice]
+
+
+def first_picture(costs: LayerCosts, look: Look, quality: float, share: float) -> LayerChoice:
+    """The smallest first layer that looks as good as :data:`PICTURE_DB`, with or without latents.
+
+    If none does within :data:`LARGEST_SHARE` of the bits, the best within `share`.
 
     Args:
         costs: of layers.
@@ -197,29 +253,57 @@ def first_picture(costs: LayerCosts, look: Look, quality: float, share: float) -
         quality: of the last layer, dB: the first stays well below.
         share: of the bits.
     """
-    wanted, total = min(PICTURE_DB, quality - BELOW_DB), costs.bits(costs.final)
+    wanted = min(PICTURE_DB, quality - BELOW_DB)
     found: LayerChoice | None = None
-    for shown in range(1, costs.final.shown + 1):
-        better = _smaller(costs, look, shown, 1.0, wanted, costs.bits(found) if found else LARGEST_SHARE * total)
-        if found is not None and better is None:
-            break
-        found = better or found
-    if found is None:
-        return _best(costs, look, share * total)
-    for part in PARTS:
-        better = _smaller(costs, look, found.shown, part, wanted, costs.bits(found))
+    kinds: list[LayerChoice] = []
+    for latent in (False, True) if costs.model_bits else (True,):
+        most = costs.bits(found) if found else LARGEST_SHARE * costs.bits(costs.final)
+        kinds = [LayerChoice(costs.last, parts, latent) for parts in costs.fronts()]
+        found = _smallest(costs, look, kinds, wanted, most) or found
+    if found is not None:
+        return found
+    affordable = (costs.affordable(kind, share * costs.bits(costs.final)) for kind in kinds)
+    return max((choice for choice in affordable if choice), key=lambda c: _looks(costs, look, c), default=costs.least)
+
+
+def _smallest(
+    costs: LayerCosts, look: Look, kinds: Sequence[LayerChoice], wanted: float, most: float
+) -> LayerChoice | None:
+    """About the smallest layer of one of the growing `kinds` that looks good enough, None if that takes too much."""
+
+    def enough(index: int) -> bool:
+        finest = costs.affordable(kinds[index], most)
+        # What is out of reach is too much, not too little: smaller ones are looked for before it.
+        return finest is None or _looks(costs, look, finest) >= wanted
+
+    found: LayerChoice | None = None
+    for kind in kinds[_first_that(len(kinds), enough) :]:
+        better = _smaller(costs, look, kind, wanted, costs.bits(found) if found else most)
         if better is None:
             break
         found = better
     return found
 
 
-def _smaller(costs: LayerCosts, look: Look, shown: int, part: float, wanted: float, most: float) -> LayerChoice | None:
-    """About the smallest layer of so much that looks good enough; None if that takes more than `most` bits."""
-    choice = costs.affordable(shown, most, part)
+def _first_that(count: int, holds: Callable[[int], bool]) -> int:
+    """The first of 0.. for which `holds`, `count` if there is none; once it holds, it is taken to hold on."""
+    low, high = 0, count
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if holds(middle) else (middle + 1, high)
+    return low
+
+
+def _looks(costs: LayerCosts, look: Look, choice: LayerChoice) -> float:
+    return look(costs.entries(choice), choice.parts)
+
+
+def _smaller(costs: LayerCosts, look: Look, kind: LayerChoice, wanted: float, most: float) -> LayerChoice | None:
+    """About the smallest layer like `kind` that looks good enough; None if that takes more than `most` bits."""
+    choice = costs.affordable(kind, most)
     if choice is None:
         return None
-    reached = look(costs.entries(choice), part)
+    reached = _looks(costs, look, choice)
     if reached < wanted:
         return None
     coarser, stride = costs.coarser(choice), int((reached - wanted) / DB_A_LAMBDA)
@@ -227,7 +311,7 @@ def _smaller(costs: LayerCosts, look: Look, shown: int, part: float, wanted: flo
         stride = min(stride, len(coarser))
         if stride < 1:
             break
-        found = look(costs.entries(coarser[stride - 1]), part)
+        found = _looks(costs, look, coarser[stride - 1])
         if found < wanted:
             coarser, stride = coarser[: stride - 1], stride // 2
         else:
@@ -235,22 +319,20 @@ def _smaller(costs: LayerCosts, look: Look, shown: int, part: float, wanted: flo
     return choice
 
 
-def _best(costs: LayerCosts, look: Look, budget: float) -> LayerChoice:
-    """The best looking layer of at most `budget` bits."""
-    affordable = (costs.affordable(shown, budget) for shown in range(1, costs.final.shown + 1))
-    choices = [choice for choice in affordable if choice] or [costs.least]
-    return max(choices, key=lambda choice: look(costs.entries(choice), 1.0))
-
-
 def best_looking(costs: LayerCosts, look: Look, first: LayerChoice, layers: int) -> list[LayerChoice]:
-    """Choices for at most `layers` layers, after the `first` each the best looking of like many bits."""
-    choices, reached = [first], look(costs.entries(first), 1.0)
+    """Choices for at most `layers` layers, after the `first` each the best looking of like many bits.
+
+    Each looks better than the one before by :data:`WORTH_DB`, the last included.
+    """
+    choices, reached = [first], [_looks(costs, look, first)]
     for budget in _budgets(costs.bits(first), costs.bits(costs.final), layers)[1:-1]:
         rated = list(_rated(costs, look, choices[-1], budget))
-        rating, choice = max(rated, key=lambda pair: pair[0], default=(reached, first))
-        if rating >= reached + WORTH_DB:
+        rating, choice = max(rated, key=lambda pair: pair[0], default=(reached[0], first))
+        if rating >= reached[-1] + WORTH_DB:
             choices.append(choice)
-            reached = rating
+            reached.append(rating)
+    if len(choices) > 1 and _looks(costs, look, costs.final) < reached[-1] + WORTH_DB:
+        choices.pop()
     return [*choices, costs.final]
 
 
@@ -258,10 +340,10 @@ def _rated(costs: LayerCosts, look: Look, before: LayerChoice, budget: float) ->
     """(dB, choice) for growing numbers of classes, as long as that looks better; nothing is taken back."""
     best = float("-inf")
     for shown in range(before.shown, costs.final.shown + 1):
-        choice = costs.affordable(shown, budget)
+        choice = costs.affordable(whole(costs.last, shown), budget)
         if choice is None or choice.lambda_ > before.lambda_:
             return
-        rating = look(costs.entries(choice), 1.0)
+        rating = _looks(costs, look, choice)
         yield rating, choice
         if rating < best:
             return

@@ -87,6 +87,7 @@ def layer_costs(problem: Problem, plans: Plans) -> LayerCosts:
         plans=plans.channels,
         latent=plans.chain,
         position_bits=classes.presence_bits,
+        sizes=np.bincount(classes.of, minlength=classes.count),
         absence=absence.astype(np.float64),
         lost=problem.budget.lost,
         model_bits=_model_bits(problem.fitted),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from reference_encoder.decide.lattice import Placement
 from reference_encoder.latent.fit import FittedLatent
+from reference_encoder.tuning import NEIGHBOURS
 from scarfmt.arrays import F64, I64
+from scarfmt.container.morton import MAX_BITS, interleave
 from scarfmt.container.schema import Profile, Stream
 
 
@@ -56,33 +58,63 @@ class Classes:
         of: (N,) class of each anchor, 0 the most important.
         count: how many classes.
         importance: (N,) squared picture error of leaving an anchor out.
+        standing: (N,) 0 to below 1; where a part of a class is shown, it is the anchors below that part.
         presence_bits: lambda -> (count,) bits that being there costs a class.
     """
 
     of: I64
     count: int
     importance: F64
+    standing: F64
     presence_bits: Callable[[float], F64]
 
-    def split(self, klass: int, part: float) -> Classes:
-        """Classes with `klass` made two: the most important `part` of its anchors, and the others."""
-        late = (self.of > klass) | ((self.of == klass) & ~self.leading(klass, part))
+    def split(self, parts: Sequence[float]) -> Classes:
+        """Classes numbered so that the given parts of the first ones are classes of their own and come first.
+
+        Args:
+            parts: of the first classes, above 0 to 1; the rest of a class shown in part comes after all of them.
+        """
+        shown, cut = len(parts), [klass for klass, part in enumerate(parts) if part < 1]
+        part_of = np.concatenate([parts, np.ones(self.count - shown)])
+        number = np.concatenate([np.arange(shown), shown + len(cut) + np.arange(self.count - shown)])
+        later = number.copy()
+        later[cut] = shown + np.arange(len(cut))
+        of = np.where(self.standing < part_of[self.of], number[self.of], later[self.of])
 
         def presence(lambda_: float) -> F64:
-            bits = self.presence_bits(lambda_)
-            parts = np.insert(bits, klass + 1, (1 - part) * bits[klass])
-            parts[klass] = part * bits[klass]
-            return parts
+            bits, split = self.presence_bits(lambda_), np.zeros(self.count + len(cut))
+            split[later] = (1 - part_of) * bits
+            split[number] = part_of * bits
+            return split
 
-        return replace(self, of=self.of + late, count=self.count + 1, presence_bits=presence)
+        return replace(self, of=of, count=self.count + len(cut), presence_bits=presence)
 
-    def leading(self, klass: int, part: float) -> NDArray[np.bool_]:
-        """(N,) whether an anchor is among the most important `part` of `klass`; of equals, the first are."""
-        members = np.flatnonzero(self.of == klass)
-        ranked = members[np.argsort(-self.importance[members], kind="stable")]
-        found = np.zeros(len(self.of), bool)
-        found[ranked[: max(1, round(part * len(ranked)))]] = True
-        return found
+    def shown(self, parts: Sequence[float]) -> NDArray[np.bool_]:
+        """(N,) whether an anchor is among the given parts of the first classes."""
+        return self.standing < np.concatenate([parts, np.zeros(self.count - len(parts))])[self.of]
+
+
+def standing(positions: F64, classes: I64, extent: F64) -> F64:
+    """(N,) rank, 0 to below 1, of each anchor among its :data:`NEIGHBOURS` of the same class: who covers most is first.
+
+    So any part of a class is spread evenly over the scene, and those that are shown hide that others are not.
+
+    Args:
+        positions: (N, 3).
+        classes: (N,).
+        extent: (N,) how much an anchor covers, in any unit.
+    """
+    low, high = np.percentile(positions, (1, 99), axis=0)
+    cells = np.clip((positions - low) / np.maximum(high - low, 1e-300), 0, 1) * ((1 << MAX_BITS) - 1)
+    order = np.lexsort((interleave(cells), classes))
+    sizes = np.bincount(classes)
+    within = np.arange(len(order)) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    runs = np.zeros(len(order), np.int64)
+    runs[order] = within // NEIGHBOURS
+    ranked = np.lexsort((-extent, runs, classes))
+    rank = np.zeros(len(order))
+    rank[ranked] = (within % NEIGHBOURS) / NEIGHBOURS
+    return rank
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,6 +147,6 @@ class Problem:
     fitted: FittedLatent | None
     budget: Budget
 
-    def split(self, klass: int, part: float) -> Problem:
-        """The problem with class `klass` made two: the most important `part` of its anchors, and the others."""
-        return replace(self, classes=self.classes.split(klass, part))
+    def split(self, parts: Sequence[float]) -> Problem:
+        """The problem with the given parts of the first classes as classes of their own, before the rest of those."""
+        return replace(self, classes=self.classes.split(parts))

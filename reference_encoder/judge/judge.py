@@ -57,12 +57,6 @@ class Judge(Generic[S]):
         shown = {kind: [pair for pair in pairs if pair[1].any()] for kind, pairs in pictures.items()}
         return cls(view, {kind: pairs for kind, pairs in shown.items() if pairs}, views.shares, most_db)
 
-    def fewer(self, views: int) -> Judge[S]:
-        """About so many of the views, as many of each kind."""
-        most = -(-views // max(len(self.seen), 1))
-        seen = {kind: _spread(pairs, most) for kind, pairs in self.seen.items()}
-        return Judge(self.view, seen, self.shares, self.most_db)
-
     def quality(self, scene: S) -> Quality:
         """How good pictures of `scene` are."""
         draw = self.view(scene)
@@ -71,7 +65,3 @@ class Judge(Generic[S]):
             for kind, pairs in self.seen.items()
         }
         return Quality(found, self.shares)
-
-
-def _spread(pairs: Sequence[tuple[Camera, F32]], most: int) -> Sequence[tuple[Camera, F32]]:
-    return pairs if len(pairs) <= most else [pairs[number * len(pairs) // most] for number in range(most)]

@@ -15,16 +15,18 @@ from scarfmt.scene.activation import activated
 from scarfmt.scene.gaussians import GaussianScene
 
 
-def rough(problem: Problem, plans: Plans, entries: Sequence[Sequence[int]], part: float = 1.0) -> GaussianScene:
+def rough(
+    problem: Problem, plans: Plans, entries: Sequence[Sequence[int]], parts: Sequence[float] | None = None
+) -> GaussianScene:
     """About the Gaussians of a layer in which the first classes have received `entries`, values simply rounded.
 
     Args:
         problem, plans: what there is to decide, and first steps of all channels.
         entries: of each class that is there, stages, steps of each channel, and LATENT steps.
-        part: of the last of these classes, the most important anchors.
+        parts: of each of these classes, what is there; None for all of them.
     """
-    last, classes = len(entries) - 1, problem.classes
-    here = np.flatnonzero((classes.of < last) | classes.leading(last, part))
+    classes = problem.classes
+    here = np.flatnonzero(classes.shown([1.0] * len(entries) if parts is None else parts))
     received, of, values = np.array(entries), classes.of[here], {}
     for index, plan in enumerate([*plans.channels, plans.latent], start=1):
         if received[:, index].any():

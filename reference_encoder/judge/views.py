@@ -23,6 +23,7 @@ from reference_encoder.tuning import (
     REPORT_SEED,
 )
 from scarfmt.render.camera import Camera
+from scarfmt.render.upright import Upright
 from scarfmt.render.viewpoints import KINDS, Surroundings, beside, viewpoints
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -47,17 +48,20 @@ class Views:
     shares: Mapping[str, float]
 
 
-def judged_views(scene: GaussianScene, options: EncodeOptions, sight: Sight, count: int) -> Views:
+def judged_views(scene: GaussianScene, options: EncodeOptions, up: Upright, sight: Sight, count: int) -> Views:
     """One set of views, distributed as those of the survey; in place of given cameras, others very close to them.
 
     Args:
         scene: whose positions say where people may stand.
-        options: `effort`, `frame`, `cameras`, `only_cameras`.
+        options: `effort`, `cameras`, `only_cameras`.
+        up: where that is doubtful, half of the views from everywhere are for either guess, as in the survey.
         sight: which set.
         count: Gaussians that are drawn.
     """
-    around, views = Surroundings.of(scene, options.frame), views_of_kind(options, count)
-    everywhere = {kind: _sparse(viewpoints(around, kind, views, sight)) for kind in KINDS}
+    around, views = Surroundings.of(scene, up.up), views_of_kind(options, count)
+    every = [around] if up.other is None else [around, Surroundings.of(scene, up.other)]
+    part = -(-views // len(every))
+    everywhere = {kind: _sparse([v for each in every for v in viewpoints(each, kind, part, sight)]) for kind in KINDS}
     if not options.cameras:
         return Views(everywhere, KIND_SHARES)
     given = [camera for camera in options.cameras if camera.split != "test"] or list(options.cameras)

@@ -14,6 +14,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from reference_encoder.measure.survey import Survey
+from reference_encoder.measure.weights import pixel_angle
 from reference_encoder.tuning import ASPECT_CAP, BLUR_PX2, METRIC_ANCHORS
 from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import Camera
@@ -133,25 +135,28 @@ def anchor_view(model: AnchorModel) -> Callable[[Camera], F32]:
 
 
 def measure_anchors(
-    model: AnchorModel, cameras: Sequence[Camera], seed: int, report: Callable[[float], None]
+    model: AnchorModel, survey: Survey, seed: int, report: Callable[[float], None]
 ) -> AnchorSensitivity:
-    """Sensitivities of all N anchors as seen from `cameras`."""
+    """Sensitivities of all N anchors in a survey's views: means over each kind, and of these by their shares."""
     networks = _tensors(model)
     shape, colour, inverse, hits = (np.zeros((len(model), model.slots)) for _ in range(4))
     centres = _centres(model)
-    samples = sum(camera.width * camera.height * 3 for camera in cameras)
-    for number, camera in enumerate(cameras):
+    views = [
+        (survey.shares[kind] / len(cameras), camera) for kind, cameras in survey.views.items() for camera in cameras
+    ]
+    for number, (share, camera) in enumerate(views):
         made = _seen(model, networks, centres, camera)
         anchor, slot, scene = made.anchor, made.slot, made.scene
         seen = contributions(scene, [camera], colours=made.colours)
-        shape[anchor, slot] += seen.contrast_sq / samples
-        colour[anchor, slot] += seen.weight_sq / samples
+        samples = camera.width * camera.height * 3
+        shape[anchor, slot] += share * seen.contrast_sq / samples
+        colour[anchor, slot] += share * seen.weight_sq / samples
         distance = np.linalg.norm(scene.positions - camera.centre, axis=1)
         middle = np.exp(2 * np.sort(scene.log_scales, axis=1)[:, 1])
-        inverse[anchor, slot] += 1 / (middle + BLUR_PX2 * (distance / camera.fx) ** 2)
+        inverse[anchor, slot] += 1 / (middle + BLUR_PX2 * (distance * pixel_angle(camera)) ** 2)
         hits[anchor, slot] += 1
-        report((number + 1) / len(cameras))
-    metric = _feature_metric(model, networks, cameras, shape, colour, seed)
+        report((number + 1) / len(views))
+    metric = _feature_metric(model, networks, survey.cameras, shape, colour, seed)
     return AnchorSensitivity(shape, colour, inverse / np.maximum(hits, 1), metric)
 
 

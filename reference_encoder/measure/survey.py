@@ -8,22 +8,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.tuning import (
     BESIDE_SHARE,
-    GAUSSIANS_A_VIEW,
     GIVEN_SHARE,
     JITTER_DEG,
     JITTER_PART,
     KIND_SHARES,
+    LOCAL_GAUSSIANS,
     MOST_LOCAL_VIEWS,
     ORBIT_PART,
     SURVEY_SAMPLES,
     SURVEY_SEED,
 )
 from scarfmt.render.camera import Camera
+from scarfmt.render.upright import Upright, resolved
 from scarfmt.render.viewpoints import Surroundings, beside, viewpoints
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -39,46 +40,61 @@ class Survey:
         views: of each kind.
         shares: how much each kind counts; they add up to 1.
         radius: of the scene (:class:`Surroundings`), world units.
+        up: which way up it was looked at.
     """
 
     views: Mapping[str, Sequence[Camera]]
     shares: Mapping[str, float]
     radius: float
+    up: Upright
 
     @property
     def cameras(self) -> list[Camera]:
         """All views."""
         return [camera for cameras in self.views.values() for camera in cameras]
 
+    def thinned(self, most: int) -> Survey:
+        """All given cameras, and of each other kind some, about `most` together."""
+        others = sum(len(cameras) for kind, cameras in self.views.items() if kind != GIVEN)
+        every = max(1, -(-others // most))
+        views = {kind: cameras if kind == GIVEN else cameras[::every] for kind, cameras in self.views.items()}
+        return replace(self, views=views)
+
 
 def survey(scene: GaussianScene, options: EncodeOptions) -> Survey:
     """The views of a scene: from everywhere, from the given cameras and beside them, or from these alone.
+
+    Where it is doubtful which way is up, half of those from everywhere are for either guess.
 
     Raises:
         InvalidInput: ``input-frame``; ``input-empty`` if no position is finite.
     """
     given = [camera for camera in options.cameras or () if camera.split != "test"] or list(options.cameras or ())
-    around = Surroundings.of(scene, options.frame)
+    up = resolved(scene, options.frame)
+    around = Surroundings.of(scene, up.up)
     if options.only_cameras:
-        return Survey({GIVEN: [sparse(camera) for camera in given]}, {GIVEN: 1.0}, around.radius)
+        return Survey({GIVEN: [sparse(camera) for camera in given]}, {GIVEN: 1.0}, around.radius, up)
+    every = [around] if up.other is None else [around, Surroundings.of(scene, up.other)]
     views = {
-        kind: [sparse(camera) for camera in viewpoints(around, kind, count, SURVEY_SEED)]
+        kind: [
+            sparse(camera) for each in every for camera in viewpoints(each, kind, -(-count // len(every)), SURVEY_SEED)
+        ]
         for kind, count in view_counts(options.effort, len(scene)).items()
     }
     if not given:
-        return Survey(views, KIND_SHARES, around.radius)
+        return Survey(views, KIND_SHARES, around.radius, up)
     near_given = beside(given, JITTER_PART * around.radius, JITTER_DEG, SURVEY_SEED)
     rest = 1 - GIVEN_SHARE - BESIDE_SHARE
     shares = {GIVEN: GIVEN_SHARE, BESIDE: BESIDE_SHARE, **{kind: rest * part for kind, part in KIND_SHARES.items()}}
     known = {GIVEN: [sparse(camera) for camera in given], BESIDE: [sparse(camera) for camera in near_given]}
-    return Survey({**known, **views}, shares, around.radius)
+    return Survey({**known, **views}, shares, around.radius, up)
 
 
 def view_counts(effort: int, gaussians: int) -> dict[str, int]:
     """Views of each kind. From outside everything is seen at once; what is seen from near grows with what there is."""
     views = EFFORTS[effort].survey_views
     outside = round(ORBIT_PART * views)
-    local = min(max(views - outside, round(gaussians / GAUSSIANS_A_VIEW)), MOST_LOCAL_VIEWS)
+    local = min(round((views - outside) * max(1.0, gaussians / LOCAL_GAUSSIANS)), MOST_LOCAL_VIEWS)
     return {"orbit": outside, "near": local // 2, "inside": local - local // 2}
 
 

@@ -20,13 +20,15 @@ from reference_encoder.judge.quality import most_db
 from reference_encoder.judge.views import Sight, judged_views
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
 from reference_encoder.measure.anchor_sensitivity import AnchorSensitivity, anchor_view, measure_anchors
-from reference_encoder.measure.survey import survey
+from reference_encoder.measure.survey import Survey, survey
 from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import (
     ANCHOR_BASE_SHARE,
     ANCHOR_BITS,
     ANCHOR_COARSEST,
     ANCHOR_EXTRA_STAGES,
+    ANCHOR_LAMBDA_DB,
+    ANCHOR_VIEWS,
     MLP_BITS,
     MOST_ANCHOR_CLASSES,
     SIZE_SHARE,
@@ -39,7 +41,7 @@ from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
 from scarfmt.errors import InvalidInput
-from scarfmt.render.camera import Camera
+from scarfmt.render.upright import resolved
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
@@ -70,7 +72,7 @@ class AnchorProfile:
         """
         if set(model.mlps) != set(_NETWORKS):
             raise InvalidInput("input-anchors", f"networks {sorted(model.mlps)}: opacity, cov and color are needed")
-        seen = measure_anchors(model, _cameras(model, options), options.seed, lambda f: report("visibility", f))
+        seen = measure_anchors(model, _survey(model, options), options.seed, lambda f: report("visibility", f))
         return cls(model, seen, options, report)
 
     @property
@@ -78,15 +80,16 @@ class AnchorProfile:
         """Anchors of the source."""
         return len(self.model)
 
-    @property
-    def draws_layers(self) -> bool:
-        """Layers are as predicted."""
-        return False
-
     def judge(self, sight: Sight) -> Judge[AnchorModel]:
         """Pictures of the source from views of a set, drawn now."""
-        views = judged_views(_shell(self.model), self.options, sight, len(self.model) * self.model.slots)
+        shell, drawn = _shell(self.model), len(self.model) * self.model.slots
+        views = judged_views(shell, self.options, resolved(shell, self.options.frame), sight, drawn)
         return Judge.of(self.model, anchor_view, views, most_db(self.options.asked_db))
+
+    @property
+    def looks(self) -> None:
+        """Nothing: layers are as predicted."""
+        return
 
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted.
@@ -94,7 +97,7 @@ class AnchorProfile:
         Raises:
             InvalidInput: ``input-anchors`` when no feature is seen.
         """
-        kept = self._kept(lambda_for(quality, len(self.model)))
+        kept = self._kept(lambda_for(quality, len(self.model), ANCHOR_LAMBDA_DB))
         seen, model = kept.seen, kept.model
         weight = (seen.shape * seen.inverse_variance).sum(axis=1)
         placement = place(model.anchors, best_width(weight, kept.lambda_), self.options.tile_anchors)
@@ -198,7 +201,13 @@ class _Kept:
             shown = (gain > lambda_ * SLOT_BITS).sum(axis=1)
             return fixed + SLOT_BITS * np.bincount(self.classes, shown, self.count)
 
-        return Classes(of=self.classes, count=self.count, importance=self.importance, presence_bits=presence_bits)
+        return Classes(
+            of=self.classes,
+            count=self.count,
+            importance=self.importance,
+            standing=np.zeros(len(self.classes)),  # layers of anchors are of whole classes
+            presence_bits=presence_bits,
+        )
 
     def scale_weight(self) -> F64:
         """(N, 6) squared picture error per squared unit of each log scaling: three move slots, three size them."""
@@ -238,9 +247,9 @@ class _Kept:
         return np.where(self.slots & pays.any(axis=0), np.minimum(layers, len(lambdas)), 0)
 
 
-def _cameras(model: AnchorModel, options: EncodeOptions) -> list[Camera]:
-    """The views to judge by; where none are given, as for a scene with a Gaussian on every anchor."""
-    return survey(_shell(model), options).cameras
+def _survey(model: AnchorModel, options: EncodeOptions) -> Survey:
+    """The views to measure from, as for a scene with a Gaussian on every anchor, but fewer."""
+    return survey(_shell(model), options).thinned(ANCHOR_VIEWS)
 
 
 def _shell(model: AnchorModel) -> GaussianScene:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,26 +14,29 @@ from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.lagrangian import best_width, lambda_for
 from reference_encoder.decide.lattice import Placement, place
 from reference_encoder.decide.plans import position_bits
-from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem
+from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem, standing
 from reference_encoder.judge.finished import finished_gaussians
 from reference_encoder.judge.judge import Judge, gaussian_view
+from reference_encoder.judge.looks import Looks
 from reference_encoder.judge.quality import most_db
 from reference_encoder.judge.views import Sight, judged_views
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
 from reference_encoder.measure.attributes import Attributes, from_scene
 from reference_encoder.measure.sensitivity import Sensitivity, measure
-from reference_encoder.measure.survey import survey
-from reference_encoder.measure.weights import weighed
+from reference_encoder.measure.survey import Survey, survey
+from reference_encoder.measure.weights import Weights, weighed
 from reference_encoder.options import EncodeOptions
+from reference_encoder.profiles.account import ACCOUNT, account
 from reference_encoder.tuning import (
     GAUSSIAN_BASE_SHARE,
     GAUSSIAN_BITS,
     GAUSSIAN_COARSEST,
+    GAUSSIAN_LAMBDA_DB,
     MOST_GAUSSIAN_CLASSES,
     REST_SHARE,
     SHAPE_SHARE,
 )
-from scarfmt.arrays import I64
+from scarfmt.arrays import F64, I64
 from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
@@ -47,12 +52,16 @@ class ExplicitProfile:
     Attributes:
         scene: the source.
         attributes: of all its Gaussians, in the terms of SPEC §9.
+        survey: where they were looked at from.
+        weights: what they weigh there.
         sensitivity: what errors in them show.
-        options, report: of the encoder.
+        options, report: of the encoder; the frame is the one that was found.
     """
 
     scene: GaussianScene
     attributes: Attributes
+    survey: Survey
+    weights: Weights
     sensitivity: Sensitivity
     options: EncodeOptions
     report: Report
@@ -62,28 +71,34 @@ class ExplicitProfile:
         """A scene without NaN or infinity, looked at from the views that matter."""
         report("visibility", 0.0)
         attributes = from_scene(scene)
-        weights = weighed(scene, survey(scene, options), lambda part: report("visibility", part))
-        sensitivity = measure(attributes, weights)
-        return cls(scene, attributes, sensitivity, options, report)
+        views = survey(scene, options)
+        weights = weighed(scene, views, lambda part: report("visibility", part))
+        told = replace(options, frame=views.up.up)
+        return cls(scene, attributes, views, weights, measure(attributes, weights), told, report)
+
+    def reweighted(self, shares: Mapping[str, float]) -> ExplicitProfile:
+        """The same where each kind of view counts as much as `shares` say, which add up to 1."""
+        weights = replace(self.weights, shares=shares)
+        return replace(self, weights=weights, sensitivity=measure(self.attributes, weights))
 
     @property
     def source_count(self) -> int:
         """Gaussians of the source."""
         return len(self.scene)
 
-    @property
-    def draws_layers(self) -> bool:
-        """Pictures decide what layers hold."""
-        return True
-
     def judge(self, sight: Sight) -> Judge[GaussianScene]:
         """Pictures of the source from views of a set, drawn now."""
-        views = judged_views(self.scene, self.options, sight, len(self.scene))
+        views = judged_views(self.scene, self.options, self.survey.up, sight, len(self.scene))
         return Judge.of(self.scene, gaussian_view, views, most_db(self.options.asked_db))
+
+    @cached_property
+    def looks(self) -> Looks:
+        """Small pictures of the source from everywhere, drawn when they are first wanted."""
+        return Looks.of(self.scene, self.options)
 
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted."""
-        absence, lambda_ = self.sensitivity.absence, lambda_for(quality, len(self.scene))
+        absence, lambda_ = self.sensitivity.absence, lambda_for(quality, len(self.scene), GAUSSIAN_LAMBDA_DB)
         every, count = classify(absence, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
         kept = np.flatnonzero(every >= 0)
         classes, seen, attributes = every[kept], self.sensitivity.take(kept), self.attributes.take(kept)
@@ -97,7 +112,13 @@ class ExplicitProfile:
             geometry=self._geometry(attributes, placement),
             channels=Channels(values=values, weights=weights, coarsest=GAUSSIAN_COARSEST),
             fitted=self._fitted(attributes, seen, classes, lambda_),
-            classes=Classes(of=classes, count=count, importance=seen.absence, presence_bits=lambda _: fixed),
+            classes=Classes(
+                of=classes,
+                count=count,
+                importance=seen.absence,
+                standing=standing(attributes.positions, classes, _log_extent(values)),
+                presence_bits=lambda _: fixed,
+            ),
             budget=Budget(lambda_=lambda_, lost=float(absence[every < 0].sum()), base_share=GAUSSIAN_BASE_SHARE),
         )
 
@@ -121,8 +142,16 @@ class ExplicitProfile:
 
     def finish(self, problem: Problem, decision: Decision) -> Quantised:
         """All integers of the file that `decision` says."""
-        return assembled(problem, decision, self.options.metadata)
+        lambda_, absence = problem.budget.lambda_, self.sensitivity.absence
+        left_out = classify(absence, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)[0] < 0
+        told = account(self.survey, self.weights.largest, left_out, decision, self.scene.sh_degree > 0)
+        return assembled(problem, decision, {ACCOUNT: told, **self.options.metadata})
 
     def finished(self, scene: QuantisedScene) -> GaussianScene:
         """What a decoder gives for the last layer of a file."""
         return finished_gaussians(scene)
+
+
+def _log_extent(values: Mapping[Stream, F64]) -> F64:
+    """(N,) logarithm of what a Gaussian covers: its face, the two longest axes, times its opacity."""
+    return np.asarray(values[Stream.SCALE][:, :2].sum(axis=1) + values[Stream.OPACITY][:, 0])

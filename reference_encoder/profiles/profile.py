@@ -8,6 +8,7 @@ from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.problem import Problem
 from reference_encoder.judge.judge import Judge
+from reference_encoder.judge.looks import Looks
 from reference_encoder.judge.views import Sight
 from reference_encoder.options import EncodeOptions
 from scarfmt.coding.writer import QuantisedScene, Report
@@ -22,7 +23,7 @@ class Profile(Protocol[S]):
         options: of the encoder.
         report: told (stage, fraction done).
         source_count: Gaussians or anchors of the source.
-        draws_layers: whether pictures can decide what layers hold.
+        looks: pictures of the source to judge layers by; None where layers cannot be drawn.
     """
 
     @property
@@ -32,7 +33,7 @@ class Profile(Protocol[S]):
     @property
     def source_count(self) -> int: ...
     @property
-    def draws_layers(self) -> bool: ...
+    def looks(self) -> Looks | None: ...
 
     def judge(self, sight: Sight) -> Judge[S]:
         """Pictures of the source to judge results by, drawn now."""

@@ -227,11 +227,12 @@ def _print_summary(data: bytes) -> None:
     from scarfmt.container.source import BytesSource
     from scarfmt.tools import inspection
 
-    report = inspection.inspect(BytesSource(data))
+    report = inspection.inspect(BytesSource(data), metadata=True)
     unit = "anchor" if report["profile"] == "anchor" else "Gaussian"
     count, size = report["source_count"], report["file_bytes"]
     click.echo(f"{count:,} {unit}s in, {report['anchors']:,} kept", err=True)
     click.echo(f"{size:,} bytes, {size / count:.2f} per {unit} of the input", err=True)
+    _print_account((report["metadata"] or {}).get("survey"))
     for layer in report["layers"]:
         line = f"layer {layer['layer']}: {layer['end_offset']:>12,} bytes  {layer['anchors']:>10,} {unit}s"
         click.echo(f"{line}  {layer['end_offset'] / count:6.2f} bytes per {unit} of the input", err=True)
@@ -247,3 +248,18 @@ def _print_quality(quality: Quality, asked_db: float) -> None:
         click.echo(f"  {name:<6}  {line}", err=True)
     for shortfall in quality.shortfalls(asked_db):
         click.echo(f"  {shortfall}", err=True)
+
+
+def _print_account(found: Any) -> None:
+    """How the scene was looked at and what is not in the file as it was, as METADATA has it if nobody overwrote it."""
+    if not isinstance(found, dict) or not {"up", "radius", "left_out"} <= found.keys():
+        return
+    how = "detected; --frame to override" if found["up_detected"] else "as given"
+    doubt = f", perhaps {found['up_or']}" if "up_or" in found else ""
+    views = ", ".join(f"{count} {kind}" for kind, count in found["views"].items())
+    click.echo(f"up: {found['up']}{doubt} ({how}); radius {found['radius']:g}; views: {views}", err=True)
+    gone = found["left_out"]
+    said = f"left out: {gone['invisible']:,} invisible from all views, {gone['faint']:,} too faint for this quality"
+    if "without_view_dependence" in found:
+        said += f"; without view-dependent colour: {found['without_view_dependence']:,}"
+    click.echo(said, err=True)

@@ -17,11 +17,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scarfmt.arrays import F64
+from scarfmt.container.morton import MAX_BITS, interleave
 from scarfmt.render.camera import NEAR, Arc, Camera, core, look_at, upward_axes
+from scarfmt.render.upright import resolved
 from scarfmt.scene.gaussians import GaussianScene
 
 WIDTH, HEIGHT, FOV_DEG = 640, 480, 60.0
 _NEAR_PART = 0.05
+_CELL_PART = 0.1
+"""Side of the cells that near views are spread over, radii."""
 _AIM = 0.5
 """How far from the middle, in half extents, a view looks at most."""
 
@@ -34,7 +38,7 @@ class Surroundings:
         middle: (3,) float64, of the core.
         half: (3,) float64 half extents of the core.
         axes: (3, 3) float64 rows: azimuth 0, azimuth 90 degrees, up.
-        places: (n, 3) float64 finite positions, those near views look at.
+        places: (n, 3) float64 pieces of the scene that near views look at, neighbours side by side.
         arc: azimuths (degrees) that eyes outside stay within.
     """
 
@@ -46,15 +50,15 @@ class Surroundings:
 
     @staticmethod
     def of(scene: GaussianScene, frame: str) -> Surroundings:
-        """Of a scene with the up axis, and perhaps the arc, of `frame`.
+        """Of a scene with the up axis, and perhaps the arc, of `frame`; of :data:`AUTO`, those it seems to have.
 
         Raises:
             InvalidInput: ``input-frame``; ``input-empty`` if no position is finite.
         """
-        arc = Arc.parse(frame)
+        arc = Arc.parse(resolved(scene, frame).up)
         axes = upward_axes(arc.up)
         middle, half = core(scene, axes[2])
-        places = scene.positions[np.isfinite(scene.positions).all(axis=1)]
+        places = occupied(scene.positions[np.isfinite(scene.positions).all(axis=1)], float(np.linalg.norm(half)))
         return Surroundings(middle, half, axes, places, arc)
 
     @property
@@ -72,6 +76,24 @@ class Surroundings:
     def camera(self, eye: F64, target: F64, name: str) -> Camera:
         """The view from `eye` towards `target`."""
         return look_at(eye, target, self.axes[2], WIDTH, HEIGHT, FOV_DEG, name, min(NEAR, _NEAR_PART * self.radius))
+
+
+def occupied(positions: F64, radius: float) -> F64:
+    """(n, 3) some of the (N, 3) positions, in Morton order: of a cell that holds many, about the square root of that.
+
+    Evenly spaced among these, a few reach every region, and crowded ones more often.
+    """
+    side = _CELL_PART * radius or 1.0
+    low = np.percentile(positions, 1, axis=0) - side
+    cells = np.clip((positions - low) / side, 0, (1 << MAX_BITS) - 1).astype(np.uint64)
+    codes = interleave(cells)
+    order = np.argsort(codes, kind="stable")
+    first = np.flatnonzero(np.diff(codes[order], prepend=codes[order[:1]] + np.uint64(1)))
+    held = np.diff(np.append(first, len(order)))
+    taken = np.ceil(np.sqrt(held)).astype(np.int64)
+    # The k-th of those taken from a cell that holds h: the first, and then every so many-th.
+    rank = np.arange(taken.sum()) - np.repeat(np.cumsum(taken) - taken, taken)
+    return np.asarray(positions[order[np.repeat(first, taken) + rank * np.repeat(held // taken, taken)]])
 
 
 def _orbit(around: Surroundings, u: F64) -> tuple[F64, F64]:

@@ -37,16 +37,15 @@ def _forget() -> None:
 
 
 def test_a_path_tells_everything_a_file_depends_on(scene: Scene, tmp_path: Path) -> None:
-    """Scene, quality, effort, frame and cameras: each gives another path, the same ones the same path."""
+    """Scene, quality, effort and cameras: each gives another path, the same ones the same path."""
     (tmp_path / "cameras.json").write_text("[]")
     paths = {
         encoded.encoded_path(scene, 41.0, 2),
         encoded.encoded_path(scene, 47.0, 2),
         encoded.encoded_path(scene, 41.0, 1),
-        encoded.encoded_path(replace(scene, frame="z"), 41.0, 2),
         encoded.encoded_path(replace(scene, known=tmp_path / "cameras.json"), 41.0, 2),
     }
-    assert len(paths) == 5
+    assert len(paths) == 4
     assert encoded.encoded_path(scene, 41.0, 2) in paths
 
 
@@ -84,18 +83,21 @@ def test_a_file_that_is_there_is_not_encoded_again(scene: Scene, monkeypatch: py
 
 
 def test_pictures_of_a_file_are_compared_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Until the decoder's source changes."""
+    """Until the decoder's source changes; its last layer alone is another question."""
     compared: list[int] = []
     monkeypatch.setattr(quality, "load_subject", lambda _name: Subject(placed_at(3), placed_at(3)))
-    monkeypatch.setattr(quality, "layer_table", lambda _name: [{"layer": 1}])
-    monkeypatch.setattr(quality, "_layer", lambda *_rest: compared.append(1) or {"psnr_db": 40.0})
+    monkeypatch.setattr(quality, "layer_table", lambda _name: [{"layer": 1}, {"layer": 2}])
+    monkeypatch.setattr(quality, "_layer", lambda *of: compared.append(of[-1]["layer"]) or {"psnr_db": 40.0})
+    monkeypatch.setattr(Scene, "judged_views", lambda *_of: [])
     scene, path = Scene("a scene", tmp_path / "a.ply"), tmp_path / "a.scar"
     first, second = (quality.distortion(scene, path) for _ in range(2))
-    assert first == second == {"source_photos_psnr_db": None, "layers": [{"psnr_db": 40.0}]}
-    assert len(compared) == 1
+    assert first == second == {"source_photos_psnr_db": None, "layers": [{"psnr_db": 40.0}] * 2}
+    assert compared == [1, 2]
+    quality.distortion(scene, path, whole=True)
+    assert compared == [1, 2, 2]
     monkeypatch.setattr(quality, "source_key", lambda _packages: "another decoder")
     quality.distortion(scene, path)
-    assert len(compared) == 2
+    assert compared == [1, 2, 2, 1, 2]
 
 
 def placed_at(count: int) -> GaussianScene:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from benchmarks.scaling import CODED, SERIES, markdown, points, slope
 from benchmarks.scaling_jobs import arrays, rewrite, stream
 from benchmarks.scaling_scenes import copies, read_scene, recut, summary, without_networks
+from benchmarks.survey_time import laid_out, survey_table
 from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode
@@ -23,6 +24,7 @@ from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import BytesSource
 from scarfmt.limits import MAX_TILE_DEPTH
+from scarfmt.scene.gaussians import GaussianScene
 
 
 def _sorted(decoded: Decoded) -> np.ndarray:
@@ -152,3 +154,27 @@ def test_tables_show_every_size_and_only_what_was_measured() -> None:
     assert "| neural, tile by tile | - | - | - |" in text
     assert points([small, large], "encode, effort 1", "cpu") == [(200_000.0, 3.0)]
     assert set(CODED) == {series.split(",")[0] for series in SERIES} - {"encode"}
+
+
+def test_a_scene_laid_out_is_so_many_scenes_apart() -> None:
+    """On the ground: nothing is stacked; copies differ from the first by their jitter."""
+    random = np.random.default_rng(1)
+    zeros = np.zeros((50, 4), np.float32)
+    scales = np.full((50, 3), -9, np.float32)
+    one = GaussianScene(random.random((50, 3)), scales, zeros, zeros[:, 0], np.zeros((50, 1, 3), np.float32))
+    found = laid_out(one, 5, "z")
+    assert len(found) == 250
+    copies_of = found.positions.reshape(5, 50, 3)
+    assert np.array_equal(copies_of[0], one.positions)
+    moved = copies_of - one.positions
+    middles = np.median(moved, axis=1)
+    assert np.abs(middles[:, 2]).max() < 1e-3
+    assert len(np.unique(np.round(middles, 2), axis=0)) == 5
+    assert (moved[1].std(axis=0) > 0).all()
+
+
+def test_the_survey_tells_time_a_gaussian() -> None:
+    run = {"scene": "s", "copies": 1, "gaussians": 1000, "seconds": 2.0, "cpu": 1.0, "peak_bytes": 2**20}
+    text = survey_table({"a": run, "b": {**run, "gaussians": 4000, "cpu": 4.0}})
+    assert "| s | 1 | 1,000 | 2.0 | 1.0 | 1000 | 1 |" in text
+    assert "Slope of processor time: 1.00" in text

@@ -7,7 +7,7 @@ import pytest
 
 from scarfmt.render.camera import look_at
 from scarfmt.render.rasterise import render
-from scarfmt.render.viewpoints import KINDS, Surroundings, even_numbers, viewpoints
+from scarfmt.render.viewpoints import KINDS, Surroundings, beside, even_numbers, occupied, viewpoints
 from tests.render.scenes import random_scene
 
 
@@ -59,3 +59,24 @@ def test_sampled_pixels_are_those_of_the_whole_picture() -> None:
     scene = random_scene(2, 300)
     whole = look_at(np.array([0.0, 0, -4]), np.zeros(3), np.array([0.0, -1, 0]), 90, 60)
     np.testing.assert_allclose(render(scene, whole.sampled(3)), render(scene, whole)[1::3, 1::3], atol=1e-5)
+
+
+def test_near_views_reach_every_region() -> None:
+    """Of a crowd and of a few Gaussians far from it, both are among the pieces to look at, the crowd more often."""
+    draw = np.random.default_rng(0)
+    crowd, lonely = draw.normal(0, 0.01, (9000, 3)), np.array([[5.0, 0, 0], [0, 5, 0], [0, 0, 5]])
+    places = occupied(np.concatenate([crowd, lonely]), 1.0)
+    assert all((np.abs(places - place).max(axis=1) < 1e-9).any() for place in lonely)
+    assert 50 < (np.abs(places) < 0.1).all(axis=1).sum() < 1000
+
+
+def test_views_beside_cameras_are_close_to_them(around: Surroundings) -> None:
+    cameras = viewpoints(around, "orbit", 20, 1)
+    found = beside(cameras, 0.1, 10, 3)
+    moved = np.stack([new.centre - old.centre for new, old in zip(found, cameras, strict=True)])
+    assert 0 < np.abs(moved).max() <= 0.1
+    turned = [
+        np.degrees(np.arccos(new.world_to_camera[2, :3] @ old.world_to_camera[2, :3]))
+        for new, old in zip(found, cameras, strict=True)
+    ]
+    assert 1 < np.median(turned) < max(turned) < 18

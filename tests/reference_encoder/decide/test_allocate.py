@@ -6,8 +6,18 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reference_encoder.decide.allocate import aligned_steps, classify, entropy_bits, hull_choice
+from reference_encoder.decide.allocate import (
+    LatentChain,
+    aligned_steps,
+    classify,
+    entropy_bits,
+    hull_choice,
+    increment,
+    plan_channel,
+)
 from reference_encoder.decide.rdo import choose_values
+from reference_encoder.tuning import COARSEST_COLOUR
+from scarfmt.container.schema import Stream
 
 
 @given(
@@ -81,3 +91,18 @@ def test_rounding_never_raises_the_lagrangian(seed: int, lambda_: float) -> None
         assert np.array_equal(chosen, np.rint(scaled))
     elif lambda_ == 10.0:
         assert np.abs(chosen).sum() < np.abs(np.rint(scaled)).sum()
+
+
+def test_no_layer_has_colours_that_turn_grey() -> None:
+    """However dear bits are, cells of colour stay narrow; shapes may be as coarse as they come."""
+    draw = np.random.default_rng(4)
+    classes, weight = np.zeros(500, np.int64), np.full((500, 3), 1e-9)
+    step = (2.2, 2.2, 2.6)
+    plans = [
+        plan_channel(stream, draw.normal(0, 0.2, (500, 3)), step, weight, classes, 1)
+        for stream in (Stream.SCALE, Stream.COLOUR)
+    ]
+    nothing = LatentChain(0, np.zeros((1, 1)), np.zeros((1, 1)))
+    (_, scale, colour, _), _, _ = increment(plans, nothing, 0, 1e9, 1e-9)
+    assert scale == 1
+    assert COARSEST_COLOUR / 3 < max(step) / 3.0 ** (colour - 1) <= COARSEST_COLOUR * (1 + 1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,9 +18,12 @@ from reference_encoder.decide.layering import (
     LayerCosts,
     best_looking,
     first_picture,
+    likely_first,
     predicted,
+    predicted_after,
+    whole,
 )
-from reference_encoder.tuning import LARGEST_SHARE, PICTURE_DB
+from reference_encoder.tuning import FRONT_LAMBDA, LARGEST_SHARE, PICTURE_DB, WORTH_DB
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
@@ -35,7 +39,8 @@ def layer_costs(seed: int) -> LayerCosts:
     plan = plan_channel(Stream.SCALE, draw.normal(size=(4000, 3)), (0.9,) * 3, weight, classes, CLASSES)
     nothing = LatentChain(0, np.zeros((CLASSES, 1)), np.zeros((CLASSES, 1)))
     fixed, absence = np.full(CLASSES, 500.0), np.bincount(classes, weight.sum(axis=1) * 20, CLASSES)
-    return LayerCosts([plan], nothing, lambda _: fixed, absence, 0.0, 500.0, 1e-6)
+    sizes = np.bincount(classes, minlength=CLASSES)
+    return LayerCosts([plan], nothing, lambda _: fixed, sizes, absence, 0.0, 500.0, 1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -55,10 +60,14 @@ def checked(costs: LayerCosts, choices: Sequence[LayerChoice]) -> None:
     assert choices[-1] == costs.final
 
 
-def decibels(entries: Sequence[Entry], part: float = 1.0) -> float:
+def decibels(entries: Sequence[Entry], parts: Sequence[float]) -> float:
     """A stand-in for pictures: 6 dB for each class that is there, 2 dB for each step of each, half of it for half."""
-    worth = [6.0 + 2.0 * entry[1] for entry in entries]
-    return sum(worth[:-1]) + part * worth[-1]
+    return sum(part * (6.0 + 2.0 * entry[1]) for entry, part in zip(entries, parts, strict=True))
+
+
+def seen(costs: LayerCosts, choice: LayerChoice) -> float:
+    """What the stand-in sees of a layer."""
+    return decibels(costs.entries(choice), choice.parts)
 
 
 @settings(deadline=None, max_examples=20)
@@ -83,31 +92,67 @@ def test_predicted_first_layer_keeps_to_its_share(costs: LayerCosts) -> None:
 
 
 def test_first_picture_is_good_enough_and_no_smaller_one_is(costs: LayerCosts) -> None:
-    """It reaches what a picture needs; among all lambdas and classes, none much smaller does."""
+    """It reaches what a picture needs; among all lambdas and fronts, none much smaller does."""
     found = first_picture(costs, decibels, QUALITY, 0.3)
-    assert decibels(costs.entries(found), found.part) >= PICTURE_DB
-    every = [LayerChoice(float(lambda_), shown) for shown in range(1, CLASSES + 1) for lambda_ in costs.lambdas]
-    good = [costs.bits(choice) for choice in every if decibels(costs.entries(choice)) >= PICTURE_DB]
+    assert seen(costs, found) >= PICTURE_DB
+    every = [LayerChoice(float(lambda_), parts, False) for parts in costs.fronts() for lambda_ in costs.lambdas]
+    good = [costs.bits(choice) for choice in every if seen(costs, choice) >= PICTURE_DB]
     assert costs.bits(found) <= 1.1 * min(good)
 
 
-def test_first_picture_takes_a_part_of_a_class_if_that_will_do(costs: LayerCosts) -> None:
-    """A class that is more than needed is shown in part, and the part costs its share."""
+def test_first_picture_takes_parts_of_classes_if_they_will_do(costs: LayerCosts) -> None:
+    """Classes that are more than needed are shown in part, and the parts cost their share."""
 
-    def look(entries: Sequence[Entry], part: float) -> float:
-        return 20.0 if len(entries) < 3 or part < 0.5 else 40.0
+    def look(_entries: Sequence[Entry], parts: Sequence[float]) -> float:
+        return 40.0 if sum(parts) > 1.5 else 20.0
 
     found = first_picture(costs, look, QUALITY, 0.3)
-    assert (found.shown, found.part) == (3, 0.5)
-    assert costs.bits(found) < costs.bits(LayerChoice(found.lambda_, 3))
+    assert 1.5 < sum(found.parts) < 2.5
+    assert found.shown > 2
+    assert costs.bits(found) < costs.bits(replace(found, parts=(1.0,) * found.shown))
+
+
+def test_fronts_grow_from_one_class_to_all(costs: LayerCosts) -> None:
+    """Each shows no less of any class than the one before, and more of some; small classes are never cut."""
+    fronts = replace(costs, sizes=np.array([1, 1000, 1000, 10])).fronts()
+    padded = np.array([(*front, *[0.0] * (CLASSES - len(front))) for front in fronts])
+    assert (np.diff(padded, axis=0) >= 0).all()
+    assert (np.diff(padded, axis=0).sum(axis=1) > 0).all()
+    assert set(np.unique(padded[:, [0, 3]])) <= {0.0, 1.0}
+    assert padded[-1].min() > 0
+
+
+def test_first_picture_has_latents_where_they_pay(costs: LayerCosts) -> None:
+    """Without them it does not carry codebooks and decoder; with them it does, if nothing else looks good enough."""
+    told = replace(costs, latent=LatentChain(1, np.tile([0.0, 50.0], (CLASSES, 1)), np.tile([9.0, 0.0], (CLASSES, 1))))
+    assert not first_picture(told, decibels, QUALITY, 0.3).latent
+    found = first_picture(told, lambda entries, parts: decibels(entries, parts) * entries[0][0], QUALITY, 0.3)
+    assert found.latent
+    assert costs.bits(found) - costs.bits(replace(found, latent=False)) == pytest.approx(costs.model_bits)
 
 
 def test_first_picture_out_of_reach_is_the_best_of_the_share(costs: LayerCosts) -> None:
     """Where nothing affordable is good enough, it is the best looking one within the share."""
-    found = first_picture(costs, lambda entries, _: float(len(entries)), QUALITY, 0.3)
+    found = first_picture(costs, lambda _, parts: sum(parts), QUALITY, 0.3)
     assert costs.bits(found) <= 0.3 * costs.bits(costs.final) < LARGEST_SHARE * costs.bits(costs.final)
-    affordable = [costs.affordable(shown, 0.3 * costs.bits(costs.final)) for shown in range(1, CLASSES + 1)]
-    assert found.shown == max(choice.shown for choice in affordable if choice)
+    kinds = (LayerChoice(costs.last, parts) for parts in costs.fronts())
+    affordable = [costs.affordable(kind, 0.3 * costs.bits(costs.final)) for kind in kinds]
+    assert sum(found.parts) == max(sum(choice.parts) for choice in affordable if choice)
+
+
+def test_likely_first_layer_keeps_to_its_share_at_a_good_lambda(costs: LayerCosts) -> None:
+    """Unseen, it is the one of all fronts in its share whose lambda is nearest to what is best as a rule."""
+    found = likely_first(costs, 0.3)
+    budget = 0.3 * costs.bits(costs.final)
+    assert costs.bits(found) <= budget
+    others = (costs.affordable(replace(found, parts=parts), budget) for parts in costs.fronts())
+    off = [abs(np.log(choice.lambda_ / (FRONT_LAMBDA * costs.last))) for choice in others if choice]
+    assert abs(np.log(found.lambda_ / (FRONT_LAMBDA * costs.last))) == min(off)
+
+
+def test_predicted_layers_after_a_first_are_a_valid_table(costs: LayerCosts) -> None:
+    """Nothing that the first layer shows is taken back."""
+    checked(costs, predicted_after(whole(float(costs.lambdas[30]), 3), costs, 4))
 
 
 def test_low_quality_wants_less_of_its_first_picture(costs: LayerCosts) -> None:
@@ -119,17 +164,27 @@ def test_low_quality_wants_less_of_its_first_picture(costs: LayerCosts) -> None:
 @settings(deadline=None, max_examples=20)
 @given(seed=st.integers(0, 50), layers=st.integers(2, 8))
 def test_every_layer_looks_better(seed: int, layers: int) -> None:
-    """Layers chosen by looks are a valid table, grow in bits, and none is there that shows no more."""
+    """Layers chosen by looks are a valid table, grow in bits, and each gains a dB, the last included."""
     costs = layer_costs(seed)
-    choices = best_looking(costs, decibels, first_picture(costs, decibels, QUALITY, 0.3), layers)
-    choices = [LayerChoice(choice.lambda_, choice.shown) for choice in choices]
+    first = whole(first_picture(costs, decibels, QUALITY, 0.3).lambda_, 1)
+    choices = best_looking(costs, decibels, first, layers)
     checked(costs, choices)
     assert 2 <= len(choices) <= layers
-    shown = [decibels(costs.entries(choice)) for choice in choices[:-1]]
-    assert all(b - a >= 0.5 for a, b in pairwise(shown))
+    shown = [seen(costs, choice) for choice in choices]
+    assert all(b - a >= WORTH_DB for a, b in pairwise(shown))
 
 
 def test_layers_that_show_nothing_new_are_left_out(costs: LayerCosts) -> None:
     """Pictures that do not change make two layers of any number asked for."""
-    first = first_picture(costs, decibels, QUALITY, 0.3)
-    assert best_looking(costs, lambda _entries, _part: 30.0, first, 6) == [first, costs.final]
+    first = whole(float(costs.lambdas[20]), 2)
+    assert best_looking(costs, lambda _entries, _parts: 30.0, first, 6) == [first, costs.final]
+
+
+def test_a_layer_that_leaves_nothing_to_the_last_is_left_out(costs: LayerCosts) -> None:
+    """The last layer, which takes most bytes, gains as much as any."""
+    first = whole(float(costs.lambdas[20]), 2)
+
+    def look(entries: Sequence[Entry], _parts: Sequence[float]) -> float:
+        return 20.0 if entries == costs.entries(first) else 35.0
+
+    assert best_looking(costs, look, first, 6) == [first, costs.final]

@@ -14,6 +14,7 @@ from reference_encoder.measure.weights import KindWeights, weighed
 from scarfmt.container.schema import Stream
 from scarfmt.render.camera import Camera, orbit_cameras
 from scarfmt.render.rasterise import render
+from scarfmt.render.upright import Upright
 from scarfmt.scene.gaussians import GaussianScene
 
 
@@ -46,7 +47,7 @@ def model(scene: GaussianScene, cameras: list[Camera]) -> Sensitivity:
 
 def seen_from(scene: GaussianScene, cameras: list[Camera]) -> Sensitivity:
     """Sensitivities from some views, without the floor."""
-    weights = weighed(scene, Survey({"orbit": cameras}, {"orbit": 1.0}, 1.0))
+    weights = weighed(scene, Survey({"orbit": cameras}, {"orbit": 1.0}, 1.0, Upright("-y")))
     nothing = np.zeros(len(scene), np.float32)
     return measure(from_scene(scene), replace(weights, floor=KindWeights(nothing, nothing)))
 

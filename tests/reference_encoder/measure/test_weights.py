@@ -11,6 +11,7 @@ from reference_encoder.measure.survey import Survey
 from reference_encoder.measure.weights import weighed
 from reference_encoder.tuning import SURVEY_POWER
 from scarfmt.render.rasterise import contributions
+from scarfmt.render.upright import Upright
 from tests.render.scenes import random_scene, small_camera
 
 
@@ -18,7 +19,7 @@ def test_weights_are_power_means_over_views_and_kinds() -> None:
     """Of each kind over its views, and of these by their shares."""
     scene, views = random_scene(4, 300), [small_camera(), small_camera(33, 20), small_camera(50, 60)]
     shares = {"orbit": 0.75, "near": 0.25}
-    found = weighed(scene, Survey({"orbit": views[:2], "near": views[2:]}, shares, 1.0))
+    found = weighed(scene, Survey({"orbit": views[:2], "near": views[2:]}, shares, 1.0, Upright("-y")))
     single = [contributions(scene, [view]).weight_sq / (3 * view.width * view.height) for view in views]
     powers = [weight**SURVEY_POWER for weight in single]
     expected = (0.75 * (powers[0] + powers[1]) / 2 + 0.25 * powers[2]) ** (1 / SURVEY_POWER)
@@ -34,7 +35,7 @@ def test_what_nobody_sees_weighs_the_floor() -> None:
         log_scales=np.log(np.float32([[0.1] * 3, [0.2] * 3, [0.2] * 3, [0.2] * 3])),
         opacity_logits=np.float32([3, 3, -3, -20]),
     )
-    found = weighed(hidden, Survey({"orbit": [small_camera()]}, {"orbit": 1.0}, 1.0))
+    found = weighed(hidden, Survey({"orbit": [small_camera()]}, {"orbit": 1.0}, 1.0, Upright("-y")))
     assert found.largest.max() == 0
     small, large, faint, transparent = found.shape
     assert large == pytest.approx(4 * small, rel=0.05)
