@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from reference_encoder.options import EncodeOptions
-from reference_encoder.pipeline import encoded
+from reference_encoder.pipeline import Encoded, encoded
 from scarfmt.coding.writer import Report, silent
 from scarfmt.errors import InvalidInput
 from scarfmt.render.capture.seen import warn_of_strangers
@@ -15,7 +15,9 @@ from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 __all__ = ["EncodeOptions", "encode"]
 
 
-def encode(scene: GaussianScene | AnchorModel, options: EncodeOptions | None = None, report: Report = silent) -> bytes:
+def encode(
+    scene: GaussianScene | AnchorModel, options: EncodeOptions | None = None, report: Report = silent
+) -> Encoded:
     """The bytes of a file for `scene`: the same for the same scene, options, packages and BLAS kernel.
 
     What another BLAS kernel changes, and what nothing changes: `EncodeOptions.seed`.

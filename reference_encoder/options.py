@@ -26,12 +26,14 @@ class EncodeOptions:
     """Options of `encode`.
 
     Attributes:
-        quality: about the PSNR in dB, against the source, of pictures of the last layer; 20..80.
+        quality: PSNR in dB, against the source, that pictures of the last layer have on average, from wherever views
+            are drawn that nothing was decided by; 20..80.
+        worst: dB that 19 of 20 of the views have by which results are judged (their 5th percentile), in place of a
+            mean; 20..80, or None.
         effort: 1 fast, static tables alone; 2 default; 3 slow: size of the training sample, epochs, codebooks, views,
             networks tried, corrections.
         corrections: how often at most lambda is corrected by what pictures of the result show, 0..10; 0 takes the
-            predicted one, None what `effort` says, and at effort 1 none of scenes of more than 262,144. Of explicit
-            scenes only.
+            predicted one, None what `effort` says.
         layers: most layers, 1..16. The first takes about a quarter of the bytes, from effort 2 as few as give a picture
             of 25 dB.
         cameras: views that matter most, e.g. those of the photos; None for everywhere alike.
@@ -53,6 +55,7 @@ class EncodeOptions:
     """
 
     quality: float = 45.0
+    worst: float | None = None
     effort: int = 2
     corrections: int | None = None
     layers: int = 5
@@ -65,6 +68,11 @@ class EncodeOptions:
     tile_anchors: int | None = None
     seed: int = 0
     metadata: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def asked_db(self) -> float:
+        """What is asked for: a mean, or the least of all."""
+        return self.quality if self.worst is None else self.worst
 
     @property
     def trains_networks(self) -> bool:
@@ -87,6 +95,8 @@ class EncodeOptions:
         check_frame(self.frame)
         if not MIN_QUALITY <= self.quality <= MAX_QUALITY:
             raise InvalidInput("input-options", f"quality {self.quality} is not in 20..80", field="quality")
+        if self.worst is not None and not MIN_QUALITY <= self.worst <= MAX_QUALITY:
+            raise InvalidInput("input-options", f"worst {self.worst} is not in 20..80", field="worst")
         if self.effort not in EFFORTS:
             raise InvalidInput("input-options", f"effort {self.effort} is not 1, 2 or 3", field="effort")
         if self.corrections is not None and not 0 <= self.corrections <= MAX_CORRECTIONS:
@@ -147,9 +157,9 @@ class Effort:
         epochs: passes over them.
         stages: RVQ stages tried.
         survey_views: views of the survey; more where a scene holds more.
-        judged_views: pictures a result is judged by.
+        judged_views: small pictures of each kind a result is judged by.
+        judged_gaussians: fewer, if a source of so many Gaussians would be drawn more than once for each kind.
         corrections: of lambda, by what these show.
-        corrects_large_scenes: also in scenes of more than `tuning.LARGE_SCENE` Gaussians.
         looks_at_layers: whether pictures decide what layers hold.
         networks: whether predictors and an index network are trained, and kept where they make the file smaller.
         attention: whether an index network with spatial-query attention is tried too.
@@ -163,8 +173,8 @@ class Effort:
     stages: int
     survey_views: int
     judged_views: int
+    judged_gaussians: int
     corrections: int
-    corrects_large_scenes: bool
     looks_at_layers: bool
     networks: bool
     attention: bool
@@ -179,9 +189,9 @@ EFFORTS = {
         epochs=5,
         stages=2,
         survey_views=96,
-        judged_views=4,
-        corrections=2,
-        corrects_large_scenes=False,
+        judged_views=128,
+        judged_gaussians=8_000_000,
+        corrections=4,
         looks_at_layers=False,
         networks=False,
         attention=False,
@@ -194,9 +204,9 @@ EFFORTS = {
         epochs=7,
         stages=2,
         survey_views=192,
-        judged_views=6,
-        corrections=2,
-        corrects_large_scenes=True,
+        judged_views=128,
+        judged_gaussians=16_000_000,
+        corrections=5,
         looks_at_layers=True,
         networks=True,
         attention=False,
@@ -209,9 +219,9 @@ EFFORTS = {
         epochs=12,
         stages=3,
         survey_views=384,
-        judged_views=12,
-        corrections=3,
-        corrects_large_scenes=True,
+        judged_views=192,
+        judged_gaussians=64_000_000,
+        corrections=6,
         looks_at_layers=True,
         networks=True,
         attention=True,

@@ -7,10 +7,10 @@
       planned         Plans       nothing: what each step of each class costs, gains    decide/plans.py
       predicted       choices     what each layer shows                                 decide/layering.py
       decide          Decision    steps, contexts, the integers of all channels         decide/decision.py
-    calibrated        Attempt     lambda, by pictures of the result                     judge/calibrate.py
-    layered           Attempt     what each layer shows, by pictures of layers          decide/layering.py
-    .finish           Quantised   all integers of the file                              profiles, decide/assemble.py
-    smallest_file     bytes       which networks the file gets                          networks
+      .finish         Quantised   all integers of the file                              profiles, decide/assemble.py
+    looked_at         Layering    what each layer shows, by pictures of layers          decide/layering.py
+    smallest_file     Written     which networks the file gets                          networks
+    encoded           Encoded     lambda, by pictures of the result after each stage    judge
 
 One currency runs through all of it: lambda, squared picture error per bit.
 """
@@ -19,12 +19,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from importlib.util import find_spec
+from typing import Any
 
 from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision, decide
 from reference_encoder.decide.layering import (
     Entry,
+    LayerChoice,
+    Layering,
     Look,
     best_looking,
     first_picture,
@@ -34,17 +38,21 @@ from reference_encoder.decide.layering import (
 )
 from reference_encoder.decide.plans import Plans, layer_costs, planned
 from reference_encoder.decide.problem import Problem
-from reference_encoder.judge.calibrate import calibrated
-from reference_encoder.judge.reconstruct import reconstructed, rough
+from reference_encoder.judge.calibrate import Search
+from reference_encoder.judge.judge import Judge
+from reference_encoder.judge.quality import Quality
+from reference_encoder.judge.rough import rough
+from reference_encoder.judge.views import Sight
 from reference_encoder.networks.file_costs import index_bytes, latent_cost, within_limits
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
-from reference_encoder.tuning import FIRST_CAP_DB, LARGE_SCENE
-from scarfmt.coding.writer import Report, silent, write_scene
+from reference_encoder.tuning import FIRST_CAP_DB, WORST_BELOW_DB
+from scarfmt.coding.writer import QuantisedScene, Report, silent, write_scene
 from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput, missing_package
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from scarfmt.tools.annotate import annotated
 
 
 @dataclass(frozen=True)
@@ -55,28 +63,61 @@ class Attempt:
         problem: what there was to decide.
         plans: what it costs.
         decision: what was decided.
+        plain: all integers, before any network.
     """
 
     problem: Problem
     plans: Plans
     decision: Decision
+    plain: Quantised
 
 
-def encoded(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report = silent) -> bytes:
-    """The bytes of a file for `scene`, all stages one after another.
+@dataclass(frozen=True)
+class Written:
+    """A file, and all integers of it."""
+
+    data: bytes
+    scene: QuantisedScene
+
+
+class Encoded(bytes):
+    """The bytes of a file, and how good its pictures are.
+
+    Attributes:
+        quality: of the last layer, from views that played no part in encoding.
+    """
+
+    quality: Quality
+
+    @classmethod
+    def of(cls, data: bytes, quality: Quality) -> Encoded:
+        """Bytes with what is known of them."""
+        made = cls(data)
+        made.quality = quality
+        return made
+
+
+def encoded(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report = silent) -> Encoded:
+    """A file for `scene`, all stages one after another, and how good its pictures are.
+
+    What comes after the first corrections of lambda moves pictures a little: layers by looks, codewords chosen again.
+    So each stage ends by looking again, the last at what the finished file holds.
 
     Raises:
         InvalidInput: ``input-dependency`` where torch is needed and missing, ``input-anchors``.
     """
-    return smallest_file(quantised(scene, options, report), options, report)
+    check_torch(scene, options)
+    loop = Loop(measured(scene, options, report))
+    written = loop.written(loop.laid_out())
+    quality = loop.reported(written)
+    metadata = {"quality": quality.figures(), **written.scene.metadata}
+    return Encoded.of(annotated(written.data, metadata), quality)
 
 
 def quantised(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report = silent) -> Quantised:
     """Everything that is decided about a scene before any network."""
     check_torch(scene, options)
-    profile = measured(scene, options, report)
-    attempt = layered(profile, calibrated_attempt(profile))
-    return profile.finish(attempt.problem, attempt.decision)
+    return Loop(measured(scene, options, report)).laid_out().plain
 
 
 def check_torch(scene: GaussianScene | AnchorModel, options: EncodeOptions) -> None:
@@ -98,7 +139,7 @@ def check_torch(scene: GaussianScene | AnchorModel, options: EncodeOptions) -> N
     raise InvalidInput(missing.refusal, f"{missing.message}; {advice}")
 
 
-def measured(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report) -> Profile:
+def measured(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report) -> Profile[Any]:
     """The scene, and what an error in each of its values shows."""
     if isinstance(scene, AnchorModel):
         from reference_encoder.profiles.anchors import AnchorProfile  # needs torch
@@ -107,66 +148,60 @@ def measured(scene: GaussianScene | AnchorModel, options: EncodeOptions, report:
     return ExplicitProfile.measured(scene, options, report)
 
 
-def attempted(profile: Profile, quality: float) -> Attempt:
-    """What is decided at the lambda that is predicted to give `quality` dB, layers as predicted."""
-    problem = profile.problem(quality)
+def attempted(profile: Profile[Any], quality: float, layering: Layering | None = None) -> Attempt:
+    """What is decided at the lambda predicted to give `quality` dB; layers as predicted, or as `layering` has."""
+    return decided(profile, profile.problem(quality), layering)
+
+
+def decided(profile: Profile[Any], problem: Problem, layering: Layering | None) -> Attempt:
+    """What is decided about a problem, layers as predicted or as `layering` says."""
     profile.report("allocate", 0.0)
+    if layering is None and profile.looks is not None and profile.options.layers > 1:
+        layering = likely(profile, problem)
+    classes = problem.classes.count
+    if layering is not None:
+        problem = layering.split(problem)
     plans = planned(problem)
-    choices = predicted(layer_costs(problem, plans), problem.budget.base_share, profile.options.layers)
+    costs = layer_costs(problem, plans)
+    if layering is not None:
+        choices = layering.choices(costs, classes)
+    else:
+        choices = predicted(costs, problem.budget.base_share, profile.options.layers)
     decision = decide(problem, plans, choices)
     profile.report("allocate", 1.0)
-    return Attempt(problem, plans, decision)
+    return Attempt(problem, plans, decision, profile.finish(problem, decision))
 
 
-def calibrated_attempt(profile: Profile) -> Attempt:
-    """The attempt whose pictures are about as good as asked for, or the predicted one where none can be drawn."""
-    options, judge = profile.options, profile.judge
-    if judge is None:
-        return attempted(profile, options.quality)
-
-    def judged(tried: Attempt) -> float:
-        profile.report("quality", 0.0)
-        return judge.psnr_db(reconstructed(tried.problem, tried.decision))
-
-    corrections = allowed_corrections(options, profile.source_count)
-    return calibrated(options.quality, corrections, lambda aim: attempted(profile, aim), judged)
+def likely(profile: Profile[Any], problem: Problem) -> Layering:
+    """Layers that are good as a rule, without a look at them."""
+    costs, share = layer_costs(problem, planned(problem)), problem.budget.base_share
+    first = likely_first(costs, share)
+    problem, whole = _split_for(problem, first)
+    choices = predicted_after(whole, layer_costs(problem, planned(problem)), profile.options.layers)
+    return Layering.of(len(costs.sizes), first, choices)
 
 
-def allowed_corrections(options: EncodeOptions, source_count: int) -> int:
-    """How often lambda may be corrected: as asked for, or by effort."""
-    effort = EFFORTS[options.effort]
-    if options.corrections is not None:
-        return options.corrections
-    # At effort 1 a third of the time, where the prediction is best.
-    return effort.corrections if effort.corrects_large_scenes or source_count <= LARGE_SCENE else 0
-
-
-def layered(profile: Profile, attempt: Attempt) -> Attempt:
-    """The attempt with a first layer without holes, and others after it; as it is where none can be drawn."""
-    problem, plans, options = attempt.problem, attempt.plans, profile.options
-    if profile.judge is None or options.layers == 1:
-        return attempt
-    share, costs = problem.budget.base_share, layer_costs(problem, plans)
-    looking = EFFORTS[options.effort].looks_at_layers
-    first = (
-        first_picture(costs, _look(profile, problem, plans, FIRST_CAP_DB), options.quality, share)
-        if looking
-        else likely_first(costs, share)
-    )
-    if min(first.parts) < 1:
-        problem, first = problem.split(first.parts), replace(first, parts=(1.0,) * first.shown)
-        plans = planned(problem)
-    costs = layer_costs(problem, plans)
-    choices = (
-        best_looking(costs, _look(profile, problem, plans, options.quality), first, options.layers)
-        if looking
-        else predicted_after(first, costs, options.layers)
-    )
+def looked_at(profile: Profile[Any], problem: Problem) -> Layering:
+    """What layers are best by their looks."""
+    plans, options, classes = planned(problem), profile.options, problem.classes.count
+    look = _look(profile, problem, plans, FIRST_CAP_DB)
+    first = first_picture(layer_costs(problem, plans), look, options.asked_db, problem.budget.base_share)
+    problem, whole = _split_for(problem, first)
+    plans = planned(problem)
+    look = _look(profile, problem, plans, options.asked_db)
+    choices = best_looking(layer_costs(problem, plans), look, whole, options.layers)
     profile.report("layers", 1.0)
-    return Attempt(problem, plans, decide(problem, plans, choices))
+    return Layering.of(classes, first, choices)
 
 
-def _look(profile: Profile, problem: Problem, plans: Plans, most: float) -> Look:
+def _split_for(problem: Problem, first: LayerChoice) -> tuple[Problem, LayerChoice]:
+    """The problem with classes of their own for what the first layer shows, and that layer of it."""
+    if min(first.parts) == 1:
+        return problem, first
+    return problem.split(first.parts), replace(first, parts=(1.0,) * first.shown)
+
+
+def _look(profile: Profile[Any], problem: Problem, plans: Plans, most: float) -> Look:
     """Looks at layers, each view counting as at most `most` dB."""
 
     def decibels(entries: Sequence[Entry], parts: Sequence[float]) -> float:
@@ -177,8 +212,77 @@ def _look(profile: Profile, problem: Problem, plans: Plans, most: float) -> Look
     return decibels
 
 
-def smallest_file(plain: Quantised, options: EncodeOptions, report: Report = silent) -> bytes:
-    """The bytes of the smallest file found: up to three are written, and the first is the one without networks.
+class Loop:
+    """The stages after measuring, each repeated until pictures are as good as asked.
+
+    Attributes:
+        profile: the scene.
+        search: for the quality to predict for.
+        layering: what layers hold by their looks, once that is known.
+    """
+
+    def __init__(self, profile: Profile[Any]) -> None:
+        options = profile.options
+        self.profile = profile
+        start = options.quality if options.worst is None else options.worst + WORST_BELOW_DB
+        self.search = Search(options.asked_db, allowed_corrections(options), start)
+        self.layering: Layering | None = None
+
+    @cached_property
+    def judge(self) -> Judge[Any]:
+        """Pictures of the source, drawn when they are first wanted."""
+        return self.profile.judge(Sight.LOOP)
+
+    def attempt(self, aim: float) -> Attempt:
+        """What is decided for an aim, dB."""
+        return attempted(self.profile, aim, self.layering)
+
+    def found(self, scene: QuantisedScene) -> float:
+        """What pictures of a file will have of what was asked for, dB."""
+        self.profile.report("quality", 0.0)
+        quality = self.judge.quality(self.profile.finished(scene))
+        return quality.mean_db if self.profile.options.worst is None else quality.low_db
+
+    def laid_out(self) -> Attempt:
+        """The attempt before any network that is as good as asked, layers in place."""
+        options, profile = self.profile.options, self.profile
+        looks = profile.looks is not None and EFFORTS[options.effort].looks_at_layers and options.layers > 1
+        spare = 1 if looks or options.trains_networks else 0
+        attempt = self._settled(self.attempt(self.search.aim), spare)
+        if looks:
+            problem = profile.problem(self.search.aim)
+            self.layering = looked_at(profile, problem)
+            attempt = self._settled(decided(profile, problem, self.layering), spare)
+        return attempt
+
+    def _settled(self, attempt: Attempt, spare: int = 0) -> Attempt:
+        return self.search.settled(attempt, self.attempt, lambda tried: self.found(tried.plain.scene), spare)
+
+    def written(self, attempt: Attempt) -> Written:
+        """The file, written again while codewords that were chosen again leave it off what was asked."""
+        options, report = self.profile.options, self.profile.report
+
+        def write(made: Attempt) -> Written:
+            return smallest_file(made.plain, options, report)
+
+        written = write(attempt)
+        if not options.trains_networks:
+            return written
+        return self.search.settled(written, lambda aim: write(self.attempt(aim)), lambda made: self.found(made.scene))
+
+    def reported(self, written: Written) -> Quality:
+        """How good pictures of a file are, from views that nothing was decided by."""
+        self.profile.report("quality", 0.0)
+        return self.profile.judge(Sight.REPORT).quality(self.profile.finished(written.scene))
+
+
+def allowed_corrections(options: EncodeOptions) -> int:
+    """How often lambda may be corrected: as asked for, or by effort."""
+    return EFFORTS[options.effort].corrections if options.corrections is None else options.corrections
+
+
+def smallest_file(plain: Quantised, options: EncodeOptions, report: Report = silent) -> Written:
+    """The smallest file found: up to three are written, and the first is the one without networks.
 
     Predictors of channel values come first, each only if it saves more than it takes; then the index network. With it,
     codewords are chosen again at its prices, if there are targets to choose by. The network stays if what it codes and
@@ -190,22 +294,26 @@ def smallest_file(plain: Quantised, options: EncodeOptions, report: Report = sil
         options: `decode_budget` bounds what is tried; of `effort`, 1 tries nothing, and 3 several networks.
         report: told (stage, fraction done).
     """
-    static = write_scene(plain.scene, report, best_engine())
+    static = _written(plain.scene, report)
     if not options.trains_networks:
         return static
     from reference_encoder.networks.candidates import affordable_predictors, with_index_network, with_rounds
 
     predicted_scene = affordable_predictors(plain.scene, options, report)
     learned = with_index_network(predicted_scene or plain.scene, options, report)
-    if learned is not None and learned.bits < 8 * index_bytes(static):
+    if learned is not None and learned.bits < 8 * index_bytes(static.data):
         if plain.targets is not None:
             learned = with_rounds(learned, plain.targets, options, report)
-        data, neural = write_scene(learned.scene, report, best_engine()), replace(plain, scene=learned.scene)
-        if latent_cost(neural, data) < latent_cost(plain, static):
-            return _smaller(static, data)
-    return static if predicted_scene is None else _smaller(static, write_scene(predicted_scene, report, best_engine()))
+        neural = _written(learned.scene, report)
+        if latent_cost(replace(plain, scene=neural.scene), neural.data) < latent_cost(plain, static.data):
+            return _smaller(static, neural)
+    return static if predicted_scene is None else _smaller(static, _written(predicted_scene, report))
 
 
-def _smaller(static: bytes, neural: bytes) -> bytes:
+def _written(scene: QuantisedScene, report: Report) -> Written:
+    return Written(write_scene(scene, report, best_engine()), scene)
+
+
+def _smaller(static: Written, neural: Written) -> Written:
     """The file with networks if it is smaller and readers take it."""
-    return neural if len(neural) < len(static) and within_limits(neural) else static
+    return neural if len(neural.data) < len(static.data) and within_limits(neural.data) else static

@@ -58,17 +58,30 @@ FLOOR_DISTANCE, FLOOR_CONTRAST = 0.1, 0.3
 INVISIBLE_WEIGHT = 1 / 255
 """Of a Gaussian in every pixel of the survey at most: what has less is said to be invisible [0023]."""
 
-# --- Reaching the quality asked for: measure/calibrate.py ---
+# --- Reaching the quality asked for: judge/ ---
 
-TOLERANCE_DB = 0.4
-"""Close enough, dB: other views differ by as much [0017]."""
-JUDGED_SEED = 2025
-"""Of the views from which results are judged [0017]."""
+TOLERANCE_DB = 0.25
+"""Close enough, dB: as many views from elsewhere differ by as much [0025]."""
+LOOP_SEED, REPORT_SEED = 2025, 2027
+"""Of the views by which results are corrected, and of those by which they are reported [0025]."""
+JUDGED_SAMPLES = 4800
+"""Pixels looked at of each of these views: 80 x 60 of 640 x 480 [0025]."""
+LEAST_JUDGED_VIEWS = 16
+"""Of each kind, however large the scene [0025]."""
+CLOSE_PART, CLOSE_DEG = 0.02, 2.0
+"""How far beside given cameras views are that stand for them: eyes by this part of the scene's radius, directions by so
+many degrees [0025]."""
+MOST_DB, MOST_ABOVE_DB = 70.0, 15.0
+"""What one picture counts for at most, dB, and how far above what was asked at least [0025]."""
+WORST_BELOW_DB = 8.0
+"""About how far the 5th percentile lies below the mean: where the search for a floor begins [0025]."""
+KIND_BELOW_DB, LOW_BELOW_DB = 3.0, 5.0
+"""How far the mean of a kind, and the 5th percentile, may lie below what was asked before it is said [0025]."""
 LEAST_SLOPE, GREATEST_SLOPE = 0.5, 2.0
 """dB found per dB aimed at, at least and at most [0017]."""
 MOST_UP_DB, MOST_DOWN_DB = 6.0, 15.0
-"""dB between aim and wish: an error that no lambda takes away, such as clamped values, must not buy bits without end
-[0017]."""
+"""dB between an aim and the first one: an error that no lambda takes away, such as clamped values, must not buy bits
+without end [0017]."""
 
 # --- Lambda: decide/lagrangian.py ---
 

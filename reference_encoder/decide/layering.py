@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reference_encoder.decide.allocate import ChannelPlan, LatentChain, PositionBits, increment
+from reference_encoder.decide.problem import Problem
 from reference_encoder.tuning import (
     BELOW_DB,
     DB_A_LAMBDA,
@@ -146,6 +147,55 @@ class LayerCosts:
     def _increment(self, klass: int, choice: LayerChoice) -> tuple[Entry, float, float]:
         latent = self.latent if choice.latent else self.latent.nothing
         return increment(self.plans, latent, klass, choice.lambda_, self.last)
+
+
+@dataclass(frozen=True)
+class Layering:
+    """What layers hold, found at one lambda of the last layer and good for others nearby.
+
+    Classes are ranked from the least important up, at steps of importance from what is just worth its bits: where
+    lambda changes, it is the most important end that gains or loses a class.
+
+    Attributes:
+        classes: there were when the layers were chosen, before any was split.
+        first: the first layer, before any class was split for it; its lambda in that of the last layer.
+        later: layers after it but for the last, after classes were split, lambdas likewise.
+    """
+
+    classes: int
+    first: LayerChoice
+    later: tuple[LayerChoice, ...]
+
+    @classmethod
+    def of(cls, classes: int, first: LayerChoice, choices: Sequence[LayerChoice]) -> Layering:
+        """Of the `choices` for all layers, found after classes were split for the `first`."""
+        last = choices[-1].lambda_
+        later = tuple(replace(choice, lambda_=choice.lambda_ / last) for choice in choices[1:-1])
+        return cls(classes, replace(first, lambda_=first.lambda_ / last), later)
+
+    def parts(self, classes: int) -> tuple[float, ...]:
+        """What the first layer shows of its classes where there are `classes`."""
+        more = classes - self.classes
+        return ((1.0,) * more + self.first.parts)[max(-more, 0) :][:classes] or self.first.parts[-1:]
+
+    def split(self, problem: Problem) -> Problem:
+        """The problem with those classes split of which the first layer shows a part."""
+        parts = self.parts(problem.classes.count)
+        return problem if min(parts) == 1 else problem.split(parts)
+
+    def choices(self, costs: LayerCosts, classes: int) -> list[LayerChoice]:
+        """Choices for all layers of a problem that had so many classes before it was split."""
+        count, first = costs.final.shown, len(self.parts(classes))
+        more, cut = classes - self.classes, count - classes
+        cut -= sum(part < 1 for part in self.first.parts)
+        shown = [first, *(max(min(choice.shown + more + cut, count), first) for choice in self.later)]
+        return [
+            *(
+                LayerChoice(choice.lambda_ * costs.last, (1.0,) * number, choice.latent)
+                for choice, number in zip((self.first, *self.later), shown, strict=True)
+            ),
+            costs.final,
+        ]
 
 
 def predicted(costs: LayerCosts, share: float, layers: int) -> list[LayerChoice]:

@@ -2,107 +2,90 @@
 
 The model of errors (docs/decisions/0003) is fitted to scenes that fill the picture. A scene on a black background, or
 one with fewer overlaps, comes out several dB better than asked, in more bytes. So lambda is corrected by what pictures
-of the result show, until they are close enough or the effort is spent (docs/decisions/0017-quality-loop.md).
+of the result show, until they are close enough or the effort is spent (docs/decisions/0017-quality-loop.md,
+0025-quality-everywhere.md).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeVar
 
-import numpy as np
-
-from reference_encoder.options import EFFORTS, EncodeOptions
-from reference_encoder.tuning import (
-    GREATEST_SLOPE,
-    JUDGED_SEED,
-    LEAST_SLOPE,
-    MOST_DOWN_DB,
-    MOST_UP_DB,
-    TOLERANCE_DB,
-)
-from scarfmt.arrays import F32
-from scarfmt.render.camera import Camera
-from scarfmt.render.metrics import psnr
-from scarfmt.render.rasterise import render
-from scarfmt.render.viewpoints import KINDS, Surroundings, viewpoints
-from scarfmt.scene.gaussians import GaussianScene
+from reference_encoder.tuning import GREATEST_SLOPE, LEAST_SLOPE, MOST_DOWN_DB, MOST_UP_DB, TOLERANCE_DB
 
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class Judge:
-    """Views of the source.
+@dataclass
+class Search:
+    """The search for the quality to predict for, so that pictures have what was asked.
+
+    A search outlives the stages of encoding: what is decided after a correction moves pictures a little, and the next
+    stage goes on from there.
 
     Attributes:
-        cameras: the views.
-        pictures: (height, width, 3) float32 of the source, one a view.
-    """
-
-    cameras: Sequence[Camera]
-    pictures: Sequence[F32]
-
-    @classmethod
-    def of(cls, scene: GaussianScene, options: EncodeOptions) -> Judge:
-        """For `scene`, by views that its sensitivities were not measured from where there are others."""
-        cameras = judged_cameras(scene, options)
-        return cls(cameras, [render(scene, camera) for camera in cameras])
-
-    def fewer(self, views: int) -> Judge:
-        """At most so many of the views, evenly spread."""
-        every = max(1, -(-len(self.cameras) // views))
-        return Judge(self.cameras[::every], self.pictures[::every])
-
-    def psnr_db(self, scene: GaussianScene) -> float:
-        """Mean PSNR of the pictures of `scene`, dB; infinite if in some view not a pixel differs."""
-        pairs = zip(self.cameras, self.pictures, strict=True)
-        return float(np.mean([psnr(render(scene, camera), picture) for camera, picture in pairs]))
-
-
-def judged_cameras(scene: GaussianScene, options: EncodeOptions) -> list[Camera]:
-    """Some views from everywhere that the survey has not, or some of the given cameras."""
-    views = EFFORTS[options.effort].judged_views
-    if options.cameras is None:
-        around = Surroundings.of(scene, options.frame)
-        return [camera for kind in KINDS for camera in viewpoints(around, kind, -(-views // len(KINDS)), JUDGED_SEED)]
-    others = [camera for camera in options.cameras if camera.split != "test"] or list(options.cameras)
-    return others[:: max(1, -(-len(others) // views))]
-
-
-def calibrated(asked: float, corrections: int, attempt: Callable[[float], T], judged: Callable[[T], float]) -> T:
-    """The attempt that is close enough to `asked` dB, or the one after the last correction.
-
-    Args:
         asked: dB.
-        corrections: at most so many.
-        attempt: quality to predict for, dB -> result.
-        judged: result -> dB found.
+        left: corrections that may still be made.
+        start: what is predicted for first, dB.
+        aim: what is predicted for now, dB.
     """
-    aim, found, tried = asked, attempt(asked), []
-    for _ in range(corrections):
-        tried.append((aim, judged(found)))
-        better = next_aim(asked, tried)
-        if better is None:
-            break
-        aim, found = better, attempt(better)
-    return found
+
+    asked: float
+    left: int
+    start: float
+    aim: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.aim = self.start
+
+    def settled(self, made: T, make: Callable[[float], T], judged: Callable[[T], float], spare: int = 0) -> T:
+        """Of `made` and what corrections make of it, what is closest to what was asked; all are judged.
+
+        Args:
+            made: for the present aim.
+            make: aim, dB -> result.
+            judged: result -> dB found.
+            spare: corrections to leave to later stages.
+        """
+        if self.left <= spare:
+            return made
+        tried: list[tuple[float, float]] = [(self.aim, judged(made))]
+        closest, aim = made, self.aim
+        while self.left > spare:
+            better = next_aim(self.asked, tried, self.start)
+            if better is None:
+                break
+            self.left -= 1
+            made = make(better)
+            tried.append((better, judged(made)))
+            if abs(tried[-1][1] - self.asked) <= min(abs(found - self.asked) for _, found in tried):
+                closest, aim = made, better
+        self.aim = aim
+        return closest
 
 
-def next_aim(asked: float, tried: Sequence[tuple[float, float]]) -> float | None:
+def next_aim(asked: float, tried: Sequence[tuple[float, float]], start: float) -> float | None:
     """The quality to predict for next, so that pictures have `asked` dB; None when the last try was close enough.
 
+    What pictures have does not rise evenly with what is aimed at: thresholds and codebooks change with lambda. So the
+    line goes between tries on both sides of what is asked, or as far as tries reach.
+
     Args:
         asked: dB.
-        tried: (aimed at, found) so far, dB; a line through the last two, or at first a slope of 1, leads on.
+        tried: (aimed at, found) so far, dB.
+        start: the first aim, dB: no other is far from it.
     """
     aim, found = tried[-1]
     if not math.isfinite(found) or abs(asked - found) <= TOLERANCE_DB:
         return None
+    below = max((pair for pair in tried if pair[1] < asked), key=lambda pair: pair[1], default=None)
+    above = min((pair for pair in tried if pair[1] > asked), key=lambda pair: pair[1], default=None)
+    if below is not None and above is not None and below[0] < above[0]:
+        return below[0] + (above[0] - below[0]) * (asked - below[1]) / (above[1] - below[1])
     slope = 1.0
-    if len(tried) > 1 and aim != tried[-2][0]:
-        slope = (found - tried[-2][1]) / (aim - tried[-2][0])
+    if len(tried) > 1 and aim != tried[0][0]:
+        slope = (found - tried[0][1]) / (aim - tried[0][0])
     slope = min(max(slope, LEAST_SLOPE), GREATEST_SLOPE)
-    return min(max(aim + (asked - found) / slope, asked - MOST_DOWN_DB), asked + MOST_UP_DB)
+    return min(max(aim + (asked - found) / slope, start - MOST_DOWN_DB), start + MOST_UP_DB)

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from reference_encoder.measure.survey import Survey
 from reference_encoder.measure.weights import pixel_angle
 from reference_encoder.tuning import ASPECT_CAP, BLUR_PX2, METRIC_ANCHORS
-from scarfmt.arrays import F64
+from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import Camera
-from scarfmt.render.rasterise import contributions
+from scarfmt.render.rasterise import contributions, render
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 
@@ -87,28 +87,67 @@ def _slots(model: AnchorModel, networks: dict[str, list[torch.Tensor]], centre: 
         }
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """M slots as one camera sees them.
+
+    Attributes:
+        scene: their Gaussians, without colour.
+        colours: (M, 3) float32.
+        anchor, slot: (M,) which they are.
+    """
+
+    scene: GaussianScene
+    colours: NDArray[np.float32]
+    anchor: NDArray[np.intp]
+    slot: NDArray[np.intp]
+
+
+def _seen(model: AnchorModel, networks: dict[str, list[torch.Tensor]], centres: F64, camera: Camera) -> _Seen:
+    """The slots that a camera may see; `centres` (N, K, 3) are theirs."""
+    made = _slots(model, networks, camera.centre)
+    shown = made["opacity"] > 0
+    anchor, slot = np.nonzero(shown if model.slot_mask is None else shown & model.slot_mask)
+    opacity = made["opacity"][anchor, slot].astype(np.float64)
+    scene = GaussianScene(
+        centres[anchor, slot],
+        made["log_scale"][anchor, slot],
+        made["rotation"][anchor, slot],
+        np.log(opacity / np.maximum(1 - opacity, 1e-6)).astype(np.float32),
+        np.zeros((len(anchor), 1, 3), np.float32),
+    )
+    return _Seen(scene, made["colour"][anchor, slot], anchor, slot)
+
+
+def _centres(model: AnchorModel) -> F64:
+    return np.asarray(model.anchors[:, None] + model.offsets * np.exp(model.log_scaling[:, None, :3]))
+
+
+def anchor_view(model: AnchorModel) -> Callable[[Camera], F32]:
+    """From camera to (height, width, 3) float32 picture of a model."""
+    networks, centres = _tensors(model), _centres(model)
+
+    def picture(camera: Camera) -> F32:
+        seen = _seen(model, networks, centres, camera)
+        return render(seen.scene, camera, colours=seen.colours.astype(np.float64))
+
+    return picture
+
+
 def measure_anchors(
     model: AnchorModel, survey: Survey, seed: int, report: Callable[[float], None]
 ) -> AnchorSensitivity:
     """Sensitivities of all N anchors in a survey's views: means over each kind, and of these by their shares."""
     networks = _tensors(model)
     shape, colour, inverse, hits = (np.zeros((len(model), model.slots)) for _ in range(4))
-    centres = model.anchors[:, None] + model.offsets * np.exp(model.log_scaling[:, None, :3])
+    centres = _centres(model)
     views = [
         (survey.shares[kind] / len(cameras), camera) for kind, cameras in survey.views.items() for camera in cameras
     ]
     for number, (share, camera) in enumerate(views):
-        made = _slots(model, networks, camera.centre)
-        anchor, slot = np.nonzero(made["opacity"] > 0)
-        opacity = made["opacity"][anchor, slot].astype(np.float64)
-        scene = GaussianScene(
-            centres[anchor, slot],
-            made["log_scale"][anchor, slot],
-            made["rotation"][anchor, slot],
-            np.log(opacity / np.maximum(1 - opacity, 1e-6)).astype(np.float32),
-            np.zeros((len(anchor), 1, 3), np.float32),
-        )
-        seen = contributions(scene, [camera], colours=made["colour"][anchor, slot])
+        made = _seen(model, networks, centres, camera)
+        anchor, slot, scene = made.anchor, made.slot, made.scene
+        seen = contributions(scene, [camera], colours=made.colours)
         samples = camera.width * camera.height * 3
         shape[anchor, slot] += share * seen.contrast_sq / samples
         colour[anchor, slot] += share * seen.weight_sq / samples

@@ -14,8 +14,12 @@ from reference_encoder.decide.lattice import place
 from reference_encoder.decide.plans import position_bits
 from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem
 from reference_encoder.decide.rdo import choose_values
+from reference_encoder.judge.finished import finished_anchors
+from reference_encoder.judge.judge import Judge
+from reference_encoder.judge.quality import most_db
+from reference_encoder.judge.views import Sight, judged_views
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
-from reference_encoder.measure.anchor_sensitivity import AnchorSensitivity, measure_anchors
+from reference_encoder.measure.anchor_sensitivity import AnchorSensitivity, anchor_view, measure_anchors
 from reference_encoder.measure.survey import Survey, survey
 from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import (
@@ -33,10 +37,11 @@ from reference_encoder.tuning import (
 )
 from scarfmt.arrays import F64, I64, Bools
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
-from scarfmt.coding.writer import Report, silent
+from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
 from scarfmt.errors import InvalidInput
+from scarfmt.render.upright import resolved
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
@@ -75,14 +80,15 @@ class AnchorProfile:
         """Anchors of the source."""
         return len(self.model)
 
-    @property
-    def judge(self) -> None:
-        """Nothing: layers of anchors are as predicted."""
-        return
+    def judge(self, sight: Sight) -> Judge[AnchorModel]:
+        """Pictures of the source from views of a set, drawn now."""
+        shell, drawn = _shell(self.model), len(self.model) * self.model.slots
+        views = judged_views(shell, self.options, resolved(shell, self.options.frame), sight, drawn)
+        return Judge.of(self.model, anchor_view, views, most_db(self.options.asked_db))
 
     @property
     def looks(self) -> None:
-        """Nothing, as `judge`."""
+        """Nothing: layers are as predicted."""
         return
 
     def problem(self, quality: float) -> Problem:
@@ -157,6 +163,10 @@ class AnchorProfile:
         mlps = tuple(_quantised(self.model.mlps[name]) for name in _NETWORKS)
         decided = replace(decision, model=model, finals=finals)
         return assembled(problem, decided, self.options.metadata, mlps, slot_layers)
+
+    def finished(self, scene: QuantisedScene) -> AnchorModel:
+        """What a decoder gives for the last layer of a file."""
+        return finished_anchors(scene)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,15 +249,19 @@ class _Kept:
 
 def _survey(model: AnchorModel, options: EncodeOptions) -> Survey:
     """The views to measure from, as for a scene with a Gaussian on every anchor, but fewer."""
+    return survey(_shell(model), options).thinned(ANCHOR_VIEWS)
+
+
+def _shell(model: AnchorModel) -> GaussianScene:
+    """A Gaussian on every anchor, of which only the place counts."""
     n = len(model)
-    shell = GaussianScene(
+    return GaussianScene(
         model.anchors,
         np.zeros((n, 3), np.float32),
         np.zeros((n, 4), np.float32),
         np.zeros(n, np.float32),
         np.zeros((n, 1, 3), np.float32),
     )
-    return survey(shell, options).thinned(ANCHOR_VIEWS)
 
 
 def _taken(model: AnchorModel, index: I64) -> AnchorModel:

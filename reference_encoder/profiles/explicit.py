@@ -15,8 +15,11 @@ from reference_encoder.decide.lagrangian import best_width, lambda_for
 from reference_encoder.decide.lattice import Placement, place
 from reference_encoder.decide.plans import position_bits
 from reference_encoder.decide.problem import Budget, Channels, Classes, Geometry, Problem, standing
-from reference_encoder.judge.calibrate import Judge
+from reference_encoder.judge.finished import finished_gaussians
+from reference_encoder.judge.judge import Judge, gaussian_view
 from reference_encoder.judge.looks import Looks
+from reference_encoder.judge.quality import most_db
+from reference_encoder.judge.views import Sight, judged_views
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
 from reference_encoder.measure.attributes import Attributes, from_scene, without_hidden_scales
 from reference_encoder.measure.sensitivity import Sensitivity, measure
@@ -35,7 +38,7 @@ from reference_encoder.tuning import (
     SHAPE_SHARE,
 )
 from scarfmt.arrays import F64, I64
-from scarfmt.coding.writer import Report, silent
+from scarfmt.coding.writer import QuantisedScene, Report, silent
 from scarfmt.container import schema
 from scarfmt.container.schema import Stream
 from scarfmt.scene.gaussians import GaussianScene
@@ -85,10 +88,10 @@ class ExplicitProfile:
         """Gaussians of the source."""
         return len(self.scene)
 
-    @cached_property
-    def judge(self) -> Judge:
-        """Pictures of the source, drawn when they are first wanted."""
-        return Judge.of(self.scene, self.options)
+    def judge(self, sight: Sight) -> Judge[GaussianScene]:
+        """Pictures of the source from views of a set, drawn now."""
+        views = judged_views(self.scene, self.options, self.survey.up, sight, len(self.scene))
+        return Judge.of(self.scene, gaussian_view, views, most_db(self.options.asked_db))
 
     @cached_property
     def looks(self) -> Looks:
@@ -147,6 +150,10 @@ class ExplicitProfile:
         left_out = classify(absence, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)[0] < 0
         told = account(self.survey, self.weights.largest, left_out, decision, self.scene.sh_degree > 0)
         return assembled(problem, decision, {ACCOUNT: told, **self.options.metadata})
+
+    def finished(self, scene: QuantisedScene) -> GaussianScene:
+        """What a decoder gives for the last layer of a file."""
+        return finished_gaussians(scene)
 
 
 def _log_extent(values: Mapping[Stream, F64]) -> F64:

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.problem import Problem
-from reference_encoder.judge.calibrate import Judge
+from reference_encoder.judge.judge import Judge
 from reference_encoder.judge.looks import Looks
+from reference_encoder.judge.views import Sight
 from reference_encoder.options import EncodeOptions
-from scarfmt.coding.writer import Report
+from scarfmt.coding.writer import QuantisedScene, Report
+
+S = TypeVar("S")
 
 
-class Profile(Protocol):
+class Profile(Protocol[S]):
     """A scene that was measured: what errors in it show is known, and nothing is decided.
 
     Attributes:
         options: of the encoder.
         report: told (stage, fraction done).
         source_count: Gaussians or anchors of the source.
-        judge: pictures of the source to judge results by; None where results cannot be drawn.
-        looks: pictures of the source to judge layers by; None likewise.
+        looks: pictures of the source to judge layers by; None where layers cannot be drawn.
     """
 
     @property
@@ -31,9 +33,11 @@ class Profile(Protocol):
     @property
     def source_count(self) -> int: ...
     @property
-    def judge(self) -> Judge | None: ...
-    @property
     def looks(self) -> Looks | None: ...
+
+    def judge(self, sight: Sight) -> Judge[S]:
+        """Pictures of the source to judge results by, drawn now."""
+        ...
 
     def problem(self, quality: float) -> Problem:
         """What there is to decide at the lambda that is predicted to give `quality` dB."""
@@ -41,4 +45,8 @@ class Profile(Protocol):
 
     def finish(self, problem: Problem, decision: Decision) -> Quantised:
         """All integers of the file that `decision` says."""
+        ...
+
+    def finished(self, scene: QuantisedScene) -> S:
+        """What a decoder gives for the last layer of a file, to be drawn."""
         ...

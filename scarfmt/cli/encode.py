@@ -25,6 +25,8 @@ from scarfmt.errors import InvalidInput
 from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS
 
 if TYPE_CHECKING:
+    from reference_encoder.judge.quality import Quality
+    from reference_encoder.pipeline import Encoded
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 FORMAT_IDS = ("compressed-ply", "ply", "spz", "streamed-sog", "sog", "anchor-npz", "splat")
@@ -79,8 +81,15 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
 @click.option(
     "--quality",
     type=click.FloatRange(MIN_QUALITY, MAX_QUALITY),
-    help="Target PSNR of the complete file against the input, in dB, seen from where --cameras or --frame say. With"
-    f" --cameras, other views of the same capture can have some dB less [default: {DEFAULTS.quality:g}].",
+    help="Target PSNR of the complete file against the input, in dB: the mean over views from outside, near and inside,"
+    f" with --cameras mostly close to these, none of which played a part in encoding [default: {DEFAULTS.quality:g}].",
+)
+@click.option(
+    "--worst",
+    type=click.FloatRange(MIN_QUALITY, MAX_QUALITY),
+    metavar="DB",
+    help="Target in place of --quality: a floor, in dB, that 19 of 20 of the views have which the encoder judges its"
+    " result by (their 5th percentile).",
 )
 @click.option(
     "--effort",
@@ -164,6 +173,8 @@ def encode(
       scarfmt encode scene.ply scene.scar --metadata title="Old oak" --metadata year=2024
     """
     quiet = said.pop("quiet")
+    if said["quality"] is not None and said["worst"] is not None:
+        raise click.UsageError("--quality and --worst exclude each other")
     if said["only_cameras"] and said["cameras"] is None:
         raise click.UsageError("--only-cameras needs --cameras")
     with doubts_told(quiet), open_output(output, force) as target, progress(quiet) as report:
@@ -174,6 +185,7 @@ def encode(
         target.write(data)
     if not quiet:
         _print_summary(data)
+        _print_quality(data.quality, options.asked_db)
 
 
 def _read_scene(
@@ -205,7 +217,7 @@ def _options(said: dict[str, Any]) -> EncodeOptions:
     return options
 
 
-def _encode(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report) -> bytes:
+def _encode(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report) -> Encoded:
     from reference_encoder.encode import encode
 
     return encode(scene, options, report)
@@ -224,6 +236,18 @@ def _print_summary(data: bytes) -> None:
     for layer in report["layers"]:
         line = f"layer {layer['layer']}: {layer['end_offset']:>12,} bytes  {layer['anchors']:>10,} {unit}s"
         click.echo(f"{line}  {layer['end_offset'] / count:6.2f} bytes per {unit} of the input", err=True)
+
+
+def _print_quality(quality: Quality, asked_db: float) -> None:
+    if not len(quality):
+        click.echo("quality not judged: no view shows anything", err=True)
+        return
+    click.echo(f"quality from {len(quality)} views that played no part in encoding, dB:", err=True)
+    for name, found in {"all": quality, **quality.by_kind()}.items():
+        line = f"mean {found.mean_db:6.2f}  5th percentile {found.low_db:6.2f}  worst {found.worst_db:6.2f}"
+        click.echo(f"  {name:<6}  {line}", err=True)
+    for shortfall in quality.shortfalls(asked_db):
+        click.echo(f"  {shortfall}", err=True)
 
 
 def _print_account(found: Any) -> None:

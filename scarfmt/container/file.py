@@ -89,7 +89,8 @@ def _block_key(block: Block) -> tuple[int, int, int]:
     return block.layer, block.kind, NO_TILE if block.tile is None else block.tile
 
 
-def _directory_row(block: Block) -> tuple[int, ...]:
+def directory_row(block: Block) -> tuple[int, ...]:
+    """The fields of a block's entry; its offset is filled in by :func:`encode_front`."""
     flags = block.flags if block.flags is not None else int(required_flags(block.kind) or 0)
     layer, kind, tile = _block_key(block)
     return kind, flags, layer, 0, tile, 0, len(block.payload), block.count, zlib.crc32(block.payload)
@@ -137,7 +138,7 @@ def write_container(
             if not 1 <= block.layer <= len(layer_counts):
                 raise InvalidInput("input-container", f"block of layer {block.layer} of {len(layer_counts)}")
             streams[block.layer] += _streams_of(block)
-        directory = np.array([_directory_row(block) for block in ordered], dtype=ENTRY_DTYPE)
+        directory = np.array([directory_row(block) for block in ordered], dtype=ENTRY_DTYPE)
         front = encode_front(fields, tile_table(tiles), directory, layer_counts, streams[1:].tolist())
     except (ConstructError, OverflowError, ValueError, struct.error) as error:
         if isinstance(error, InvalidInput):

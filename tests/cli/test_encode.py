@@ -41,6 +41,25 @@ def test_the_summary_tells_size_and_bytes_per_gaussian(run: Run, ply: Path, tmp_
     assert "bytes per Gaussian" in result.stderr
 
 
+def test_the_summary_ends_with_the_quality_found(run: Run, ply: Path, tmp_path: Path) -> None:
+    target = tmp_path / "a.scar"
+    result = run("encode", ply, target, *FAST)
+    found = json.loads(run("inspect", target, "--json", "--metadata").stdout)["metadata"]["quality"]
+    assert f"quality from {found['views']} views that played no part in encoding" in result.stderr
+    for name, figures in {"all": found, **found["kinds"]}.items():
+        line = next(line for line in result.stderr.splitlines() if line.startswith(f"  {name} "))
+        numbers = [float(word) for word in line.replace("5th", "").split() if word[0].isdigit()]
+        assert numbers == [figures["mean_db"], figures["p5_db"], figures["worst_db"]]
+
+
+def test_a_mean_or_a_floor_can_be_asked_for(run: Run, ply: Path, tmp_path: Path) -> None:
+    target = tmp_path / "a.scar"
+    both = run("encode", ply, target, "--quality", 30, "--worst", 25)
+    assert both.exit_code == 2
+    assert "exclude each other" in both.stderr
+    assert run("encode", ply, target, "--worst", 22, "--effort", 1, "--layers", 1).exit_code == 0
+
+
 def test_pipes_give_the_file_that_files_give(shell, ply: Path, run: Run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     done = shell("encode", "-", "-", *FAST, "-q", cwd=tmp_path, input=ply.read_bytes())
     assert (done.returncode, done.stderr) == (0, b"")

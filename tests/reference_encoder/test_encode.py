@@ -63,6 +63,7 @@ def test_truncation_is_an_identity(scene: GaussianScene) -> None:
     layers = len(plain.model.layers)
     assert layers >= 3
     whole = encode(scene, options)
+    plain = replace(plain, metadata=inspect(BytesSource(whole), metadata=True)["metadata"])
     for kept in range(1, layers + 1):
         assert truncate(BytesSource(whole), kept) == write_scene(keep_layers(plain, kept))
 
@@ -89,6 +90,30 @@ def test_quality_buys_bytes(scene: GaussianScene, data: bytes) -> None:
     assert gain[1] > gain[0] + 8
 
 
+@pytest.mark.parametrize("effort", [1, 2])
+def test_quality_is_what_was_asked_for(scene: GaussianScene, effort: int) -> None:
+    """Over views that nothing was decided by; the file says the same, and what the user annotated."""
+    made = encode(scene, EncodeOptions(effort=effort, layers=3, quality=38, metadata={"title": "spheres"}))
+    assert made.quality.mean_db == pytest.approx(38, abs=0.5)
+    assert made.quality.worst_db <= made.quality.low_db < made.quality.mean_db
+    metadata = inspect(BytesSource(made), metadata=True)["metadata"]
+    assert metadata["title"] == "spheres"
+    assert metadata["quality"] == made.quality.figures()
+
+
+def test_what_the_user_annotates_is_kept(scene: GaussianScene) -> None:
+    """Even under the name that the encoder has for what it found."""
+    options = replace(OPTIONS, metadata={"quality": "good"}, corrections=0)
+    assert inspect(BytesSource(encode(scene, options)), metadata=True)["metadata"]["quality"] == "good"
+
+
+def test_worst_asks_for_a_floor(scene: GaussianScene) -> None:
+    """The 5th percentile in place of the mean."""
+    made = encode(scene, EncodeOptions(effort=1, layers=2, worst=32))
+    assert made.quality.low_db == pytest.approx(32, abs=1)
+    assert made.quality.mean_db > 34
+
+
 @pytest.mark.parametrize("estimator", ["rotation", "straight-through"])
 def test_learned_latent_is_selectable(scene: GaussianScene, data: bytes, estimator: str) -> None:
     """The paper's RVQ-VAE makes another valid file of like quality, the same each time."""
@@ -101,7 +126,16 @@ def test_learned_latent_is_selectable(scene: GaussianScene, data: bytes, estimat
 
 
 @pytest.mark.parametrize(
-    "options", [{"quality": 5.0}, {"effort": 9}, {"layers": 0}, {"layers": 17}, {"latent": "x"}, {"tile_anchors": 1023}]
+    "options",
+    [
+        {"quality": 5.0},
+        {"worst": 90.0},
+        {"effort": 9},
+        {"layers": 0},
+        {"layers": 17},
+        {"latent": "x"},
+        {"tile_anchors": 1023},
+    ],
 )
 def test_bad_options_are_refused(scene: GaussianScene, options: dict[str, Any]) -> None:
     """Options out of range are named."""

@@ -57,7 +57,7 @@ def plain(scene: GaussianScene) -> Quantised:
 @pytest.fixture(scope="module")
 def data(plain: Quantised) -> bytes:
     """The smallest file of the same symbols."""
-    return smallest_file(plain, OPTIONS)
+    return smallest_file(plain, OPTIONS).data
 
 
 def test_networks_make_a_file_smaller_where_neighbours_tell_something(plain: Quantised, data: bytes) -> None:
@@ -70,7 +70,7 @@ def test_networks_make_a_file_smaller_where_neighbours_tell_something(plain: Qua
 
 def test_the_same_seed_gives_the_same_networks(plain: Quantised, data: bytes) -> None:
     """Training included."""
-    assert smallest_file(plain, OPTIONS) == data
+    assert smallest_file(plain, OPTIONS).data == data
 
 
 def test_no_file_is_written_that_asks_readers_for_too_much(
@@ -81,23 +81,23 @@ def test_no_file_is_written_that_asks_readers_for_too_much(
     monkeypatch.setattr("scarfmt.coding.work.FREE_WORK", 0)
     assert not within_limits(data, Limits(work_per_byte=1000))
     monkeypatch.setattr("reference_encoder.pipeline.within_limits", lambda data: False)
-    assert smallest_file(plain, OPTIONS) == write_scene(plain.scene)
+    assert smallest_file(plain, OPTIONS).data == write_scene(plain.scene)
 
 
 @pytest.mark.parametrize(("profile", "seed"), [(Profile.EXPLICIT, 1), (Profile.ANCHOR, 2)])
 def test_noise_is_never_made_larger(profile: Profile, seed: int) -> None:
     """Where there is nothing to predict the static file is returned as it is."""
     noise = random_scene(seed, profile, anchors=400)
-    assert len(smallest_file(Quantised(noise), OPTIONS)) <= len(write_scene(noise))
+    assert len(smallest_file(Quantised(noise), OPTIONS).data) <= len(write_scene(noise))
 
 
 def test_budget_and_effort_bound_what_is_tried(plain: Quantised, data: bytes) -> None:
     """0 and effort 1: static tables alone. A small budget: a narrower network, or none."""
     static = write_scene(plain.scene)
-    assert smallest_file(plain, replace(OPTIONS, decode_budget=0)) == static
-    assert smallest_file(plain, replace(OPTIONS, effort=1)) == static
+    assert smallest_file(plain, replace(OPTIONS, decode_budget=0)).data == static
+    assert smallest_file(plain, replace(OPTIONS, effort=1)).data == static
     whole = describe_models(BytesSource(data))["multiply_adds"]
-    bounded = smallest_file(plain, replace(OPTIONS, decode_budget=whole // 2))
+    bounded = smallest_file(plain, replace(OPTIONS, decode_budget=whole // 2)).data
     assert describe_models(BytesSource(bounded))["multiply_adds"] <= whole // 2
 
 

@@ -1,7 +1,4 @@
-"""The scene a decoder will give for what was decided, before anything is coded (encoder side of SPEC §9).
-
-To the rounding of binary32, which no picture shows: the encoder looks at it, nobody else does.
-"""
+"""About the scene that an early layer will show, before anything is decided (encoder side of SPEC §9)."""
 
 from __future__ import annotations
 
@@ -9,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.plans import Plans
 from reference_encoder.decide.problem import Problem
 from scarfmt.arrays import F64, I64
@@ -17,17 +13,6 @@ from scarfmt.codecs.channels import cell_widths
 from scarfmt.container.schema import Stream
 from scarfmt.scene.activation import activated
 from scarfmt.scene.gaussians import GaussianScene
-
-
-def reconstructed(problem: Problem, decision: Decision) -> GaussianScene:
-    """The Gaussians of the last layer of an explicit file, in the order of the problem's anchors."""
-    model, last = decision.model, decision.model.layers[-1]
-    steps, classes = np.array(last.steps), decision.classes
-    values = {
-        channel.stream: decision.finals[channel.stream] * cell_widths(channel.first_width, steps[:, index])[classes]
-        for index, channel in enumerate(model.channels)
-    }
-    return _scene(problem, values, np.array(last.stages)[classes], np.arange(len(classes)))
 
 
 def rough(

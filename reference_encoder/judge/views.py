@@ -1,0 +1,87 @@
+"""The views that results are judged by, and reported by: none of the survey's, from the same places (encoder only)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+from reference_encoder.measure.survey import BESIDE, GIVEN
+from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.tuning import (
+    BESIDE_SHARE,
+    CLOSE_DEG,
+    CLOSE_PART,
+    GIVEN_SHARE,
+    JITTER_DEG,
+    JITTER_PART,
+    JUDGED_SAMPLES,
+    KIND_SHARES,
+    LEAST_JUDGED_VIEWS,
+    LOOP_SEED,
+    REPORT_SEED,
+)
+from scarfmt.render.camera import Camera
+from scarfmt.render.upright import Upright
+from scarfmt.render.viewpoints import KINDS, Surroundings, beside, viewpoints
+from scarfmt.scene.gaussians import GaussianScene
+
+
+class Sight(IntEnum):
+    """What views are for; the value is their seed. Views of two seeds have nothing in common but the distribution."""
+
+    LOOP = LOOP_SEED
+    REPORT = REPORT_SEED
+
+
+@dataclass(frozen=True)
+class Views:
+    """Views to judge by.
+
+    Attributes:
+        cameras: of each kind.
+        shares: how much each kind counts, as in the survey; they add up to 1.
+    """
+
+    cameras: Mapping[str, Sequence[Camera]]
+    shares: Mapping[str, float]
+
+
+def judged_views(scene: GaussianScene, options: EncodeOptions, up: Upright, sight: Sight, count: int) -> Views:
+    """One set of views, distributed as those of the survey; in place of given cameras, others very close to them.
+
+    Args:
+        scene: whose positions say where people may stand.
+        options: `effort`, `cameras`, `only_cameras`.
+        up: where that is doubtful, half of the views from everywhere are for either guess, as in the survey.
+        sight: which set.
+        count: Gaussians that are drawn.
+    """
+    around, views = Surroundings.of(scene, up.up), views_of_kind(options, count)
+    every = [around] if up.other is None else [around, Surroundings.of(scene, up.other)]
+    part = -(-views // len(every))
+    everywhere = {kind: _sparse([v for each in every for v in viewpoints(each, kind, part, sight)]) for kind in KINDS}
+    if not options.cameras:
+        return Views(everywhere, KIND_SHARES)
+    given = [camera for camera in options.cameras if camera.split != "test"] or list(options.cameras)
+    given = [given[number * len(given) // views] for number in range(views)]
+    close = _sparse(beside(given, CLOSE_PART * around.radius, CLOSE_DEG, sight))
+    if options.only_cameras:
+        return Views({GIVEN: close}, {GIVEN: 1.0})
+    near = _sparse(beside(given, JITTER_PART * around.radius, JITTER_DEG, sight))
+    rest = 1 - GIVEN_SHARE - BESIDE_SHARE
+    shares = {GIVEN: GIVEN_SHARE, BESIDE: BESIDE_SHARE, **{kind: rest * part for kind, part in KIND_SHARES.items()}}
+    return Views({GIVEN: close, BESIDE: near, **everywhere}, shares)
+
+
+def views_of_kind(options: EncodeOptions, count: int) -> int:
+    """Views of each kind for a scene of `count` Gaussians: what the effort has, fewer in large scenes."""
+    effort = EFFORTS[options.effort]
+    return min(effort.judged_views, max(LEAST_JUDGED_VIEWS, effort.judged_gaussians // max(count, 1)))
+
+
+def _sparse(cameras: Sequence[Camera]) -> list[Camera]:
+    """About `JUDGED_SAMPLES` pixels of each view."""
+    every = [max(1, round(math.sqrt(camera.width * camera.height / JUDGED_SAMPLES))) for camera in cameras]
+    return [camera.sampled(step) for camera, step in zip(cameras, every, strict=True)]

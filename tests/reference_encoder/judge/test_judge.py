@@ -1,0 +1,127 @@
+"""Views that played no part in encoding, and what pictures from them count for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from reference_encoder.judge.judge import Judge, gaussian_view
+from reference_encoder.judge.quality import Quality, most_db
+from reference_encoder.judge.views import Sight, Views, judged_views, views_of_kind
+from reference_encoder.measure.survey import survey
+from reference_encoder.options import EFFORTS, EncodeOptions
+from reference_encoder.tuning import LEAST_JUDGED_VIEWS
+from scarfmt.render.camera import Camera, look_at, orbit_cameras
+from scarfmt.render.upright import resolved
+from scarfmt.render.viewpoints import KINDS
+from scarfmt.scene.gaussians import GaussianScene
+from tests.render.scenes import random_scene
+
+UP = np.array([0.0, -1, 0])
+
+
+@pytest.fixture(scope="module")
+def scene() -> GaussianScene:
+    """Some Gaussians."""
+    return random_scene(0, 300)
+
+
+def _views(scene: GaussianScene, options: EncodeOptions, sight: Sight, count: int = 300) -> Views:
+    return judged_views(scene, options, resolved(scene, options.frame), sight, count)
+
+
+def _poses(views: Views) -> set[bytes]:
+    return {camera.world_to_camera.tobytes() for cameras in views.cameras.values() for camera in cameras}
+
+
+@pytest.mark.parametrize("options", [EncodeOptions(effort=1), EncodeOptions(effort=2, frame="-y:90:40")])
+@pytest.mark.parametrize("given", [False, True])
+def test_survey_loop_and_report_look_from_different_places(
+    scene: GaussianScene, options: EncodeOptions, given: bool
+) -> None:
+    """What one set of views shows, no other does; cameras that are given are surveyed themselves, and judged beside."""
+    options = replace(options, cameras=orbit_cameras(scene, 9)) if given else options
+    surveyed = {camera.world_to_camera.tobytes() for camera in survey(scene, options).cameras}
+    loop, report = (_poses(_views(scene, options, sight)) for sight in Sight)
+    assert loop
+    assert report
+    assert not surveyed & loop
+    assert not surveyed & report
+    assert not loop & report
+
+
+def test_views_are_shared_out_as_in_the_survey(scene: GaussianScene) -> None:
+    """All kinds alike; with cameras mostly these and their neighbourhood; with nothing else, nothing else."""
+    cameras = orbit_cameras(scene, 9)
+    for options in (EncodeOptions(), EncodeOptions(cameras=cameras), EncodeOptions(cameras=cameras, only_cameras=True)):
+        views = _views(scene, options, Sight.LOOP)
+        assert views.shares == survey(scene, options).shares
+        assert set(views.cameras) == set(views.shares)
+
+
+def test_photos_for_tests_are_left_to_tests(scene: GaussianScene) -> None:
+    """Of a camera list with a test split, only the others are judged close to."""
+    here, there = orbit_cameras(scene, 2)
+    options = EncodeOptions(cameras=[here, replace(there, split="test")])
+    for camera in _views(scene, options, Sight.LOOP).cameras["given"]:
+        assert np.linalg.norm(camera.centre - here.centre) < np.linalg.norm(camera.centre - there.centre)
+
+
+def test_large_scenes_are_judged_by_fewer_views() -> None:
+    """As many as an effort has for small scenes, then fewer, at last no fewer."""
+    options = EncodeOptions(effort=2)
+    counts = [views_of_kind(options, gaussians) for gaussians in (1, 10**5, 10**6, 10**8)]
+    assert counts[0] == EFFORTS[2].judged_views
+    assert counts == sorted(counts, reverse=True)
+    assert counts[-1] == LEAST_JUDGED_VIEWS
+
+
+def _judge(scene: GaussianScene) -> Judge[GaussianScene]:
+    views = _views(scene, EncodeOptions(effort=1), Sight.LOOP, 10**6)
+    return Judge.of(scene, gaussian_view, views, most_db(40))
+
+
+def test_pictures_are_compared_with_the_source(scene: GaussianScene) -> None:
+    """The source itself counts for the most there is; a changed one is as far off as its pictures are."""
+    judge = _judge(scene)
+    assert judge.quality(scene).worst_db == most_db(40)
+    assert judge.quality(scene).mean_db == pytest.approx(most_db(40))
+    darker = judge.quality(replace(scene, sh=(scene.sh * np.float32(0.9))))
+    assert 10 < darker.worst_db <= darker.low_db < darker.mean_db < 60
+    assert set(darker.by_kind()) == set(KINDS)
+
+
+def test_views_that_show_nothing_do_not_count(scene: GaussianScene) -> None:
+    """Nothing in the picture of the source: no merit in nothing; a kind of only such views is left out."""
+
+    def seen(towards: int) -> Camera:
+        return look_at(np.array([0.0, 0, -9]), np.array([0.0, 0, -9 + towards]), UP, 40, 30)
+
+    views = Views({"orbit": [seen(1), seen(-1)], "near": [seen(-1)]}, {"orbit": 0.5, "near": 0.5})
+    judge = Judge.of(scene, gaussian_view, views)
+    found = judge.quality(replace(scene, sh=(scene.sh * np.float32(0.9))))
+    assert len(found) == 1
+    assert np.isfinite(found.mean_db)
+    nothing = Judge.of(scene, gaussian_view, Views({"near": [seen(-1)]}, {"near": 1.0})).quality(scene)
+    assert nothing.mean_db == nothing.worst_db == nothing.low_db == np.inf
+    assert nothing.figures() == {"views": 0, "kinds": {}}
+
+
+def test_kinds_count_by_their_shares() -> None:
+    """Mean and percentile weigh kinds, however many views of each are left; the worst is the worst."""
+    found = Quality({"a": np.array([40.0]), "b": np.array([20.0, 30.0, 30.0, 40.0])}, {"a": 0.9, "b": 0.1})
+    assert found.mean_db == pytest.approx(0.9 * 40 + 0.1 * 30)
+    assert found.low_db == 30
+    assert found.worst_db == 20
+    assert found.figures()["kinds"]["b"] == {"views": 4, "mean_db": 30.0, "p5_db": 20.0, "worst_db": 20.0}
+
+
+def test_what_is_far_below_is_said() -> None:
+    """A kind by more than 3 dB, the 5th percentile by more than 5."""
+    found = Quality({"near": np.array([30.0, 36.0]), "orbit": np.array([42.0, 44.0])}, {"near": 0.5, "orbit": 0.5})
+    kind, low = found.shortfalls(38)
+    assert kind == "near is 5.0 dB below what was asked for"
+    assert "8.0 dB below" in low
+    assert found.shortfalls(34) == []
