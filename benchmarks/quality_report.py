@@ -84,8 +84,8 @@ def _bold(level: float, met: bool) -> str:
 
 def _mark_note() -> str:
     return (
-        f"{FITTED_MARK.strip()} Constants of decisions 0023 to 0028 were chosen by trials on this scene, among others; older "
-        "ones were fitted on all."
+        f"{FITTED_MARK.strip()} Constants of decisions 0023 to 0028 were chosen by trials on this scene, among others; "
+        "older ones were fitted on all scenes."
     )
 
 
