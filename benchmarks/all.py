@@ -40,6 +40,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     # The table of docs/decisions/0005 has four times as many steps and vectors; what is new shows here, too.
     "latent": (SHORT, ("--no-write", "--steps", "200", "--limit", "5000")),
     "ablation": (SHORT, ("--again",)),
+    "mechanisms": (SHORT, FULL),
     "example": (SHORT, FULL),
     "pictures": (SHORT, FULL),
 }

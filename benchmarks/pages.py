@@ -6,6 +6,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks import mechanisms_tables as mechanisms
 from benchmarks.ablation_tables import STUDIES
 from benchmarks.provenance import Document, statement
 from benchmarks.report import RESULTS
@@ -61,6 +62,7 @@ SHOWN: tuple[Shown, ...] = (
     *_of("entropy-stress", "docs/entropy-stress.md"),
     *_of("example", "examples/README.md"),
     *_of("ablation", "docs/ablations.md", *STUDIES, parts=True),
+    *_of("mechanisms", "docs/mechanisms.md", *mechanisms.STUDIES, parts=True),
     *_of("time-error", "docs/time-and-error.md", *SECTIONS, parts=True),
     # Run by hand; nothing is shown until it was.
     *(shown for shown in _of("portability", "docs/stability.md") if shown.results.exists()),

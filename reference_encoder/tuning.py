@@ -15,6 +15,8 @@ from scarfmt.scene.model import DecodedContext
 BLUR_PX2 = 0.4
 """Pixels^2: the rasteriser's 0.3 px dilation and the pixel itself blur every splat; below this variance an axis hardly
 shows its own length [0003]."""
+HIDDEN_SCALE = 0.1
+"""Share of that blur's deviation below which an axis says nothing: it adds a hundredth to a variance [0028]."""
 SCALE_SHARE = (1.0, 0.8, 0.25)
 """Share of the longest, middle and shortest axis in the picture error of a log-scale error [0003]."""
 ASPECT_CAP = 9.0
@@ -22,9 +24,9 @@ ASPECT_CAP = 9.0
 ratio of variances the linear model overestimates [0003]."""
 OPACITY_SHARE = 1.1
 """Picture error of a squared error of log opacity, in that of a relative change of the splat [0003]."""
-GAUSSIAN_ABSENCE = 15.0
+GAUSSIAN_ABSENCE = 10.0
 """Leaving a Gaussian out is so many times worse than the sum of single errors says: neighbours left out err together
-[0003]."""
+[0003, 0023]."""
 SLOT_ABSENCE = 8.0
 """As much worse is leaving out a slot of an anchor [0003]."""
 SIZE_SHARE = 0.7
@@ -48,9 +50,11 @@ GIVEN_SHARE, BESIDE_SHARE = 0.5, 0.2
 """How much given cameras count, and views beside them; the rest is for everywhere [0023]."""
 JITTER_PART, JITTER_DEG = 0.1, 10.0
 """How far beside: eyes up to this part of the scene's radius, directions up to so many degrees [0023]."""
-FLOOR_SHARE, FLOOR_DISTANCE, FLOOR_CONTRAST = 0.005, 0.3, 0.3
-"""Every Gaussian weighs at least this share of what it would with nothing in front of it, at this distance (radii), in
-this contrast to what is behind it [0023]."""
+FLOOR_SHARE, FLOOR_GAUSSIANS = 0.005, 4_000_000
+"""Every Gaussian weighs at least this share of what it would with nothing in front of it, in a scene of so many; in
+smaller ones, which the survey knows better, a share in proportion [0023]."""
+FLOOR_DISTANCE, FLOOR_CONTRAST = 0.1, 0.3
+"""How far away that is, radii, and how it contrasts with what is behind it [0023]."""
 INVISIBLE_WEIGHT = 1 / 255
 """Of a Gaussian in every pixel of the survey at most: what has less is said to be invisible [0023]."""
 
@@ -83,7 +87,7 @@ without end [0017]."""
 
 LAMBDA_QUALITY_DB, LAMBDA_SLOPE = 42.0, 0.82
 """A quality, and dB found per dB of lambda [0004]."""
-GAUSSIAN_LAMBDA_DB, ANCHOR_LAMBDA_DB = 51.0, 60.0
+GAUSSIAN_LAMBDA_DB, ANCHOR_LAMBDA_DB = 48.0, 60.0
 """At that quality, lambda times the number of Gaussians, or of anchors, is so many dB below 1. Weights of Gaussians are
 power means, those of anchors plain ones [0004, 0023]."""
 
@@ -91,6 +95,9 @@ power means, those of anchors plain ones [0004, 0023]."""
 
 IMPORTANCE_RATIO = 9.0
 """Squared-error ratio between neighbouring classes: one ternary step [0007]."""
+CLASS_COLOUR_SHARE = 0.5
+"""Share of the colour in the importance that makes classes of Gaussians with view-dependent colour; without, shape
+alone makes them [0027]."""
 MOST_GAUSSIAN_CLASSES, MOST_ANCHOR_CLASSES = 8, 7
 """Classes of a file, explicit and anchor profile [0007]."""
 GAUSSIAN_BITS, ANCHOR_BITS = 40.0, 60.0

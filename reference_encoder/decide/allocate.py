@@ -74,6 +74,28 @@ def classify(importance: F64, lambda_: float, bits: float, limit: int) -> tuple[
     return classes, len(used)
 
 
+def ranked_with_colour(absence: F64, colour: F64, share: float, least: float) -> F64:
+    """(N,) importance that ranks anchors by what errors of their colour show as well as by what their absence does.
+
+    A class has one step for all its colours, so that what it gains depends on how alike their weights are; where most
+    bits are colour, as with view-dependent colour, that counts more than how alike the weights of shapes are.
+
+    Args:
+        absence: (N,) squared picture error of leaving the anchor out.
+        colour: (N,) squared picture error per squared unit of colour.
+        share: of the colour in the logarithm: 0 ranks by absence alone.
+        least: of absence; below, an anchor is not worth sending and stays so, above, it stays worth it.
+    """
+    worth = absence > least
+    if share == 0 or not worth.any():
+        return absence
+    logs, tints = np.log(absence[worth]), np.log(np.maximum(colour[worth], 1e-300))
+    ranked = absence.copy()
+    ranked[worth] = np.exp((1 - share) * logs + share * (tints + logs.mean() - tints.mean()))
+    ranked[worth] = np.maximum(ranked[worth], np.nextafter(least, np.inf))
+    return ranked
+
+
 def entropy_bits(symbols: I64, contexts: I64, scale: float = 1.0) -> float:
     """Bits of `scale` times `symbols` under ideal static tables per context, plus about a byte per table entry."""
     if not len(symbols):

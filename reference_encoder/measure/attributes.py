@@ -6,11 +6,12 @@ logarithm, colour decorrelated. Every map here is undone by the formulas of SPEC
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from reference_encoder.tuning import BLUR_PX2, HIDDEN_SCALE
 from scarfmt.arrays import F64
 from scarfmt.container.schema import Stream
 from scarfmt.scene.activation import colour_from_spherical_harmonics, log_opacities
@@ -80,3 +81,17 @@ def from_scene(scene: GaussianScene) -> Attributes:
         colour_from_spherical_harmonics(scene.sh[:, 0]),
         np.ascontiguousarray(scene.sh[:, 1:].reshape(len(scene), -1)),
     )
+
+
+def without_hidden_scales(attributes: Attributes, pixel: NDArray[np.floating]) -> Attributes:
+    """`attributes` with axes that are hidden in the blur of a pixel as long as they may be without being seen.
+
+    Nobody sees how thin a flat splat is. What its shortest axis says costs bits all the same, and most where flat means
+    anything from a thousandth of a pixel down.
+
+    Args:
+        pixel: (N,) width of a pixel at each Gaussian, world units.
+    """
+    hidden = HIDDEN_SCALE * np.sqrt(BLUR_PX2) * np.maximum(pixel.astype(np.float64), np.exp(MIN_LOG_SCALE))
+    least = np.minimum(np.log(hidden), MAX_LOG_SCALE)
+    return replace(attributes, log_scales=np.maximum(attributes.log_scales, least[:, None]))

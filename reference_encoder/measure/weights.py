@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reference_encoder.measure.survey import Survey
-from reference_encoder.tuning import FLOOR_CONTRAST, FLOOR_DISTANCE, FLOOR_SHARE, SURVEY_POWER
+from reference_encoder.tuning import FLOOR_CONTRAST, FLOOR_DISTANCE, FLOOR_GAUSSIANS, FLOOR_SHARE, SURVEY_POWER
 from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import DILATION_PX2, Camera
 from scarfmt.render.projection import MIN_ALPHA, Drawable
@@ -136,7 +136,7 @@ def weighed(scene: GaussianScene, survey: Survey, report: Callable[[float], None
 
 
 def unoccluded(drawable: Drawable, distance: float) -> KindWeights:
-    """`FLOOR_SHARE` of what each Gaussian would weigh with nothing in front of it, so far away, world units.
+    """A share of what each Gaussian would weigh with nothing in front of it, so far away, world units.
 
     A splat of opacity o whose ellipse has the area pi s t covers o^2 pi s t of squared weights; seen from all sides,
     its two longest axes show about two thirds of that. It contrasts by `FLOOR_CONTRAST` with what is behind.
@@ -147,5 +147,6 @@ def unoccluded(drawable: Drawable, distance: float) -> KindWeights:
     area = np.sqrt(np.prod(np.exp(2 * scales) + blur, axis=1)) / width**2
     opacity = 1 / (1 + np.exp(-drawable.scene.opacity_logits.astype(np.float64)))
     covered = np.minimum(np.pi * 2 / 3 * area, WIDTH * HEIGHT) * opacity**2 * (opacity >= MIN_ALPHA)
-    weight = FLOOR_SHARE * covered / (3 * WIDTH * HEIGHT)
+    share = FLOOR_SHARE * min(1.0, len(drawable.scene) / FLOOR_GAUSSIANS)
+    weight = share * covered / (3 * WIDTH * HEIGHT)
     return KindWeights((FLOOR_CONTRAST**2 * weight).astype(np.float32), weight.astype(np.float32))

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from reference_encoder.decide.allocate import classify
+from reference_encoder.decide.allocate import classify, ranked_with_colour
 from reference_encoder.decide.assemble import Quantised, assembled
 from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.lagrangian import best_width, lambda_for
@@ -21,13 +21,14 @@ from reference_encoder.judge.looks import Looks
 from reference_encoder.judge.quality import most_db
 from reference_encoder.judge.views import Sight, judged_views
 from reference_encoder.latent.fit import FittedLatent, Wanted, fit_latent
-from reference_encoder.measure.attributes import Attributes, from_scene
+from reference_encoder.measure.attributes import Attributes, from_scene, without_hidden_scales
 from reference_encoder.measure.sensitivity import Sensitivity, measure
 from reference_encoder.measure.survey import Survey, survey
 from reference_encoder.measure.weights import Weights, weighed
 from reference_encoder.options import EncodeOptions
 from reference_encoder.profiles.account import ACCOUNT, account
 from reference_encoder.tuning import (
+    CLASS_COLOUR_SHARE,
     GAUSSIAN_BASE_SHARE,
     GAUSSIAN_BITS,
     GAUSSIAN_COARSEST,
@@ -51,7 +52,7 @@ class ExplicitProfile:
 
     Attributes:
         scene: the source.
-        attributes: of all its Gaussians, in the terms of SPEC §9.
+        attributes: of all its Gaussians, in the terms of SPEC §9; axes that nobody sees are no shorter than that.
         survey: where they were looked at from.
         weights: what they weigh there.
         sensitivity: what errors in them show.
@@ -73,6 +74,7 @@ class ExplicitProfile:
         attributes = from_scene(scene)
         views = survey(scene, options)
         weights = weighed(scene, views, lambda part: report("visibility", part))
+        attributes = without_hidden_scales(attributes, weights.pixel)
         told = replace(options, frame=views.up.up)
         return cls(scene, attributes, views, weights, measure(attributes, weights), told, report)
 
@@ -99,7 +101,9 @@ class ExplicitProfile:
     def problem(self, quality: float) -> Problem:
         """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted."""
         absence, lambda_ = self.sensitivity.absence, lambda_for(quality, len(self.scene), GAUSSIAN_LAMBDA_DB)
-        every, count = classify(absence, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
+        share = CLASS_COLOUR_SHARE if self.scene.sh_degree else 0.0
+        ranked = ranked_with_colour(absence, self.sensitivity.colour, share, lambda_ * GAUSSIAN_BITS)
+        every, count = classify(ranked, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
         kept = np.flatnonzero(every >= 0)
         classes, seen, attributes = every[kept], self.sensitivity.take(kept), self.attributes.take(kept)
         weights = {stream: SHAPE_SHARE.get(stream, 1.0) * s for stream, s in seen.channels.items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,6 +15,7 @@ from reference_encoder.decide.allocate import (
     hull_choice,
     increment,
     plan_channel,
+    ranked_with_colour,
 )
 from reference_encoder.decide.rdo import choose_values
 from reference_encoder.tuning import COARSEST_COLOUR
@@ -60,6 +62,21 @@ def test_classify_keeps_something() -> None:
     classes, count = classify(np.zeros(5), 1e-3, 40, 8)
     assert count == 1
     assert (classes >= 0).any()
+
+
+def test_importance_with_colour_ranks_between_both_and_drops_the_same() -> None:
+    """Half of the colour in the logarithm is the geometric mean, at the scale of absence; who is dropped stays so."""
+    absence, colour = np.array([8.0, 2.0, 1e-9, 1.0]), np.array([1.0, 64.0, 5.0, 1.0])
+    assert ranked_with_colour(absence, colour, 0.0, 1e-3) is absence
+    ranked = ranked_with_colour(absence, colour, 0.5, 1e-3)
+    # Of those worth sending: sqrt(8 * 1), sqrt(2 * 64), sqrt(1 * 1), at the geometric mean of absence.
+    by_mean = np.array([8.0, 128.0, 1.0]) ** 0.5
+    kept = [0, 1, 3]
+    np.testing.assert_allclose(ranked[kept] / ranked[3], by_mean / by_mean[2])
+    assert np.log(ranked[kept]).mean() == pytest.approx(np.log(absence[kept]).mean())
+    assert ranked[2] == absence[2]
+    unseen = ranked_with_colour(absence, np.array([1.0, 1.0, 1.0, 0.0]), 0.5, 1e-3)
+    assert (unseen > 1e-3).tolist() == (absence > 1e-3).tolist()
 
 
 def test_entropy_matches_counts() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from reference_encoder.decide.contexts import choose_rules
-from reference_encoder.measure.attributes import MIN_LOG_OPACITY, from_scene
+from reference_encoder.measure.attributes import MIN_LOG_OPACITY, from_scene, without_hidden_scales
 from scarfmt.container.schema import Stream
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.model import NO_SOURCE
@@ -38,3 +38,17 @@ def test_contexts_find_the_predictor() -> None:
     rules = choose_rules([Stream.SCALE, Stream.OPACITY, Stream.COLOUR], [scale, copied, noise], classes)
     assert (rules[1][0].source_channel, rules[1][0].source_component) == (0, 0)
     assert rules[2][0].source_channel == NO_SOURCE
+
+
+def test_axes_hidden_in_a_pixel_are_as_long_as_that_and_others_stay() -> None:
+    scales = np.array([[0.0, -1.0, -30.0], [0.0, -1.0, -2.0]], np.float32)
+    colours = np.zeros((2, 1, 3), np.float32)
+    turned = np.tile(np.array([1, 0, 0, 0], np.float32), (2, 1))
+    attributes = from_scene(GaussianScene(np.zeros((2, 3)), scales, turned, np.zeros(2, np.float32), colours))
+    found = without_hidden_scales(attributes, np.array([0.01, 0.01], np.float32)).log_scales
+    assert np.array_equal(found[1], scales[1])
+    assert np.array_equal(found[0, :2], scales[0, :2])
+    # A hundredth of the variance of a blurred pixel, which is 0.4 pixels^2.
+    assert np.isclose(np.exp(2 * found[0, 2]), 0.01 * 0.4 * 0.01**2)
+    far = without_hidden_scales(attributes, np.array([np.inf, 0], np.float32)).log_scales
+    assert np.isfinite(far).all()

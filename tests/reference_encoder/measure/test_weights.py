@@ -32,7 +32,7 @@ def test_what_nobody_sees_weighs_the_floor() -> None:
     hidden = replace(
         scene,
         positions=scene.positions * 0 - np.array([0, 0, 100.0]),
-        log_scales=np.log(np.float32([[0.1] * 3, [0.2] * 3, [0.2] * 3, [0.2] * 3])),
+        log_scales=np.log(np.float32([[0.005] * 3, [0.01] * 3, [0.01] * 3, [0.01] * 3])),
         opacity_logits=np.float32([3, 3, -3, -20]),
     )
     found = weighed(hidden, Survey({"orbit": [small_camera()]}, {"orbit": 1.0}, 1.0, Upright("-y")))
