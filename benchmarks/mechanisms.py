@@ -36,7 +36,7 @@ from reference_encoder import pipeline
 from reference_encoder.decide import allocate, decision, plans
 from reference_encoder.decide import lattice as cells
 from reference_encoder.decide.allocate import LatentChain, plan_channel
-from reference_encoder.judge.reconstruct import reconstructed
+from reference_encoder.judge.finished import finished_gaussians
 from reference_encoder.networks import candidates as neural
 from reference_encoder.networks import view
 from reference_encoder.networks.candidates import another_round, with_index_network, with_predictors
@@ -165,11 +165,11 @@ def deciding(scene: Scene, effort: int) -> Iterator[tuple[str, Record]]:
     def point(quality: float, **changed: Any) -> tuple[int, float]:
         own = replace(profile, options=replace(scene.options(quality=quality, effort=effort, corrections=0), **changed))
         attempt = pipeline.attempted(own, quality)
-        found = reconstructed(attempt.problem, attempt.decision)
+        found = finished_gaussians(attempt.plain.scene)
         each = [
             min(psnr(render(found, camera), seen), _MOST_DB) for camera, seen in zip(cameras, pictures, strict=True)
         ]
-        return _size(own.finish(attempt.problem, attempt.decision).scene), float(np.mean(each))
+        return _size(attempt.plain.scene), float(np.mean(each))
 
     def curve(**changed: Any) -> list[tuple[int, float]]:
         return [point(quality, **changed) for quality in (QUALITY, SECOND_QUALITY)]

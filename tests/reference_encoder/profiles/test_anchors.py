@@ -76,7 +76,7 @@ def test_anchor_model_round_trip() -> None:
         for layer in range(1, layers + 1)
     ]
     assert found == sorted(found)
-    assert found[-1] > 43.5
+    assert found[-1] > 41
 
 
 def test_what_no_network_reads_costs_nothing() -> None:
