@@ -8,7 +8,7 @@
       predicted       choices     what each layer shows                                 decide/layering.py
       decide          Decision    steps, contexts, the integers of all channels         decide/decision.py
       .finish         Quantised   all integers of the file                              profiles, decide/assemble.py
-    looked_at         Layering    what each layer shows, by pictures of layers          decide/layering.py
+    layered           Layering    what each layer shows, by pictures of layers          decide/layering.py
     smallest_file     Written     which networks the file gets                          networks
     encoded           Encoded     lambda, by pictures of the result after each stage    judge
 
@@ -27,7 +27,6 @@ from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision, decide
 from reference_encoder.decide.layering import (
     Entry,
-    LayerChoice,
     Layering,
     Look,
     best_looking,
@@ -156,8 +155,6 @@ def attempted(profile: Profile[Any], quality: float, layering: Layering | None =
 def decided(profile: Profile[Any], problem: Problem, layering: Layering | None) -> Attempt:
     """What is decided about a problem, layers as predicted or as `layering` says."""
     profile.report("allocate", 0.0)
-    if layering is None and profile.looks is not None and profile.options.layers > 1:
-        layering = likely(profile, problem)
     classes = problem.classes.count
     if layering is not None:
         problem = layering.split(problem)
@@ -172,33 +169,33 @@ def decided(profile: Profile[Any], problem: Problem, layering: Layering | None) 
     return Attempt(problem, plans, decision, profile.finish(problem, decision))
 
 
-def likely(profile: Profile[Any], problem: Problem) -> Layering:
-    """Layers that are good as a rule, without a look at them."""
-    costs, share = layer_costs(problem, planned(problem)), problem.budget.base_share
-    first = likely_first(costs, share)
-    problem, whole = _split_for(problem, first)
-    choices = predicted_after(whole, layer_costs(problem, planned(problem)), profile.options.layers)
-    return Layering.of(len(costs.sizes), first, choices)
+def layered(profile: Profile[Any], attempt: Attempt) -> Layering:
+    """What layers hold: a first without holes, and others after it. By their looks, or what is good as a rule.
 
-
-def looked_at(profile: Profile[Any], problem: Problem) -> Layering:
-    """What layers are best by their looks."""
-    plans, options, classes = planned(problem), profile.options, problem.classes.count
-    look = _look(profile, problem, plans, FIRST_CAP_DB)
-    first = first_picture(layer_costs(problem, plans), look, options.asked_db, problem.budget.base_share)
-    problem, whole = _split_for(problem, first)
-    plans = planned(problem)
-    look = _look(profile, problem, plans, options.asked_db)
-    choices = best_looking(layer_costs(problem, plans), look, whole, options.layers)
+    Args:
+        attempt: layers as predicted.
+    """
+    problem, plans, options = attempt.problem, attempt.plans, profile.options
+    share, costs, looking = (
+        problem.budget.base_share,
+        layer_costs(problem, plans),
+        EFFORTS[options.effort].looks_at_layers,
+    )
+    if looking:
+        first = first_picture(costs, _look(profile, problem, plans, FIRST_CAP_DB), options.asked_db, share)
+    else:
+        first = likely_first(costs, share)
+    whole = replace(first, parts=(1.0,) * first.shown)
+    if min(first.parts) < 1:
+        problem = problem.split(first.parts)
+        plans = planned(problem)
+        costs = layer_costs(problem, plans)
+    if looking:
+        choices = best_looking(costs, _look(profile, problem, plans, options.asked_db), whole, options.layers)
+    else:
+        choices = predicted_after(whole, costs, options.layers)
     profile.report("layers", 1.0)
-    return Layering.of(classes, first, choices)
-
-
-def _split_for(problem: Problem, first: LayerChoice) -> tuple[Problem, LayerChoice]:
-    """The problem with classes of their own for what the first layer shows, and that layer of it."""
-    if min(first.parts) == 1:
-        return problem, first
-    return problem.split(first.parts), replace(first, parts=(1.0,) * first.shown)
+    return Layering.of(attempt.problem.classes.count, first, choices)
 
 
 def _look(profile: Profile[Any], problem: Problem, plans: Plans, most: float) -> Look:
@@ -246,13 +243,11 @@ class Loop:
     def laid_out(self) -> Attempt:
         """The attempt before any network that is as good as asked, layers in place."""
         options, profile = self.profile.options, self.profile
-        looks = profile.looks is not None and EFFORTS[options.effort].looks_at_layers and options.layers > 1
-        spare = 1 if looks or options.trains_networks else 0
-        attempt = self._settled(self.attempt(self.search.aim), spare)
-        if looks:
-            problem = profile.problem(self.search.aim)
-            self.layering = looked_at(profile, problem)
-            attempt = self._settled(decided(profile, problem, self.layering), spare)
+        later = int(profile.looks is not None and options.layers > 1)
+        attempt = self._settled(self.attempt(self.search.aim), later + options.trains_networks)
+        if later:
+            self.layering = layered(profile, attempt)
+            attempt = self._settled(decided(profile, attempt.problem, self.layering), int(options.trains_networks))
         return attempt
 
     def _settled(self, attempt: Attempt, spare: int = 0) -> Attempt:

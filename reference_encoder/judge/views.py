@@ -17,7 +17,6 @@ from reference_encoder.tuning import (
     JITTER_DEG,
     JITTER_PART,
     JUDGED_SAMPLES,
-    KIND_SHARES,
     LEAST_JUDGED_VIEWS,
     LOOP_SEED,
     REPORT_SEED,
@@ -26,6 +25,9 @@ from scarfmt.render.camera import Camera
 from scarfmt.render.upright import Upright
 from scarfmt.render.viewpoints import KINDS, Surroundings, beside, viewpoints
 from scarfmt.scene.gaussians import GaussianScene
+
+EVEN_SHARES = {kind: 1 / len(KINDS) for kind in KINDS}
+"""Nobody knows where somebody will stand."""
 
 
 class Sight(IntEnum):
@@ -41,7 +43,7 @@ class Views:
 
     Attributes:
         cameras: of each kind.
-        shares: how much each kind counts, as in the survey; they add up to 1.
+        shares: how much each kind counts; they add up to 1.
     """
 
     cameras: Mapping[str, Sequence[Camera]]
@@ -63,7 +65,7 @@ def judged_views(scene: GaussianScene, options: EncodeOptions, up: Upright, sigh
     part = -(-views // len(every))
     everywhere = {kind: _sparse([v for each in every for v in viewpoints(each, kind, part, sight)]) for kind in KINDS}
     if not options.cameras:
-        return Views(everywhere, KIND_SHARES)
+        return Views(everywhere, EVEN_SHARES)
     given = [camera for camera in options.cameras if camera.split != "test"] or list(options.cameras)
     given = [given[number * len(given) // views] for number in range(views)]
     close = _sparse(beside(given, CLOSE_PART * around.radius, CLOSE_DEG, sight))
@@ -71,7 +73,7 @@ def judged_views(scene: GaussianScene, options: EncodeOptions, up: Upright, sigh
         return Views({GIVEN: close}, {GIVEN: 1.0})
     near = _sparse(beside(given, JITTER_PART * around.radius, JITTER_DEG, sight))
     rest = 1 - GIVEN_SHARE - BESIDE_SHARE
-    shares = {GIVEN: GIVEN_SHARE, BESIDE: BESIDE_SHARE, **{kind: rest * part for kind, part in KIND_SHARES.items()}}
+    shares = {GIVEN: GIVEN_SHARE, BESIDE: BESIDE_SHARE, **{kind: rest * part for kind, part in EVEN_SHARES.items()}}
     return Views({GIVEN: close, BESIDE: near, **everywhere}, shares)
 
 

@@ -10,7 +10,7 @@ import pytest
 from reference_encoder.judge.judge import Judge, gaussian_view
 from reference_encoder.judge.quality import Quality, most_db
 from reference_encoder.judge.views import Sight, Views, judged_views, views_of_kind
-from reference_encoder.measure.survey import survey
+from reference_encoder.measure.survey import BESIDE, GIVEN, survey
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.tuning import LEAST_JUDGED_VIEWS
 from scarfmt.render.camera import Camera, look_at, orbit_cameras
@@ -52,13 +52,16 @@ def test_survey_loop_and_report_look_from_different_places(
     assert not loop & report
 
 
-def test_views_are_shared_out_as_in_the_survey(scene: GaussianScene) -> None:
-    """All kinds alike; with cameras mostly these and their neighbourhood; with nothing else, nothing else."""
+def test_kinds_of_places_count_alike_and_cameras_as_in_the_survey(scene: GaussianScene) -> None:
+    """Nobody knows where somebody will stand; with cameras mostly there and beside; with nothing else, nothing else."""
     cameras = orbit_cameras(scene, 9)
     for options in (EncodeOptions(), EncodeOptions(cameras=cameras), EncodeOptions(cameras=cameras, only_cameras=True)):
         views = _views(scene, options, Sight.LOOP)
-        assert views.shares == survey(scene, options).shares
-        assert set(views.cameras) == set(views.shares)
+        surveyed = survey(scene, options).shares
+        assert set(views.cameras) == set(views.shares) == set(surveyed)
+        assert sum(views.shares.values()) == pytest.approx(1)
+        assert len({views.shares[kind] for kind in KINDS if kind in views.shares}) <= 1
+        assert all(views.shares[kind] == surveyed[kind] for kind in (GIVEN, BESIDE) if kind in surveyed)
 
 
 def test_photos_for_tests_are_left_to_tests(scene: GaussianScene) -> None:
