@@ -17,7 +17,7 @@ One currency runs through all of it: lambda, squared picture error per bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
@@ -46,7 +46,7 @@ from reference_encoder.networks.file_costs import index_bytes, latent_cost, with
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
-from reference_encoder.tuning import FIRST_CAP_DB, WORST_BELOW_DB
+from reference_encoder.tuning import FIRST_CAP_DB, PROMISED_DB, WORST_BELOW_DB
 from scarfmt.coding.writer import QuantisedScene, Report, silent, write_scene
 from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput, missing_package
@@ -263,7 +263,10 @@ class Loop:
         written = write(attempt)
         if not options.trains_networks:
             return written
-        return self.search.settled(written, lambda aim: write(self.attempt(aim)), lambda made: self.found(made.scene))
+        # Networks are what takes longest: they are trained again for what was promised, not for less.
+        self.search.left = min(self.search.left, 1)
+        again: Callable[[float], Written] = lambda aim: write(self.attempt(aim))  # noqa: E731
+        return self.search.settled(written, again, lambda made: self.found(made.scene), tolerance=PROMISED_DB)
 
     def reported(self, written: Written) -> Quality:
         """How good pictures of a file are, from views that nothing was decided by."""

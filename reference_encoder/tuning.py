@@ -62,6 +62,8 @@ INVISIBLE_WEIGHT = 1 / 255
 
 TOLERANCE_DB = 0.25
 """Close enough, dB: as many views from elsewhere differ by as much [0025]."""
+PROMISED_DB = 0.5
+"""How far off what was asked the finished file may be before networks are trained again, once [0025]."""
 LOOP_SEED, REPORT_SEED = 2025, 2027
 """Of the views by which results are corrected, and of those by which they are reported [0025]."""
 JUDGED_SAMPLES = 4800

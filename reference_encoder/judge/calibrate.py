@@ -40,7 +40,14 @@ class Search:
     def __post_init__(self) -> None:
         self.aim = self.start
 
-    def settled(self, made: T, make: Callable[[float], T], judged: Callable[[T], float], spare: int = 0) -> T:
+    def settled(
+        self,
+        made: T,
+        make: Callable[[float], T],
+        judged: Callable[[T], float],
+        spare: int = 0,
+        tolerance: float = TOLERANCE_DB,
+    ) -> T:
         """Of `made` and what corrections make of it, what is closest to what was asked; all are judged.
 
         Args:
@@ -48,13 +55,14 @@ class Search:
             make: aim, dB -> result.
             judged: result -> dB found.
             spare: corrections to leave to later stages.
+            tolerance: close enough, dB.
         """
         if self.left <= spare:
             return made
         tried: list[tuple[float, float]] = [(self.aim, judged(made))]
         closest, aim = made, self.aim
         while self.left > spare:
-            better = next_aim(self.asked, tried, self.start)
+            better = next_aim(self.asked, tried, self.start, tolerance)
             if better is None:
                 break
             self.left -= 1
@@ -66,7 +74,9 @@ class Search:
         return closest
 
 
-def next_aim(asked: float, tried: Sequence[tuple[float, float]], start: float) -> float | None:
+def next_aim(
+    asked: float, tried: Sequence[tuple[float, float]], start: float, tolerance: float = TOLERANCE_DB
+) -> float | None:
     """The quality to predict for next, so that pictures have `asked` dB; None when the last try was close enough.
 
     What pictures have does not rise evenly with what is aimed at: thresholds and codebooks change with lambda. So the
@@ -76,9 +86,10 @@ def next_aim(asked: float, tried: Sequence[tuple[float, float]], start: float) -
         asked: dB.
         tried: (aimed at, found) so far, dB.
         start: the first aim, dB: no other is far from it.
+        tolerance: close enough, dB.
     """
     aim, found = tried[-1]
-    if not math.isfinite(found) or abs(asked - found) <= TOLERANCE_DB:
+    if not math.isfinite(found) or abs(asked - found) <= tolerance:
         return None
     below = max((pair for pair in tried if pair[1] < asked), key=lambda pair: pair[1], default=None)
     above = min((pair for pair in tried if pair[1] > asked), key=lambda pair: pair[1], default=None)

@@ -7,7 +7,7 @@ a picture's pixels to another by a few tenths (docs/decisions/0025-quality-every
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Generic, TypeVar
@@ -21,6 +21,7 @@ from scarfmt.render.camera import Camera
 from scarfmt.render.metrics import psnr
 from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
+from scarfmt.render.several import each_view
 from scarfmt.scene.gaussians import GaussianScene
 
 S = TypeVar("S")
@@ -53,7 +54,9 @@ class Judge(Generic[S]):
     def of(cls, scene: S, view: Callable[[S], View], views: Views, most_db: float = math.inf) -> Judge[S]:
         """With pictures of `scene`, which are drawn here."""
         draw = view(scene)
-        pictures = {kind: [(camera, draw(camera)) for camera in cameras] for kind, cameras in views.cameras.items()}
+        pictures = {
+            kind: list(zip(cameras, each_view(draw, cameras), strict=True)) for kind, cameras in views.cameras.items()
+        }
         shown = {kind: [pair for pair in pairs if pair[1].any()] for kind, pairs in pictures.items()}
         return cls(view, {kind: pairs for kind, pairs in shown.items() if pairs}, views.shares, most_db)
 
@@ -61,7 +64,13 @@ class Judge(Generic[S]):
         """How good pictures of `scene` are."""
         draw = self.view(scene)
         found = {
-            kind: np.array([min(psnr(draw(camera), picture), self.most_db) for camera, picture in pairs])
+            kind: np.array([min(decibels, self.most_db) for decibels in _decibels(draw, pairs)])
             for kind, pairs in self.seen.items()
         }
         return Quality(found, self.shares)
+
+
+def _decibels(draw: View, pairs: Sequence[tuple[Camera, F32]]) -> Iterator[float]:
+    """PSNR of what `draw` draws from each camera against the picture beside it, dB."""
+    drawn = each_view(draw, [camera for camera, _ in pairs])
+    return (psnr(picture, truth) for picture, (_, truth) in zip(drawn, pairs, strict=True))

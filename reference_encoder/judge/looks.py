@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,9 @@ from reference_encoder.options import EncodeOptions
 from reference_encoder.tuning import LAYER_BLOCK, LAYER_VIEW_SAMPLING, LAYER_VIEWS
 from scarfmt.arrays import F32, F64
 from scarfmt.render.camera import Camera
+from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
+from scarfmt.render.several import each_view
 from scarfmt.render.viewpoints import KINDS, WIDTH, Surroundings, viewpoints
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -39,12 +42,12 @@ class Looks:
     def of(cls, scene: GaussianScene, options: EncodeOptions) -> Looks:
         """For `scene`, from everywhere with its up axis; of cameras that are a fence, from some of those."""
         cameras = _fence(options) or _everywhere(scene, options)
-        return cls(cameras, [render(scene, camera) for camera in cameras])
+        return cls(cameras, list(each_view(partial(render, Drawable.of(scene)), cameras)))
 
     def psnr_db(self, scene: GaussianScene, most: float) -> float:
         """Mean over the views of how good `scene` looks, dB, each counting as at most `most` dB."""
-        pairs = zip(self.cameras, self.pictures, strict=True)
-        errors = (looked_error(render(scene, camera), picture) for camera, picture in pairs)
+        drawn = each_view(partial(render, Drawable.of(scene)), self.cameras)
+        errors = (looked_error(picture, truth) for picture, truth in zip(drawn, self.pictures, strict=True))
         return float(np.mean([min(-10 * math.log10(max(error, _LEAST_ERROR)), most) for error in errors]))
 
 

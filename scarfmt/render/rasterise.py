@@ -7,7 +7,6 @@ float64 in a fixed order, so results are the same bits whatever the number of th
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -38,6 +37,7 @@ from scarfmt.render.projection import (
     Drawable,
     project,
 )
+from scarfmt.render.several import each_view
 from scarfmt.scene.gaussians import GaussianScene
 
 TILE = 16
@@ -53,8 +53,6 @@ _NARROW = 3
 # Splats between two looks at whether any pixel of the tile is still open.
 _CHECK_EVERY = 16
 
-# Some numba threading layers abort the process when two Python threads enter them at once.
-_lock = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -440,11 +438,10 @@ def render(
     fixed = _check(drawable.scene, colours)
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
     image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
-    with _lock:
-        splats, order, _ = project(drawable, camera, sh_degree, fixed)
-        offsets, members = _bin_splats(splats, order, columns, rows)
-        behind = np.asarray(background, dtype=np.float64)
-        _render_tiles(splats, offsets, members, _spread(columns * rows), columns, behind, image)
+    splats, order, _ = project(drawable, camera, sh_degree, fixed)
+    offsets, members = _bin_splats(splats, order, columns, rows)
+    behind = np.asarray(background, dtype=np.float64)
+    _render_tiles(splats, offsets, members, _spread(columns * rows), columns, behind, image)
     return image
 
 
@@ -479,18 +476,20 @@ def contributions_by_view(
     drawable = Drawable.of(scene)
     fixed = _check(drawable.scene, colours)
     behind = np.asarray(background, dtype=np.float64)
-    for camera in cameras:
+
+    def contributed(camera: Camera) -> ViewContributions:
         columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
         size = np.array([camera.width, camera.height], dtype=np.int64)
-        with _lock:
-            splats, order, index = project(drawable, camera, sh_degree, fixed)
-            offsets, members = _bin_splats(splats, order, columns, rows)
-            measures = np.empty((len(members), 4))
-            _measure_tiles(splats, offsets, members, _spread(columns * rows), columns, size, behind, measures)
-            sums = _gather(measures, members, len(splats))
+        splats, order, index = project(drawable, camera, sh_degree, fixed)
+        offsets, members = _bin_splats(splats, order, columns, rows)
+        measures = np.empty((len(members), 4))
+        _measure_tiles(splats, offsets, members, _spread(columns * rows), columns, size, behind, measures)
+        sums = _gather(measures, members, len(splats))
         seen = np.flatnonzero(sums[:, 3] > 0)
         weight_sum, weight_sq, contrast_sq, weight_max = sums[seen].T
-        yield ViewContributions(index[seen].astype(np.int64), weight_sum, weight_sq, weight_max, contrast_sq)
+        return ViewContributions(index[seen].astype(np.int64), weight_sum, weight_sq, weight_max, contrast_sq)
+
+    yield from each_view(contributed, cameras)
 
 
 def contributions(
