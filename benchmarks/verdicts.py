@@ -13,11 +13,11 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from benchmarks.judged import EQUAL_DB
-
 Row = dict[str, Any]
 
 LEVELS = ("psnr_db", "p5_psnr_db", "worst_psnr_db")
+LOSSLESS_DB = 90.0
+"""Files with this mean and more are as good as lossless: no rivals of lossy ones."""
 AIMS = (0.6, 0.6, 0.5, 0.5)
 """What this project aims at by degree of spherical harmonics: bytes at equal quality against those of a rival."""
 
@@ -50,7 +50,7 @@ def smallest(rivals: Sequence[Row], goal: float) -> Row | None:
 
 def best(rivals: Sequence[Row], goal: float) -> list[Row]:
     """From `goal` dB, the lossy files that no other beats in size and in all of :data:`LEVELS`; the smallest first."""
-    good = [r for r in rivals if goal <= r["psnr_db"] < EQUAL_DB]
+    good = [r for r in rivals if goal <= r["psnr_db"] < LOSSLESS_DB]
     return sorted((r for r in good if not any(_beats(other, r) for other in good)), key=lambda r: int(r["bytes"]))
 
 
