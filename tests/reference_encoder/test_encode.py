@@ -148,7 +148,7 @@ def test_real_scene_beats_the_smallest_rival(shared_data: Path) -> None:
     """plush-dog at 40.2 dB or more takes less than half of SOG's 36.9 bytes per Gaussian at that quality."""
     source = load(shared_data / "splats" / "plush-dog.ply")
     assert isinstance(source, GaussianScene)
-    file = encode(source, EncodeOptions(effort=1, quality=43, decode_budget=0))
+    file = encode(source, EncodeOptions(effort=1, quality=41, decode_budget=0))
     quality = compare(source, decode(file).scene, orbit_cameras(source, 4), ssim=False).mean_psnr_db
     assert len(file) / len(source) < 36.9 / 2
     assert quality > 40.2
