@@ -8,7 +8,7 @@ import pickle
 import pytest
 
 from scarfmt import errors
-from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError, Truncated, Unsupported
+from scarfmt.errors import InputWarning, InvalidInput, LimitExceeded, Malformed, ScarError, Truncated, Unsupported
 
 CLASSES = [ScarError, Unsupported, Malformed, Truncated, LimitExceeded, InvalidInput]
 
@@ -30,7 +30,8 @@ def test_the_hierarchy_sorts_by_what_to_do() -> None:
     assert issubclass(InvalidInput, ValueError)
     assert not any(issubclass(kind, Malformed) for kind in (Unsupported, LimitExceeded, InvalidInput))
     public = {value for value in vars(errors).values() if isinstance(value, type) and issubclass(value, Exception)}
-    assert public == set(CLASSES)
+    assert public - {InputWarning} == set(CLASSES)
+    assert issubclass(InputWarning, UserWarning)
 
 
 @pytest.mark.parametrize("kind", CLASSES)

@@ -13,11 +13,11 @@ import numpy as np
 from reference_encoder.decide.targets import joined_classes
 from scarfmt.arrays import F32, F64, I64
 from scarfmt.blocks.mlp import QuantisedMlp
-from scarfmt.codecs.channels import channel_values
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.directory import tile_frame
 from scarfmt.container.morton import deinterleave
 from scarfmt.container.schema import Stream
+from scarfmt.engines import best_engine
 from scarfmt.scene.activation import activated
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
 
@@ -67,7 +67,7 @@ def _values(scene: QuantisedScene, classes: I64) -> Mapping[Stream, F32]:
             found[channel.stream] = (integers * np.array(channel.first_width)).astype(np.float32)
         else:
             steps = model.steps(len(model.layers), index, classes)
-            found[channel.stream] = channel_values(integers, channel.first_width, steps)
+            found[channel.stream] = best_engine().channel_values(integers, channel.first_width, steps)
     return found
 
 

@@ -138,9 +138,14 @@ def test_hard_scene_survives(name: str) -> None:
 
 
 def test_flat_scale_is_kept() -> None:
-    """A scale of 1e-20 comes back as a scale nobody can see, not as a blob."""
+    """A scale of 1e-20 comes back as a scale nobody can see, not as a blob.
+
+    It is raised to a tenth of what a pixel blurs (decision 0028), in this scene 0.0003 to 0.0008 of a splat 0.06 wide.
+    """
     decoded = decode(encode(_flat(), QUICK)).scene
-    assert decoded.log_scales.min(axis=1).max() < -8
+    thinner = decoded.log_scales.max(axis=1) - decoded.log_scales.min(axis=1)
+    assert decoded.log_scales.min(axis=1).max() < -7
+    assert thinner.min() > np.log(50)
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
