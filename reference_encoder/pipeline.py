@@ -17,7 +17,7 @@ One currency runs through all of it: lambda, squared picture error per bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.util import find_spec
@@ -265,8 +265,9 @@ class Loop:
             return written
         # Networks are what takes longest: they are trained again for what was promised, not for less.
         self.search.left = min(self.search.left, 1)
-        again: Callable[[float], Written] = lambda aim: write(self.attempt(aim))  # noqa: E731
-        return self.search.settled(written, again, lambda made: self.found(made.scene), tolerance=PROMISED_DB)
+        return self.search.settled(
+            written, lambda aim: write(self.attempt(aim)), lambda made: self.found(made.scene), tolerance=PROMISED_DB
+        )
 
     def reported(self, written: Written) -> Quality:
         """How good pictures of a file are, from views that nothing was decided by."""

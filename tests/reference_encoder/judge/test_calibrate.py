@@ -65,3 +65,16 @@ def test_an_error_that_stays_buys_only_so_many_bits() -> None:
         assert better is not None
         assert better <= 76.0
         tried.append((better, 60.0))
+
+
+def test_what_is_dear_is_made_again_only_beyond_its_tolerance() -> None:
+    """A finished file that is 0.4 dB off stays; one that is 0.6 dB off is made again, once."""
+    for off, times in ((0.4, 0), (0.6, 1)):
+        search, made = Search(asked=40.0, left=1, start=40.0), []
+
+        def make(aim: float, made: list[float] = made) -> float:
+            made.append(aim)
+            return aim
+
+        search.settled(40.0 + off, make, lambda found: found, tolerance=0.5)
+        assert len(made) == times
