@@ -15,10 +15,15 @@ from scarfmt.limits import DEFAULT_LIMITS, FORMAT_LIMITS, Limits
 from scarfmt.tools.truncate import truncate
 
 
-def latent_cost(quantised: Quantised, data: bytes) -> float:
-    """What a scene's latents cost in its file `data`: bits, or with targets J = D + lambda * bits."""
+def latent_cost(quantised: Quantised, data: bytes, time_bits: float = 0.0) -> float:
+    """What a scene's latents cost in its file `data`: bits, or with targets J = D + lambda * bits.
+
+    Args:
+        time_bits: what decoding their network is worth.
+    """
     reader = SceneReader(BytesSource(data), limits=FORMAT_LIMITS)
-    size = index_bytes(data) + sum(layer.stream_bytes[Stream.LATENT] for layer in reader.header.layers)
+    latents = sum(layer.stream_bytes[Stream.LATENT] for layer in reader.header.layers)
+    size = index_bytes(data) + latents + time_bits / 8
     return 8.0 * size if quantised.targets is None else quantised.targets.cost(quantised.scene, size)
 
 
