@@ -17,8 +17,8 @@ One currency runs through all of it: lambda, squared picture error per bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
 from typing import Any
@@ -43,11 +43,12 @@ from reference_encoder.judge.quality import Quality
 from reference_encoder.judge.rough import rough
 from reference_encoder.judge.views import Sight
 from reference_encoder.networks.decode_time import index_network_ns, networks_ns
-from reference_encoder.networks.file_costs import index_bytes, latent_cost, within_limits
+from reference_encoder.networks.file_costs import index_bytes, latent_cost, mechanisms, within_limits
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
 from reference_encoder.tuning import FIRST_CAP_DB, PROMISED_DB, WORST_BELOW_DB
+from scarfmt.coding.decoder_model import MECHANISMS
 from scarfmt.coding.writer import QuantisedScene, Report, silent, write_scene
 from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput, missing_package
@@ -74,10 +75,11 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Written:
-    """A file, and all integers of it."""
+    """A file, all integers of it, and what the networks in it save and cost (`file_costs.mechanisms`)."""
 
     data: bytes
     scene: QuantisedScene
+    mechanisms: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Encoded(bytes):
@@ -110,7 +112,8 @@ def encoded(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: 
     loop = Loop(measured(scene, options, report))
     written = loop.written(loop.laid_out())
     quality = loop.reported(written)
-    metadata = {"quality": quality.figures(), **written.scene.metadata}
+    networks = {MECHANISMS: written.mechanisms} if written.mechanisms else {}
+    metadata = {"quality": quality.figures(), **networks, **written.scene.metadata}
     return Encoded.of(annotated(written.data, metadata), quality)
 
 
@@ -323,4 +326,6 @@ def _written(scene: QuantisedScene, report: Report) -> Written:
 def _better(static: Written, neural: Written, options: EncodeOptions) -> Written:
     """The file with networks if its bytes and its time together are less and readers take it."""
     cost = 8 * len(neural.data) + options.bits_per_ns * networks_ns(neural.scene)
-    return neural if cost < 8 * len(static.data) and within_limits(neural.data) else static
+    if cost >= 8 * len(static.data) or not within_limits(neural.data):
+        return static
+    return replace(neural, mechanisms=mechanisms(static.data, neural.scene, neural.data))

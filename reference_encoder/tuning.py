@@ -294,6 +294,9 @@ PREDICTOR_TABLE_BITS, PREDICTOR_ENTRY_BITS = 24.0, 6.0
 MOST_PREDICTED_SHARE = 0.55
 """Of what a step of a component takes under static tables: more than predictors save of it. Where the cheapest takes
 longer than the transfer of so much, none is trained [0030]."""
+SKETCH_STRIDE, WIDER_SHARE = 4, 0.15
+"""A predictor without hidden units, trained on one of so many samples in as many times fewer steps, tells about what
+one can save; those with hidden units save at most so much of the static bits more [0030]."""
 RUN_BITS = 0.1
 """What a run of symbols in one context is worth: it costs a decoder about 4 microseconds [0009]."""
 LEAST_DEVIATION = 4.0

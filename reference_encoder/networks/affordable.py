@@ -69,12 +69,12 @@ class Bounds:
     def _keeps(self, shape: NetworkShape) -> bool:
         if math.isinf(self.multiply_adds) and math.isinf(self.most_ns):
             return True
-        network, model = self._untrained(shape), self.scene.model
+        network, model = self.untrained(shape), self.scene.model
         if network.multiply_adds(model.max_stages) > self.multiply_adds:
             return False
         return index_network_ns(replace(self.scene, network=network)) <= self.most_ns
 
-    def _untrained(self, shape: NetworkShape) -> IndexNetwork:
+    def untrained(self, shape: NetworkShape) -> IndexNetwork:
         """A network of a shape that has seen one row of zeros: only its size counts."""
         unused = tuple(np.zeros(size, np.int64) for size in self.books.sizes)
         books, (coarse, residual) = arrange(self.books, (unused[0], unused[1]))

@@ -106,9 +106,8 @@ def with_index_network(
     old = scene.codebooks
     if old is None:
         return None
-    context = scene.model.context if scene.predictors else CONTEXT
-    model = replace(scene.model, context=context, layers=tuple(_neural(row) for row in scene.model.layers))
-    scene = replace(scene, model=model)
+    scene = with_neural_layers(scene)
+    model = scene.model
     bounds = Bounds(scene, old, _budget_left(scene, options), most_ns)
     kinds = (False, True) if EFFORTS[options.effort].attention else (False,)
     shapes = [shape for shape in map(bounds.widest, kinds) if shape is not None]
@@ -144,6 +143,13 @@ def another_round(learned: Learned, targets: Targets, options: EncodeOptions, re
     trained = train(rows, books, learned.clusters, shape, training, partial(report, "entropy network"), start)
     network = export(trained.model, learned.view.columns(scene.model), books)
     return replace(learned, scene=replace(scene, network=network), model=trained.model, bits=trained.bits)
+
+
+def with_neural_layers(scene: QuantisedScene) -> QuantisedScene:
+    """The scene with all its indices to be coded by an index network, which it does not have yet."""
+    context = scene.model.context if scene.predictors else CONTEXT
+    layers = tuple(_neural(row) for row in scene.model.layers)
+    return replace(scene, model=replace(scene.model, context=context, layers=layers))
 
 
 def _neural(row: LayerRow) -> LayerRow:

@@ -1,4 +1,4 @@
-"""What the networks of a scene take of a decoder, by the model of one (encoder side).
+"""What the networks of a scene make a decoder do, and what that takes by the model of one (encoder side).
 
 :mod:`scarfmt.coding.decoder_model` has the nanoseconds; here are the numbers of what is done so many times.
 """
@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,8 +14,21 @@ from scarfmt.arrays import I64
 from scarfmt.coding.decoder_model import DECODER
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
-from scarfmt.neural.predictors import Predictor
+from scarfmt.container.schema import Stream
 from scarfmt.scene.model import MAX_CLASSES, LayerRow, SceneModel
+
+
+@dataclass(frozen=True)
+class Work:
+    """What networks of one kind make a decoder do.
+
+    Attributes:
+        multiply_adds: of all anchors.
+        anchors: for which their inputs are made, each as often as that happens.
+    """
+
+    multiply_adds: int
+    anchors: int
 
 
 def class_counts(contents: Sequence[TileContent]) -> I64:
@@ -26,40 +40,46 @@ def class_counts(contents: Sequence[TileContent]) -> I64:
 
 
 def received(model: SceneModel, channel: int, step: int, counts: I64) -> int:
-    """Anchors that receive a step of a channel, in whatever layer."""
+    """Anchors that receive a step of a channel, in whatever layer, given (MAX_CLASSES,) anchors of each class."""
     steps = np.array([row[channel] for row in model.layers[-1].steps])
     return int(counts[: len(steps)][steps >= step].sum())
 
 
-def predictors_ns(scene: QuantisedScene) -> float:
-    """Nanoseconds that the predictors of a scene take of a decoder."""
-    found = [predictor for group in scene.predictors.values() for predictor in group]
-    counts = class_counts(scene.contents)
-
-    def anchors(predictor: Predictor) -> int:
-        channel = scene.model.channel_index(predictor.stream)
+def predictor_work(scene: QuantisedScene) -> dict[Stream, Work]:
+    """The work of the predictors of each channel that has any."""
+    counts, model = class_counts(scene.contents), scene.model
+    products: dict[tuple[Stream, int], int] = {}
+    for predictor in (predictor for group in scene.predictors.values() for predictor in group):
+        key = predictor.stream, predictor.step
+        products[key] = products.get(key, 0) + predictor.multiply_adds
+    work: dict[Stream, Work] = {}
+    for (stream, step), each in sorted(products.items()):
+        channel, known = model.channel_index(stream), work.get(stream, Work(0, 0))
         assert channel is not None
-        return received(scene.model, channel, predictor.step, counts)
+        anchors = received(model, channel, step, counts)
+        work[stream] = Work(known.multiply_adds + each * anchors, known.anchors + anchors)
+    return work
 
-    shared = {(predictor.stream, predictor.step): anchors(predictor) for predictor in found}
-    products = sum(predictor.multiply_adds * anchors(predictor) for predictor in found)
-    return DECODER.predictor_multiply_add * products + DECODER.predicted * sum(shared.values())
+
+def index_work(scene: QuantisedScene) -> Work:
+    """The work of the index network in all layers that are coded by it."""
+    if scene.network is None:
+        return Work(0, 0)
+    counts, coded = class_counts(scene.contents), list(_coded_stages(scene.model))
+    products = sum(int(counts[kind]) * scene.network.multiply_adds(after) for kind, after in coded)
+    return Work(products, sum(int(counts[kind]) for kind, _ in coded))
 
 
 def index_network_ns(scene: QuantisedScene) -> float:
-    """Nanoseconds that the index network of a scene takes of a decoder in all layers that are coded by it."""
-    if scene.network is None:
-        return 0.0
-    counts = class_counts(scene.contents)
-    return sum(
-        int(counts[kind]) * (DECODER.index_row + DECODER.index_multiply_add * scene.network.multiply_adds(after))
-        for kind, after in _coded_stages(scene.model)
-    )
+    """Nanoseconds that the index network of a scene takes of a decoder."""
+    work = index_work(scene)
+    return DECODER.index_network_ns(work.multiply_adds, work.anchors)
 
 
 def networks_ns(scene: QuantisedScene) -> float:
     """Nanoseconds that all integer networks of a scene take of a decoder."""
-    return predictors_ns(scene) + index_network_ns(scene)
+    predictors = predictor_work(scene).values()
+    return index_network_ns(scene) + sum(DECODER.predictors_ns(work.multiply_adds, work.anchors) for work in predictors)
 
 
 def _coded_stages(model: SceneModel) -> Iterator[tuple[int, int]]:
@@ -67,7 +87,7 @@ def _coded_stages(model: SceneModel) -> Iterator[tuple[int, int]]:
     before: LayerRow | None = None
     for row in model.layers:
         for kind, after in enumerate(row.stages):
-            known = before is not None and kind < before.class_count
-            if row.neural and after > (before.stages[kind] if before is not None and known else 0):
+            known = before.stages[kind] if before is not None and kind < before.class_count else 0
+            if row.neural and after > known:
                 yield kind, after
         before = row

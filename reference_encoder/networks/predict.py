@@ -7,12 +7,12 @@ save more bits than the network and its tables cost, and than are transferred wh
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast
+from typing import TypeVar, cast
 
 import numpy as np
 from numba import get_num_threads
@@ -27,7 +27,9 @@ from reference_encoder.tuning import (
     PREDICTOR_SAMPLE,
     PREDICTOR_TABLE_BITS,
     RUN_BITS,
+    SKETCH_STRIDE,
     TOP_WEIGHTS,
+    WIDER_SHARE,
 )
 from scarfmt.arrays import F32, F64, I16, I64, Ints
 from scarfmt.blocks.predictors import pack_predictors
@@ -43,6 +45,7 @@ from scarfmt.neural.predicted import Predictors
 from scarfmt.neural.predictors import MAX_CONTEXTS, Predictor, first_use, input_width
 from scarfmt.scene.model import MAX_CLASSES, NO_SOURCE, ContextRule, LayerRow, SceneModel
 
+_T = TypeVar("_T")
 Key = tuple[int, int, int]
 """(stream, component, step)."""
 
@@ -145,23 +148,29 @@ def choose_predictors(
         bits_per_ns: what a nanosecond of decoding is worth.
     """
     whole, (model, contents) = _totals(model, contents), _attributes_only(model, contents)
-    frames, contents = _some_tiles([TileFrame(b) for b in bits], contents, seed)
-    static = _static_bits(model, frames, contents, whole, bits_per_ns)
-    worth = _worth_training(model, static, whole, bits_per_ns)
-    if not worth:
+    frames, training = [TileFrame(b) for b in bits], EFFORTS[effort].predictors
+    promising = set(whole)
+    if bits_per_ns:
+        few = _some_tiles(frames, contents, seed, PREDICTOR_ANCHORS // SKETCH_STRIDE)
+        promising = _promising(model, *few, whole, training, seed, bits_per_ns)
+    if not promising:
         return {}
+    frames, contents = _some_tiles(frames, contents, seed, PREDICTOR_ANCHORS)
+    static = _static_bits(model, frames, contents, whole, bits_per_ns)
     taken = sorted(samples(model, frames, contents, whole, seed).items())
 
     def best(number: int) -> Gain | None:
         key, sample = taken[number]
-        if key not in worth:
-            return None
-        return _best(key, sample, static[key], EFFORTS[effort].predictors, seed + number, bits_per_ns)
+        return _best(key, sample, static[key], training, seed + number, bits_per_ns) if key in promising else None
 
-    # Each is trained by itself, so threads change nothing.
-    with ThreadPoolExecutor(get_num_threads()) as pool:
-        gains = [gain for gain in pool.map(best, range(len(taken))) if gain is not None]
+    gains = [gain for gain in _in_threads(best, len(taken)) if gain is not None]
     return _sent(model, [gain.predictor for gain in _paying(gains, whole, bits_per_ns)])
+
+
+def _in_threads(act: Callable[[int], _T], count: int) -> list[_T]:
+    """What `act` gives for 0.. count - 1. Each predictor is trained by itself, so threads change nothing."""
+    with ThreadPoolExecutor(get_num_threads()) as pool:
+        return list(pool.map(act, range(count)))
 
 
 def _sent(model: SceneModel, predictors: Sequence[Predictor]) -> dict[int, tuple[Predictor, ...]]:
@@ -175,17 +184,38 @@ def _sent(model: SceneModel, predictors: Sequence[Predictor]) -> dict[int, tuple
     return chosen
 
 
-def _worth_training(
-    model: SceneModel, static: Mapping[Key, float], whole: Mapping[Key, int], bits_per_ns: float
+def _promising(
+    model: SceneModel,
+    frames: Sequence[TileFrame],
+    contents: Sequence[TileContent],
+    whole: Mapping[Key, int],
+    training: PredictorTraining,
+    seed: int,
+    bits_per_ns: float,
 ) -> set[Key]:
-    """Keys for which a predictor might pay: the cheapest has no hidden units, and none saves more than a share."""
-    gains = []
-    for key, bits in static.items():
-        channel = model.channel_index(Stream(key[0]))
-        assert channel is not None
-        least = DECODER.predictor_multiply_add * 2 * input_width(model, channel) * whole[key]
-        gains.append((key, MOST_PREDICTED_SHARE * bits - bits_per_ns * least))
-    return {key for key, _ in _steps_that_pay([gain for gain in gains if gain[1] > 0], whole, bits_per_ns)}
+    """Keys for which a predictor might pay for its time, told from a few tiles before anything is trained well."""
+    static = _static_bits(model, frames, contents, whole, bits_per_ns)
+    bounds = [(key, _bound(model, key, bits, whole[key], bits_per_ns)) for key, bits in static.items()]
+    worth = {key for key, _ in _steps_that_pay(bounds, whole, bits_per_ns)}
+    if not worth:
+        return set()
+    taken = [
+        (key, found) for key, found in sorted(samples(model, frames, contents, whole, seed).items()) if key in worth
+    ]
+
+    def hope(number: int) -> tuple[Key, float]:
+        key, sample = taken[number]
+        return key, _hope(key, sample, static[key], training, seed + number, bits_per_ns)
+
+    return {key for key, _ in _steps_that_pay(_in_threads(hope, len(taken)), whole, bits_per_ns)}
+
+
+def _bound(model: SceneModel, key: Key, bits: float, symbols: int, bits_per_ns: float) -> float:
+    """The most that the cheapest predictor, one without hidden units, can save of the static `bits` of a key."""
+    channel = model.channel_index(Stream(key[0]))
+    assert channel is not None
+    least = DECODER.predictor_multiply_add * 2 * input_width(model, channel) * symbols
+    return MOST_PREDICTED_SHARE * bits - bits_per_ns * least
 
 
 def _paying(gains: Sequence[Gain], whole: Mapping[Key, int], bits_per_ns: float) -> list[Gain]:
@@ -197,28 +227,39 @@ def _paying(gains: Sequence[Gain], whole: Mapping[Key, int], bits_per_ns: float)
 def _steps_that_pay(
     gains: Sequence[tuple[Key, float]], whole: Mapping[Key, int], bits_per_ns: float
 ) -> list[tuple[Key, float]]:
-    """Those (key, bits) of steps of which all components together gain more than their context takes."""
-    total: dict[tuple[int, int], float] = {}
+    """Those (key, bits) above 0 of steps of which all components together gain more than their context takes."""
+    gains, total = [gain for gain in gains if gain[1] > 0], defaultdict[tuple[int, int], float](float)
     for (stream, _, step), bits in gains:
-        total[stream, step] = total.get((stream, step), 0.0) + bits
+        total[stream, step] += bits
     return [(key, bits) for key, bits in gains if total[key[0], key[2]] > bits_per_ns * DECODER.predicted * whole[key]]
+
+
+def _hope(key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int, bits_per_ns: float) -> float:
+    """About the most bits that a predictor of one step of one component can save, from one that is hardly trained."""
+    part = Sample(sample.inputs[::SKETCH_STRIDE], sample.symbols[::SKETCH_STRIDE], sample.groups, sample.total)
+    sketch = replace(training, units=0, iterations=training.iterations // SKETCH_STRIDE)
+    linear = _trained(key, part, static, sketch, seed, bits_per_ns)
+    if linear is None:
+        return 0.0
+    # Each hidden unit looks at all inputs.
+    more = _WIDTHS[training.units][-2] * linear.predictor.inputs
+    wider = WIDER_SHARE * static - bits_per_ns * DECODER.predictor_multiply_add * more * sample.total
+    return linear.bits + max(wider, 0.0)
 
 
 def _best(
     key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int, bits_per_ns: float
 ) -> Gain | None:
     """The predictor of one step of one component, None if none pays."""
-    found = (
-        _of_width(key, sample, static, replace(training, units=units), seed, bits_per_ns)
-        for units in (_WIDTHS[training.units] if bits_per_ns else (training.units,))
-    )
-    return max((gain for gain in found if gain is not None), key=lambda gain: gain.bits, default=None)
+    widths = _WIDTHS[training.units] if bits_per_ns else (training.units,)
+    found = (_trained(key, sample, static, replace(training, units=u), seed, bits_per_ns) for u in widths)
+    return max((gain for gain in found if gain and gain.bits > 0), key=lambda gain: gain.bits, default=None)
 
 
-def _of_width(
+def _trained(
     key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int, bits_per_ns: float
 ) -> Gain | None:
-    """The predictor of at most so many hidden units, None if it does not pay."""
+    """The best predictor of at most so many hidden units, whether or not it pays; None if readers take none."""
     ternary, stream = key[2] > 1, Stream(key[0])
     net = train(sample.inputs, sample.symbols, ternary, sample.total, training, seed)
     outputs = net.outputs(sample.inputs.astype(np.float64))
@@ -234,7 +275,7 @@ def _of_width(
         predictor = quantised(net, sample.inputs, outputs, place, buckets, top)
         bits = expected_bits(predictor.contexts(x), sample, run_bits) + 8 * _packed_bytes(predictor)
         saved = static - bits - product_bits * predictor.multiply_adds
-        if saved > (best.bits if best else 0.0) and _valid(predictor):
+        if (best is None or saved > best.bits) and _valid(predictor):
             best = Gain(predictor, saved)
     return best
 
@@ -320,7 +361,7 @@ def _run(
             put_layer(model, layer, frame, content, lambda _: emitter, neural, best_engine())
 
 
-class _RunCounter(SymbolCounter):
+class RunCounter(SymbolCounter):
     """Counts symbols, and the runs that share a table."""
 
     def __init__(self) -> None:
@@ -340,7 +381,7 @@ def _static_bits(
     bits_per_ns: float,
 ) -> dict[Key, float]:
     """Bits of every step of every component under the static contexts, with tables and what opening them is worth."""
-    counter = _RunCounter()
+    counter = RunCounter()
     _run(model, frames, contents, counter, NeuralModels())
     histograms: dict[Key, list[I64]] = {}
     for key, (_, counts) in counter.histograms().items():
@@ -367,12 +408,12 @@ def _totals(model: SceneModel, contents: Sequence[TileContent]) -> dict[Key, int
 
 
 def _some_tiles(
-    frames: Sequence[TileFrame], contents: Sequence[TileContent], seed: int
+    frames: Sequence[TileFrame], contents: Sequence[TileContent], seed: int, anchors: int
 ) -> tuple[list[TileFrame], list[TileContent]]:
-    """Tiles drawn at random until they have enough anchors."""
+    """Tiles drawn at random until they have so many anchors."""
     order = np.random.default_rng(seed).permutation(len(contents))
     before = np.cumsum([0, *(len(contents[tile]) for tile in order)])[:-1]
-    kept = sorted(int(tile) for tile in order[before < PREDICTOR_ANCHORS])
+    kept = sorted(int(tile) for tile in order[before < anchors])
     return [frames[tile] for tile in kept], [contents[tile] for tile in kept]
 
 

@@ -34,6 +34,14 @@ class DecoderModel:
     index_row: float
     index_multiply_add: float
 
+    def predictors_ns(self, multiply_adds: int, anchors: int) -> float:
+        """Of predictors: `anchors` for which a step's context is found, each as often as that happens."""
+        return self.predictor_multiply_add * multiply_adds + self.predicted * anchors
+
+    def index_network_ns(self, multiply_adds: int, anchors: int) -> float:
+        """Of an index network: `anchors` whose inputs are made, each as often as that happens."""
+        return self.index_multiply_add * multiply_adds + self.index_row * anchors
+
 
 DECODER = DecoderModel(
     date="2026-11-22",
@@ -47,3 +55,10 @@ DECODER = DecoderModel(
     index_multiply_add=0.05,
 )
 """The decoder that the encoder decides for (decision 0030)."""
+
+MECHANISMS = "mechanisms"
+"""Member of METADATA in which an encoder tells what the networks it kept save and make a decoder do.
+
+An object with ``index_network`` and ``predictors`` by channel, each present only if kept, with the integers ``saved``
+(bytes, its own blocks taken off), ``multiply_adds`` and ``anchors``, as for :class:`DecoderModel`.
+"""

@@ -15,10 +15,12 @@ from reference_encoder.encode import EncodeOptions, encode
 from reference_encoder.networks.candidates import multiply_adds
 from reference_encoder.networks.defaults import narrower, shape_for
 from reference_encoder.networks.file_costs import index_bytes, within_limits
-from reference_encoder.pipeline import best_file
+from reference_encoder.pipeline import Written, best_file
+from scarfmt.api import decode
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.container.source import BytesSource
+from scarfmt.counters import Counters, Part
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import Limits
 from scarfmt.scene.gaussians import GaussianScene
@@ -55,9 +57,15 @@ def plain(scene: GaussianScene) -> Quantised:
 
 
 @pytest.fixture(scope="module")
-def data(plain: Quantised) -> bytes:
+def written(plain: Quantised) -> Written:
     """The smallest file of the same symbols."""
-    return best_file(plain, OPTIONS).data
+    return best_file(plain, OPTIONS)
+
+
+@pytest.fixture(scope="module")
+def data(written: Written) -> bytes:
+    """Its bytes."""
+    return written.data
 
 
 def test_networks_make_a_file_smaller_where_neighbours_tell_something(plain: Quantised, data: bytes) -> None:
@@ -66,6 +74,19 @@ def test_networks_make_a_file_smaller_where_neighbours_tell_something(plain: Qua
     report = describe_models(BytesSource(data))
     assert report["predictors"]
     assert report["index_network"] is not None
+
+
+def test_what_networks_save_and_take_is_measured(plain: Quantised, written: Written) -> None:
+    """Bytes saved as files show them, and as many multiply-adds as a decoder counts."""
+    told, counters = written.mechanisms, Counters()
+    decode(written.data, counters=counters)
+    predictors = told["predictors"].values()
+    assert sum(one["multiply_adds"] for one in predictors) == counters.multiply_adds[Part.PREDICTORS]
+    index = told["index_network"]
+    assert counters.multiply_adds[Part.INDEX_NETWORK] <= index["multiply_adds"]
+    assert index["multiply_adds"] < 1.5 * counters.multiply_adds[Part.INDEX_NETWORK]
+    saved = index["saved"] + sum(one["saved"] for one in predictors)
+    assert saved == pytest.approx(len(write_scene(plain.scene)) - len(written.data), rel=0.05)
 
 
 def test_the_same_seed_gives_the_same_networks(plain: Quantised, data: bytes) -> None:
