@@ -10,7 +10,6 @@
 
 #define FINE_LIMIT 16777216.0
 #define FINE_ONE 1024.0
-#define MOST_STEPS 20
 
 static const double POWERS[MOST_STEPS] = {
     1.0, 3.0, 9.0, 27.0, 81.0, 243.0, 729.0, 2187.0, 6561.0, 19683.0, 59049.0, 177147.0, 531441.0, 1594323.0,

@@ -2,19 +2,16 @@
 scarfmt/neural/predictors.py define. */
 
 #include "cells.h"
+#include "steps.h"
 
 #define AMAX 511
-#define CLASSES 15
 #define CLASS_INPUT 64.0f
-#define KINDS 256     /* contexts of a component */
 #define MOST_COMPONENTS 64
-#define CLASS_KINDS 16
 #define TILE 64       /* anchors whose values stay in the cache while component after component is looked at */
 #define BAD_TRIT (-2)
 #define VALUE_RANGE (-3)
-#define VALUE_LIMIT 2147483647
 
-INLINE int64_t own_column(const Channel *s) { return CLASSES + s->settled_columns; }
+INLINE int64_t own_column(const Channel *s) { return CLASS_INPUTS + s->settled_columns; }
 
 /* Inputs that all components share. */
 INLINE int64_t shared_of(const Channel *s) {
@@ -38,9 +35,9 @@ INLINE void own_values(const Channel *s, const int64_t *anchors, double own[][BL
 
 /* Classes and settled channels of a block. */
 INLINE void known_inputs(const Channel *s, const int64_t *anchors, float *x) {
-    for (int64_t k = 0; k < CLASSES * BLOCK; k++) x[k] = 0;
+    for (int64_t k = 0; k < CLASS_INPUTS * BLOCK; k++) x[k] = 0;
     for (int j = 0; j < BLOCK; j++) x[s->classes[anchors[j]] * BLOCK + j] = CLASS_INPUT;
-    x += CLASSES * BLOCK;
+    x += CLASS_INPUTS * BLOCK;
     for (int64_t k = 0; k < s->settled_columns; k++, x += BLOCK)
         for (int j = 0; j < BLOCK; j++) {
             const int32_t value = s->settled[anchors[j] * s->settled_stride + k] >> 6;

@@ -15,7 +15,7 @@ function allocates. What indexes an array comes from other arrays that the calle
 #define EXPORT __attribute__((visibility("default")))
 
 /* Grows with every change of a function's arguments: loading.py loads no other. Structs are compared one by one. */
-#define INTERFACE 3
+#define INTERFACE 4
 
 /* Wider vectors where the machine has them, chosen when the library is loaded: glibc can, musl cannot. Not where the
 whole unit is compiled for the widest (-march=x86-64-v4, native): there is nothing to choose, and GCC 12 fails. */
@@ -29,6 +29,7 @@ whole unit is compiled for the widest (-march=x86-64-v4, native): there is nothi
 #define INLINE static inline __attribute__((always_inline))
 
 #define ALL_READ (-1)
+void scar_rans_open(Rans *rans);
 void scar_rans_uniform(Rans *rans, uint32_t size, int64_t n, int32_t *out);
 int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_t *kind, int64_t n, int64_t *counts,
                           int32_t *order, int32_t *out);
