@@ -60,7 +60,9 @@ INLINE void turn(const Numbers angle, Numbers sine, Numbers cosine) {
         cosine[j] = 1 + xx * (-1. / 2 + xx * (1. / 24 + xx * (-1. / 720 + xx * (1. / 40320 - xx * (1. / 3628800)))));
         far |= x > SERIES_REACH || x < -SERIES_REACH;
     }
-    for (int j = 0; far && j < BLOCK; j++) sine[j] = sin(angle[j]), cosine[j] = cos(angle[j]);
+    /* Each by itself: an anchor's numbers do not depend on those beside it. */
+    for (int j = 0; far && j < BLOCK; j++)
+        if (angle[j] > SERIES_REACH || angle[j] < -SERIES_REACH) sine[j] = sin(angle[j]), cosine[j] = cos(angle[j]);
 }
 
 static const float NO_ROTATIONS[3 * BLOCK] = {0};
