@@ -1,11 +1,11 @@
 /* Channel steps with static contexts and predictors (SPEC 7.5, 10.3): what scarfmt/codecs/channels.py and
 scarfmt/neural/predictors.py define. */
 
-#include "cells.h"
+#include <string.h>
 
-#define AMAX 511
-#define CLASSES 15
-#define CLASS_INPUT 64.0f
+#include "cells.h"
+#include "products.h"
+
 #define KINDS 256     /* contexts of a component */
 #define MOST_COMPONENTS 64
 #define CLASS_KINDS 16
@@ -14,94 +14,138 @@ scarfmt/neural/predictors.py define. */
 #define VALUE_RANGE (-3)
 #define VALUE_LIMIT 2147483647
 
-INLINE int64_t own_column(const Channel *s) { return CLASSES + s->settled_columns; }
+/* Rows of what predictors read of an anchor, in words: its class, pairs of settled values, and its own fine values. */
+typedef int32_t Four __attribute__((vector_size(16), aligned(4), may_alias));
 
-/* Inputs that all components share. */
-INLINE int64_t shared_of(const Channel *s) {
-    return own_column(s) + s->components + s->cells.depths * (s->components + 1);
+#if defined(__clang__)
+#define MIXED(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define MIXED(a, b, ...) __builtin_shuffle(a, b, (Four){__VA_ARGS__})
+#endif
+
+INLINE int64_t settled_words(const Channel *s) { return (s->settled_columns + 1) / 2; }
+
+INLINE int64_t row_words(const Channel *s) { return fours(1 + settled_words(s) + s->components); }
+
+/* Blocks of inputs, in words: classes, the pairs that all components share, and then those of each component. */
+INLINE int64_t own_words(const Channel *s) { return (s->cells.depths + 1) / 2; }
+
+INLINE int64_t shared_words(const Channel *s) {
+    return settled_words(s) + (s->components + 1) / 2 + s->cells.depths * ((s->components + 2) / 2);
 }
 
-INLINE int64_t width_of(const Channel *s) { return shared_of(s) + s->components * s->cells.depths; }
+INLINE int64_t block_words(const Channel *s) { return 1 + shared_words(s) + s->components * own_words(s); }
 
-INLINE float clamped(double value) { return (float)(value < -AMAX ? -AMAX : value > AMAX ? AMAX : value); }
+INLINE int32_t clamped(int32_t value) { return value < -AMAX ? -AMAX : value > AMAX ? AMAX : value; }
 
-INLINE float coarse_input(double value) { return clamped(floor_of(value * (1.0 / 64))); }
+INLINE int32_t coarse_input(int32_t fine) { return clamped(fine >> 6); }
 
-/* This channel's fine values before the step, of a block. */
-INLINE void own_values(const Channel *s, const int64_t *anchors, double own[][BLOCK]) {
-    const double power = power_of(s->step - 1);
-    for (int64_t c = 0; c < s->components; c++) {
-        for (int j = 0; j < BLOCK; j++) own[c][j] = s->values[anchors[j] * s->components + c];
-        for (int j = 0; j < BLOCK; j++) own[c][j] = s->step > 1 ? fine_of(own[c][j], power) : 0;
+/* Classes and settled values of all rows. */
+WIDE static void fill_known(const Channel *s) {
+    const int64_t words = row_words(s), columns = s->settled_columns;
+    for (int64_t i = 0; i < s->count; i++) {
+        int32_t *row = s->rows + i * words;
+        const int32_t *settled = s->settled + i * s->settled_stride;
+        row[0] = (int32_t)s->classes[i];
+        for (int64_t k = 0; k + 1 < columns; k += 2)
+            row[1 + k / 2] = pair_of(coarse_input(settled[k]), coarse_input(settled[k + 1]));
+        if (columns % 2) row[1 + columns / 2] = pair_of(coarse_input(settled[columns - 1]), 0);
     }
 }
 
-/* Classes and settled channels of a block. */
-INLINE void known_inputs(const Channel *s, const int64_t *anchors, float *x) {
-    for (int64_t k = 0; k < CLASSES * BLOCK; k++) x[k] = 0;
-    for (int j = 0; j < BLOCK; j++) x[s->classes[anchors[j]] * BLOCK + j] = CLASS_INPUT;
-    x += CLASSES * BLOCK;
-    for (int64_t k = 0; k < s->settled_columns; k++, x += BLOCK)
-        for (int j = 0; j < BLOCK; j++) {
-            const int32_t value = s->settled[anchors[j] * s->settled_stride + k] >> 6;
-            x[j] = (float)(value < -AMAX ? -AMAX : value > AMAX ? AMAX : value);
-        }
+/* Fine values of all rows, at the step where each anchor is. */
+WIDE static void fill_own(const Channel *s) {
+    const int64_t words = row_words(s), components = s->components;
+    int32_t *out = s->rows + 1 + settled_words(s), fine[MOST_COMPONENTS * BLOCK];
+    for (int64_t i = 0; i < s->count; i += BLOCK) {
+        const int64_t some = s->count - i < BLOCK ? s->count - i : BLOCK;
+        int64_t same = 1;
+        while (same < some && s->steps[i + same] == s->steps[i]) same++;
+        if (same == some)
+            fine_run(s->values + i * components, some * components, s->steps[i], fine);
+        else
+            for (int64_t j = 0; j < some; j++)
+                fine_run(s->values + (i + j) * components, components, s->steps[i + j], fine + j * components);
+        for (int64_t j = 0; j < some; j++, out += words)
+            for (int64_t c = 0; c < components; c++) out[c] = fine[j * components + c];
+    }
 }
 
-/* The (width, BLOCK) inputs of a block of anchors (SPEC 10.3). */
-INLINE void block_inputs(const Channel *s, const int64_t *anchors, float *x) {
-    const int64_t components = s->components, depths = s->cells.depths;
-    const double scale = power_of(s->step) / 32;
-    double own[MOST_COMPONENTS][BLOCK], mean[MOST_COMPONENTS][BLOCK], count[BLOCK];
-    known_inputs(s, anchors, x);
-    own_values(s, anchors, own);
-    x += own_column(s) * BLOCK;
-    for (int64_t c = 0; c < components; c++, x += BLOCK) {
-        for (int j = 0; j < BLOCK; j++) x[j] = coarse_input(own[c][j]);
-        for (int j = 0; j < BLOCK; j++) mean[c][j] = 0;
+/* Columns of four words from word `at` on of a row for each anchor. */
+INLINE void four_columns(const int32_t *const rows[BLOCK], int64_t at, int32_t out[4][BLOCK]) {
+    for (int j = 0; j < BLOCK; j += 4) {
+        const Four a = *(const Four *)(rows[j] + at), b = *(const Four *)(rows[j + 1] + at);
+        const Four c = *(const Four *)(rows[j + 2] + at), d = *(const Four *)(rows[j + 3] + at);
+        const Four ab = MIXED(a, b, 0, 4, 1, 5), cd = MIXED(c, d, 0, 4, 1, 5);
+        const Four last_ab = MIXED(a, b, 2, 6, 3, 7), last_cd = MIXED(c, d, 2, 6, 3, 7);
+        *(Four *)(out[0] + j) = MIXED(ab, cd, 0, 1, 4, 5);
+        *(Four *)(out[1] + j) = MIXED(ab, cd, 2, 3, 6, 7);
+        *(Four *)(out[2] + j) = MIXED(last_ab, last_cd, 0, 1, 4, 5);
+        *(Four *)(out[3] + j) = MIXED(last_ab, last_cd, 2, 3, 6, 7);
     }
-    float *counts = x + depths * components * BLOCK, *relative = counts + depths * BLOCK;
-    for (int64_t d = 0; d < depths; d++) {
-        block_means(&s->cells, d, anchors, &mean[0][0], count);
-        for (int j = 0; j < BLOCK; j++) counts[d * BLOCK + j] = (float)count_feature(count[j]);
+}
+
+INLINE void put_pairs(const int32_t *restrict first, const int32_t *restrict second, int32_t *restrict out) {
+    for (int j = 0; j < BLOCK; j++) out[j] = pair_of(first[j], second[j]);
+}
+
+/* What the rows of a block hold: words from `x` on, and fine values. */
+INLINE void row_inputs(const Channel *s, const int64_t *anchors, int32_t *x, int32_t own[][BLOCK]) {
+    const int64_t words = row_words(s), known = 1 + settled_words(s);
+    const int32_t *rows[BLOCK];
+    int32_t four[4][BLOCK];
+    for (int j = 0; j < BLOCK; j++) rows[j] = s->rows + anchors[j] * words;
+    for (int64_t at = 0; at < words; at += 4) {
+        four_columns(rows, at, four);
+        for (int64_t k = at; k < at + 4; k++)
+            memcpy(k < known ? x + k * BLOCK : own[k - known], four[k - at], sizeof four[0]);
+    }
+}
+
+/* Means of a block at a depth, kept where cells are empty, and in the column after them count features. */
+INLINE void mean_inputs(const Channel *s, const int64_t *anchors, int64_t depth, int32_t mean[][BLOCK]) {
+    const int64_t components = s->components, words = fours(components + 1);
+    const int32_t *rows[BLOCK];
+    int32_t here[MOST_COMPONENTS + 4][BLOCK];
+    for (int j = 0; j < BLOCK; j++)
+        rows[j] = s->cells.means[depth] + s->cells.cell[depth][anchors[j]] * words;
+    for (int64_t at = 0; at < words; at += 4) four_columns(rows, at, here + at);
+    const int32_t *count = here[components];
+    for (int64_t c = 0; c < components; c++)
+        for (int j = 0; j < BLOCK; j++) mean[c][j] = count[j] ? here[c][j] : mean[c][j];
+    memcpy(mean[components], count, sizeof here[0]);
+}
+
+/* The (block_words, BLOCK) inputs of a block of anchors (SPEC 10.3). */
+INLINE void block_inputs(const Channel *s, const int64_t *anchors, int32_t *x) {
+    const int64_t components = s->components, own_stride = own_words(s) * BLOCK;
+    /* Differences beyond `reach` are inputs of AMAX; nearer ones fit 32 bits times the power. */
+    const int32_t power = (int32_t)power_of(s->step), reach = 32 * (AMAX + 1) / power + 1;
+    int32_t own[MOST_COMPONENTS + 4][BLOCK], mean[MOST_COMPONENTS + 1][BLOCK], in[MOST_COMPONENTS + 2][BLOCK];
+    int32_t *relative = x + (1 + shared_words(s)) * BLOCK;
+    row_inputs(s, anchors, x, own);
+    x += (1 + settled_words(s)) * BLOCK;
+    for (int64_t c = 0; c < components; c++)
+        for (int j = 0; j < BLOCK; j++) in[c][j] = coarse_input(own[c][j]);
+    memset(in[components], 0, sizeof in[0]);
+    memset(mean, 0, (size_t)components * sizeof mean[0]);
+    for (int64_t c = 0; c < components; c += 2, x += BLOCK) put_pairs(in[c], in[c + 1], x);
+    for (int64_t d = 0; d < s->cells.depths; d++) {
+        mean_inputs(s, anchors, d, mean);
         for (int64_t c = 0; c < components; c++) {
-            float *restrict coarse = x + (d * components + c) * BLOCK;
-            float *restrict apart = relative + (c * depths + d) * BLOCK;
-            for (int j = 0; j < BLOCK; j++) coarse[j] = coarse_input(mean[c][j]);
-            for (int j = 0; j < BLOCK; j++) apart[j] = clamped(floor_of((mean[c][j] - own[c][j]) * scale + 0.5));
-        }
-    }
-}
-
-/* Context numbers of a component's symbols in a block, of its `x` and the component's own inputs. */
-INLINE void block_contexts(const Predictor *p, int64_t shared, int64_t depths, const float *x, const float *own,
-                           int32_t *context) {
-    const int64_t width = shared + depths;
-    Lanes sums[2] = {{0}, {0}};
-    for (int64_t row = 0; row < p->rows; row += ROWS) {
-        Lanes out[ROWS] = {{0}, {0}, {0}, {0}, {0}};
-        add_products(p->weights + row * width, width, x, shared, out);
-        add_products(p->weights + row * width + shared, width, own, depths, out);
-        for (int64_t r = 0; r < ROWS; r++) {
-            const int64_t unit = row + r;
-            if (unit >= p->units) {
-                if (unit < p->units + 2) sums[unit - p->units] += out[r];
-                continue;
+            int32_t *restrict apart = relative + c * own_stride + d / 2 * BLOCK;
+            for (int j = 0; j < BLOCK; j++) in[c][j] = coarse_input(mean[c][j]);
+            for (int j = 0; j < BLOCK; j++) {
+                const int32_t far = mean[c][j] - own[c][j];
+                const int32_t near = far < -reach ? -reach : far > reach ? reach : far;
+                const int32_t input = clamped((near * power + 16) >> 5);
+                apart[j] = d % 2 ? pair_of(apart[j], input) : pair_of(input, 0);
             }
-            Lanes hidden = out[r] + p->biases[unit];
-            clamp_lanes(&hidden, 0, AMAX);
-            floor_lanes(&hidden);
-            sums[0] += p->output[unit] * hidden;
-            sums[1] += p->output[p->units + unit] * hidden;
         }
+        memcpy(in[components], mean[components], sizeof in[0]);
+        memset(in[components + 1], 0, sizeof in[0]);
+        for (int64_t c = 0; c <= components; c += 2, x += BLOCK) put_pairs(in[c], in[c + 1], x);
     }
-    IntLanes bucket[2];
-    for (int k = 0; k < 2; k++) {
-        sums[k] += p->output_biases[k];
-        clamp_lanes(sums + k, 0, p->last[k]);
-        bucket[k] = __builtin_convertvector(sums[k], IntLanes);
-    }
-    *(IntLanes *)context = bucket[0] * (int32_t)(p->last[1] + 1) + bucket[1];
 }
 
 /* Inputs of all blocks of a pass. */
@@ -109,20 +153,21 @@ WIDE static void pass_inputs(const Channel *s, const int64_t *anchors, int64_t w
     int64_t block[BLOCK];
     for (int64_t i = 0; i < wide; i += BLOCK) {
         block_anchors(anchors, wide, i, block);
-        block_inputs(s, block, s->inputs + i * width_of(s));
+        block_inputs(s, block, s->inputs + i * block_words(s));
     }
 }
 
 /* Context numbers of components first..past - 1 that have a predictor; in step 1 of the inputs of the whole pass, else
 block by block. */
 WIDE static void predict(const Channel *s, const int64_t *anchors, int64_t wide, int64_t first, int64_t past) {
-    const int64_t shared = shared_of(s), depths = s->cells.depths;
+    const Products *products = products_at_hand();
+    const int64_t relative = (1 + shared_words(s)) * BLOCK, own_stride = own_words(s) * BLOCK;
     int64_t block[BLOCK];
     int32_t context[BLOCK];
     for (int64_t i = 0; i < wide; i += BLOCK) {
-        float *x = s->inputs;
+        int32_t *x = s->inputs;
         if (s->step == 1) {
-            x += i * width_of(s);
+            x += i * block_words(s);
         } else {
             block_anchors(anchors, wide, i, block);
             block_inputs(s, block, x);
@@ -130,7 +175,7 @@ WIDE static void predict(const Channel *s, const int64_t *anchors, int64_t wide,
         const int64_t here = wide - i < BLOCK ? wide - i : BLOCK;
         for (int64_t c = first; c < past; c++) {
             if (!s->predictors[c].rows) continue;
-            block_contexts(s->predictors + c, shared, depths, x, x + (shared + c * depths) * BLOCK, context);
+            products->contexts(s->predictors + c, x + BLOCK, x + relative + c * own_stride, x, context);
             uint16_t *kind = s->kind + (c - first) * wide + i;
             for (int64_t j = 0; j < here; j++) kind[j] = (uint16_t)(context[j] + (c - first) * KINDS);
         }
@@ -238,50 +283,74 @@ static int64_t code_components(Rans *rans, Channel *s, const int64_t *anchors, i
     return put_values(s, symbols, anchors, wide, first, past) ? ALL_READ : VALUE_RANGE;
 }
 
-/* In step 1, what was just read is an input of the components after it. */
+/* In step 1, what was just read is an input of the components after it: 16 times the value. */
 WIDE static void tell_component(const Channel *s, int64_t component, const int64_t *anchors, int64_t wide) {
-    const int64_t size = width_of(s), column = own_column(s) + component;
+    const int64_t size = block_words(s), column = 1 + settled_words(s) + component / 2;
     int64_t block[BLOCK];
-    double value[BLOCK];
     for (int64_t i = 0; i < wide; i += BLOCK) {
-        float *restrict x = s->inputs + i * size + column * BLOCK;
+        int32_t *restrict x = s->inputs + i * size + column * BLOCK;
         block_anchors(anchors, wide, i, block);
-        for (int j = 0; j < BLOCK; j++) value[j] = s->values[block[j] * s->components + component];
-        for (int j = 0; j < BLOCK; j++) x[j] = coarse_input(fine_of(value[j], 1));
+        for (int j = 0; j < BLOCK; j++) {
+            const int32_t value = s->values[block[j] * s->components + component];
+            const int32_t input = clamped((value < -AMAX ? -AMAX : value > AMAX ? AMAX : value) * 16);
+            x[j] = component % 2 ? pair_of(x[j], input) : pair_of(input, 0);
+        }
     }
 }
 
-/* Adds a block of anchors, the first `some` of its lanes, to the cells. */
-INLINE void add_block(const Channel *s, const int64_t *anchors, int64_t some) {
-    double numbers[MOST_COMPONENTS][BLOCK], power[BLOCK];
-    for (int j = 0; j < BLOCK; j++) power[j] = power_of(s->steps[anchors[j]]);
-    for (int64_t c = 0; c < s->components; c++) {
-        for (int j = 0; j < BLOCK; j++) numbers[c][j] = s->values[anchors[j] * s->components + c];
-        for (int j = 0; j < BLOCK; j++) numbers[c][j] = fine_of(numbers[c][j], power[j]);
+/* Adds the row of an anchor to its cells. */
+INLINE void add_row(const Channel *s, int64_t anchor, int64_t components) {
+    const int32_t *row = s->rows + anchor * row_words(s) + 1 + settled_words(s);
+    for (int64_t d = 0; d < s->cells.depths; d++) {
+        double *sums = s->cells.sums[d] + s->cells.cell[d][anchor] * (components + 1);
+        for (int64_t c = 0; c < components; c++) sums[c] += row[c];
+        sums[components] += 1;
     }
-    for (int64_t j = 0; j < some; j++) add_to_cells(&s->cells, anchors[j], &numbers[0][j], BLOCK);
 }
 
-/* Adds the anchors of a pass, all of which have a step. */
+/* Brings the rows of a pass, all of which have the step, up to date, and adds them to the cells. */
+INLINE void add_pass_of(const Channel *s, const int64_t *anchors, int64_t wide, int64_t components) {
+    const int64_t words = row_words(s);
+    int32_t *own = s->rows + 1 + settled_words(s), value[MOST_COMPONENTS * BLOCK], fine[MOST_COMPONENTS * BLOCK];
+    for (int64_t i = 0; i < wide; i += BLOCK) {
+        const int64_t some = wide - i < BLOCK ? wide - i : BLOCK;
+        for (int64_t j = 0; j < some; j++)
+            for (int64_t c = 0; c < components; c++)
+                value[j * components + c] = s->values[anchors[i + j] * components + c];
+        fine_run(value, some * components, s->step, fine);
+        for (int64_t j = 0; j < some; j++) {
+            for (int64_t c = 0; c < components; c++) own[anchors[i + j] * words + c] = fine[j * components + c];
+            add_row(s, anchors[i + j], components);
+        }
+    }
+}
+
 WIDE static void add_pass(const Channel *s, const int64_t *anchors, int64_t wide) {
-    int64_t block[BLOCK];
-    for (int64_t i = 0; i < wide; i += BLOCK) {
-        block_anchors(anchors, wide, i, block);
-        add_block(s, block, wide - i < BLOCK ? wide - i : BLOCK);
-    }
+    if (s->components == 3)
+        add_pass_of(s, anchors, wide, 3);
+    else
+        add_pass_of(s, anchors, wide, s->components);
 }
 
 /* The cells with the anchors that have the step already. */
 WIDE static void fill_cells(const Channel *s) {
-    int64_t block[BLOCK], some = 0;
     empty_cells(&s->cells);
-    for (int64_t anchor = 0; anchor < s->count; anchor++) {
-        if (s->steps[anchor] < s->step) continue;
-        block[some++] = anchor;
-        if (some == BLOCK) add_block(s, block, some), some = 0;
-    }
-    for (int64_t j = some; some && j < BLOCK; j++) block[j] = block[0];
-    if (some) add_block(s, block, some);
+    for (int64_t anchor = 0; anchor < s->count; anchor++)
+        if (s->steps[anchor] >= s->step) add_row(s, anchor, s->components);
+}
+
+/* What the inputs of a pass are made of: means of the cells, and in step 1 the inputs themselves. */
+WIDE static void means_of_pass(const Channel *s, const int64_t *anchors, int64_t wide) {
+    fill_means(&s->cells);
+    if (s->step == 1) pass_inputs(s, anchors, wide);
+}
+
+/* Rows and cells before a step. */
+static void look_around(Channel *s) {
+    if (!s->rows_step) fill_known(s);
+    if (!s->rows_step || s->rows_step != s->step - 1) fill_own(s);
+    s->rows_step = s->step;
+    fill_cells(s);
 }
 
 /* Reads or writes the step of a channel that `s` names, pass by pass (SPEC 7.5, 10.3); `ends`: where each pass ends
@@ -289,12 +358,12 @@ among the anchors.
 
 Returns ALL_READ, BAD_TRIT, VALUE_RANGE, or a kind (component * 256 + context) without a table. */
 EXPORT int64_t scar_channel_step(Rans *rans, Channel *s, const int64_t *anchors, const int64_t *ends, int64_t passes) {
-    if (s->predictors) fill_cells(s);
+    if (s->predictors) look_around(s);
     for (int64_t pass = 0, start = 0; pass < passes; start = ends[pass++]) {
         const int64_t *here = anchors + start;
         const int64_t wide = ends[pass] - start;
         if (!wide) continue;
-        if (s->predictors && s->step == 1) pass_inputs(s, here, wide);
+        if (s->predictors) means_of_pass(s, here, wide);
         /* The components of a first step are context for each other; later steps need no component's news. */
         const int64_t together = s->step == 1 ? 1 : s->components;
         for (int64_t c = 0; c < s->components; c += together) {

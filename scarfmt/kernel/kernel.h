@@ -15,7 +15,7 @@ function allocates. What indexes an array comes from other arrays that the calle
 #define EXPORT __attribute__((visibility("default")))
 
 /* Grows with every change of a function's arguments: loading.py loads no other. Structs are compared one by one. */
-#define INTERFACE 3
+#define INTERFACE 4
 
 /* Wider vectors where the machine has them, chosen when the library is loaded: glibc can, musl cannot. Not where the
 whole unit is compiled for the widest (-march=x86-64-v4, native): there is nothing to choose, and GCC 12 fails. */

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
-from ctypes import POINTER, c_int64, c_uint32, c_void_p
+from ctypes import POINTER, c_char_p, c_int64, c_uint32, c_void_p
 from functools import cache
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from scarfmt.kernel.structs import (
     Embedding,
     Grid,
     Indices,
+    Layer,
     Members,
     Network,
     Positions,
@@ -23,7 +24,7 @@ from scarfmt.kernel.structs import (
     Tables,
 )
 
-INTERFACE = 3
+INTERFACE = 4
 """The number of the interface in kernel.h. It stands for the arguments of the functions below; structs are
 compared field by field."""
 
@@ -49,6 +50,8 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_embedding_inputs": (None, [POINTER(Embedding), POINTER(Cells), c_void_p, c_void_p, c_int64, c_void_p]),
     "scar_indices": (c_int64, [POINTER(Rans), POINTER(Network), POINTER(Indices)]),
     "scar_values": (None, [c_void_p, c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
+    "scar_products": (c_char_p, [c_int64]),
+    "scar_layer": (None, [POINTER(Layer), c_void_p, c_int64, c_void_p]),
     "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Channel), c_void_p, c_void_p, c_int64]),
     "scar_channel_layer": (c_int64, [POINTER(Rans), POINTER(Channel), POINTER(ChannelLayer)]),
 }

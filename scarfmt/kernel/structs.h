@@ -46,15 +46,25 @@ typedef struct {
     const int32_t *cell[MOST_DEPTHS]; /* per anchor (n), its cell at each depth */
     double *sums[MOST_DEPTHS];        /* (cells, columns + 1): sums, and in the last column the count */
     int64_t sizes[MOST_DEPTHS];       /* cells */
+    int32_t *means[MOST_DEPTHS];      /* scratch: (cells, columns + 1 filled up to a multiple of 4) */
 } Cells;
 
-/* One component's part of a step. */
+/* clamp((W x + b) >> shift) over words, in each of which lie two inputs, or two weights: the first in the lower half. */
 typedef struct {
-    int64_t units, rows;             /* hidden units; rows of `weights`: units + 2, filled up to a multiple of ROWS */
-    const float *weights, *biases;   /* (rows, shared + depths): hidden units, then the two direct rows; (units) */
-    const float *output;             /* (2, units) */
-    float output_biases[2];
-    float last[2];                   /* buckets - 1 */
+    int64_t rows, words;            /* rows are filled up to be even */
+    const int32_t *weights, *biases; /* (rows, words), (rows) with the half of the rounding */
+    int32_t shift, low, high, unused;
+} Layer;
+
+/* One component's part of a step. Rows: the two of the output that look at inputs, then hidden units, filled up to be
+even. Classes are no inputs, but where the sums start. */
+typedef struct {
+    int64_t rows, shared, own; /* words of inputs: shared by the components, and of this one alone */
+    const int32_t *starts;     /* (rows, CLASS_STARTS), biases and halves of the roundings with them */
+    const int32_t *weights;    /* (rows, shared + own) */
+    const int32_t *output;     /* (2, hidden units / 2) */
+    int32_t shift, output_shift;
+    int32_t last[2];           /* buckets - 1 */
 } Predictor;
 
 /* Where a symbol's context comes from while there is no predictor (SPEC 8.4). */
@@ -75,7 +85,9 @@ typedef struct {
     const int32_t *settled;          /* (n, settled_stride) fine values, the first settled_columns are inputs */
     int64_t settled_columns, settled_stride;
     Cells cells;                     /* sums: scratch */
-    float *inputs;                   /* scratch: (BLOCKs of the widest pass, width, BLOCK); one block beyond step 1 */
+    int32_t *rows;                   /* scratch: (n, row_words of channel.c) */
+    int64_t rows_step;               /* the step after which `rows` hold fine values, 0 for none: none on entry */
+    int32_t *inputs;                 /* scratch: (BLOCKs of the widest pass, width, BLOCK); one block beyond step 1 */
     uint16_t *kind;                  /* scratch: (components, widest pass) */
     int32_t *symbols, *order;        /* scratch, reading: as many each */
     int64_t *counts;                 /* scratch, reading: kinds + 1 of the tables of most kinds */

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctypes import POINTER, Structure, c_float, c_int64, c_uint64, c_void_p
+from ctypes import POINTER, Structure, c_float, c_int32, c_int64, c_uint64, c_void_p
 
 DEPTHS, HEADS, GRU_LAYERS = 4, 2, 4
 
@@ -44,6 +44,17 @@ class Cells(Structure):
         ("cell", c_void_p * DEPTHS),
         ("sums", c_void_p * DEPTHS),
         ("sizes", c_int64 * DEPTHS),
+        ("means", c_void_p * DEPTHS),
+    )
+
+
+class Layer(Structure):
+    """One linear layer in integers."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("rows", "words")),
+        *((name, c_void_p) for name in ("weights", "biases")),
+        *((name, c_int32) for name in ("shift", "low", "high", "unused")),
     )
 
 
@@ -51,13 +62,10 @@ class Predictor(Structure):
     """One component's predictor."""
 
     _fields_ = (
-        ("units", c_int64),
-        ("rows", c_int64),
-        ("weights", c_void_p),
-        ("biases", c_void_p),
-        ("output", c_void_p),
-        ("output_biases", c_float * 2),
-        ("last", c_float * 2),
+        *((name, c_int64) for name in ("rows", "shared", "own")),
+        *((name, c_void_p) for name in ("starts", "weights", "output")),
+        *((name, c_int32) for name in ("shift", "output_shift")),
+        ("last", c_int32 * 2),
     )
 
 
@@ -77,6 +85,8 @@ class Channel(Structure):
         ("settled_columns", c_int64),
         ("settled_stride", c_int64),
         ("cells", Cells),
+        ("rows", c_void_p),
+        ("rows_step", c_int64),
         *((name, c_void_p) for name in ("inputs", "kind", "symbols", "order", "counts")),
         ("step", c_int64),
         *((name, c_void_p) for name in ("predictors", "tables", "given", "kinds_out", "symbols_out")),
