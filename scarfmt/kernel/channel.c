@@ -5,6 +5,7 @@ scarfmt/neural/predictors.py define. */
 
 #include "cells.h"
 #include "products.h"
+#include "rans.h"
 
 #define KINDS 256     /* contexts of a component */
 #define MOST_COMPONENTS 64
@@ -12,6 +13,7 @@ scarfmt/neural/predictors.py define. */
 #define TILE 64       /* anchors whose values stay in the cache while component after component is looked at */
 #define BAD_TRIT (-2)
 #define VALUE_RANGE (-3)
+#define MANY_SYMBOLS (-4)
 #define VALUE_LIMIT 2147483647
 
 /* Rows of what predictors read of an anchor, in words: its class, pairs of settled values, and its own fine values. */
@@ -54,8 +56,8 @@ WIDE static void fill_known(const Channel *s) {
 }
 
 /* Fine values of all rows, at the step where each anchor is. */
-WIDE static void fill_own(const Channel *s) {
-    const int64_t words = row_words(s), components = s->components;
+INLINE void fill_own_of(const Channel *s, int64_t components) {
+    const int64_t words = row_words(s);
     int32_t *out = s->rows + 1 + settled_words(s), fine[MOST_COMPONENTS * BLOCK];
     for (int64_t i = 0; i < s->count; i += BLOCK) {
         const int64_t some = s->count - i < BLOCK ? s->count - i : BLOCK;
@@ -69,6 +71,13 @@ WIDE static void fill_own(const Channel *s) {
         for (int64_t j = 0; j < some; j++, out += words)
             for (int64_t c = 0; c < components; c++) out[c] = fine[j * components + c];
     }
+}
+
+WIDE static void fill_own(const Channel *s) {
+    if (s->components == 3)
+        fill_own_of(s, 3);
+    else
+        fill_own_of(s, s->components);
 }
 
 /* Columns of four words from word `at` on of a row for each anchor. */
@@ -231,9 +240,71 @@ static int64_t read_symbols(Rans *rans, const Channel *s, int64_t n, int64_t fir
     Tables tables = *s->tables;
     tables.kinds = (past - first) * KINDS;
     tables.number += first * KINDS;
+    tables.few += first * KINDS;
     tables.used += first * KINDS;
     const int64_t read = scar_rans_grouped(rans, &tables, s->kind, n, s->counts, s->order, s->symbols);
     return read == ALL_READ ? read : read + first * KINDS;
+}
+
+/* Where the symbols of each kind begin; of those in the second half of each component's, in `later`. Whether all have
+a table of up to three symbols. */
+INLINE int kinds_begin(const Tables *tables, int64_t kinds, uint32_t *here, uint32_t *later) {
+    uint32_t total = 0;
+    int other = 0;
+    for (int64_t k = 0; k < kinds; k++) {
+        const uint32_t some = here[k], all = some + later[k];
+        other |= all && !tables->few[k].third;
+        tables->used[k] |= all > 0;
+        here[k] = total, later[k] = total + some;
+        total += all;
+    }
+    return !other;
+}
+
+/* Puts the places of a pass's values, and their kinds, in the order in which symbols travel: by kind. 0 where a kind has
+no table of few symbols. Halves of each component in turns: a count that has just changed is slow to read again. */
+static int sort_trits(const Channel *s, const int64_t *anchors, int64_t wide, int32_t *places, int32_t *kinds_of) {
+    const int64_t components = s->components, half = wide / 2, kinds = components * KINDS;
+    uint32_t *here = (uint32_t *)s->counts, *later = here + kinds;
+    memset(here, 0, 2 * (size_t)kinds * sizeof *here);
+    for (int64_t c = 0; c < components; c++) {
+        const uint16_t *one = s->kind + c * wide, *other = one + half;
+        for (int64_t i = 0; i < half; i++) here[one[i]]++, later[other[i]]++;
+        if (wide % 2) later[other[half]]++;
+    }
+    if (!kinds_begin(s->tables, kinds, here, later)) return 0;
+    for (int64_t c = 0; c < components; c++) {
+        const uint16_t *one = s->kind + c * wide, *other = one + half;
+        for (int64_t i = 0; i < wide - half; i++) {
+            if (i < half) {
+                const uint32_t at = here[one[i]]++;
+                places[at] = (int32_t)(anchors[i] * components + c), kinds_of[at] = one[i];
+            }
+            const uint32_t at = later[other[i]]++;
+            places[at] = (int32_t)(anchors[half + i] * components + c), kinds_of[at] = other[i];
+        }
+    }
+    return 1;
+}
+
+/* Reads the trits of a pass into its values: ALL_READ, BAD_TRIT, VALUE_RANGE, or MANY_SYMBOLS where nothing is read
+since a table is missing or has more than three symbols. */
+static int64_t read_trits(Rans *rans, const Channel *s, const int64_t *anchors, int64_t wide) {
+    const int64_t n = s->components * wide;
+    if (!sort_trits(s, anchors, wide, s->order, s->symbols)) return MANY_SYMBOLS;
+    Rans local = *rans;
+    int outside = 0;
+    uint32_t most = 0;
+    for (int64_t i = 0; i < n; i++) {
+        const int32_t symbol = few_symbols(&local, s->tables->few + s->symbols[i]);
+        const int64_t now = symbol + 3 * (int64_t)s->values[s->order[i]];
+        const uint32_t place = (uint32_t)symbol + 1;
+        most = place > most ? place : most;
+        outside |= now < -VALUE_LIMIT || now > VALUE_LIMIT;
+        s->values[s->order[i]] = (int32_t)now;
+    }
+    *rans = local;
+    return most > 2 ? BAD_TRIT : outside ? VALUE_RANGE : ALL_READ;
 }
 
 static int all_trits(const int32_t *symbols, int64_t n) {
@@ -276,6 +347,8 @@ static int64_t code_components(Rans *rans, Channel *s, const int64_t *anchors, i
         symbols = s->symbols_out;
         s->kinds_out += n, s->symbols_out += n;
     } else {
+        const int64_t trits = s->step > 1 ? read_trits(rans, s, anchors, wide) : MANY_SYMBOLS;
+        if (trits != MANY_SYMBOLS) return trits;
         const int64_t read = read_symbols(rans, s, n, first, past);
         if (read != ALL_READ) return read;
     }
@@ -333,10 +406,17 @@ WIDE static void add_pass(const Channel *s, const int64_t *anchors, int64_t wide
 }
 
 /* The cells with the anchors that have the step already. */
-WIDE static void fill_cells(const Channel *s) {
+INLINE void fill_cells_of(const Channel *s, int64_t components) {
     empty_cells(&s->cells);
     for (int64_t anchor = 0; anchor < s->count; anchor++)
-        if (s->steps[anchor] >= s->step) add_row(s, anchor, s->components);
+        if (s->steps[anchor] >= s->step) add_row(s, anchor, components);
+}
+
+WIDE static void fill_cells(const Channel *s) {
+    if (s->components == 3)
+        fill_cells_of(s, 3);
+    else
+        fill_cells_of(s, s->components);
 }
 
 /* What the inputs of a pass are made of: means of the cells, and in step 1 the inputs themselves. */
@@ -377,27 +457,47 @@ EXPORT int64_t scar_channel_step(Rans *rans, Channel *s, const int64_t *anchors,
     return ALL_READ;
 }
 
+/* Which anchors receive step `s->step`: 1 for each that does. */
+WIDE static void mark_anchors(const Channel *s, const ChannelLayer *l, uint16_t *marks) {
+    for (int64_t i = 0; i < s->count; i++) marks[i] = (l->before[i] < s->step) & (l->after[i] >= s->step);
+}
+
 /* The anchors that receive step `s->step`: in order, or by code. Returns how many. */
 static int64_t choose_anchors(const Channel *s, const ChannelLayer *l, int64_t *out) {
     const int64_t *by_code = s->predictors ? l->by_code : NULL;
+    const uint16_t *marks = s->kind;
     int64_t chosen = 0;
-    for (int64_t i = 0; i < s->count; i++) {
-        const int64_t anchor = by_code ? by_code[i] : i;
-        out[chosen] = anchor;
-        chosen += l->before[anchor] < s->step && l->after[anchor] >= s->step;
-    }
+    mark_anchors(s, l, s->kind);
+    if (by_code)
+        for (int64_t i = 0; i < s->count; i++) out[chosen] = by_code[i], chosen += marks[by_code[i]];
+    else
+        for (int64_t i = 0; i < s->count; i++) out[chosen] = i, chosen += marks[i];
     return chosen;
+}
+
+/* Whether the anchors that receive step `s->step` are others than those that receive the one before. */
+WIDE static int other_anchors(const Channel *s, const ChannelLayer *l) {
+    const int64_t *before = l->before, *after = l->after, step = s->step;
+    int64_t other = 0;
+    for (int64_t i = 0; i < s->count; i++)
+        other |= ((before[i] < step) & (after[i] >= step)) ^ ((before[i] < step - 1) & (after[i] >= step - 1));
+    return other != 0;
 }
 
 /* Reads all steps of a layer; the rest as for scar_channel_step. What is wrong is wrong in step `s->step`. */
 EXPORT int64_t scar_channel_layer(Rans *rans, Channel *s, const ChannelLayer *l) {
+    int64_t chosen = 0;
+    int by_code = 0;
     for (int64_t i = 0; i < s->count; i++) s->steps[i] = l->before[i];
     for (s->step = l->start; s->step < l->stop; s->step++) {
         const int64_t place = s->step - l->start;
         int64_t ends[MOST_PASSES], passes = 1;
         s->tables = l->tables[place], s->predictors = l->predictors[place];
         const int64_t *anchors = l->chosen;
-        const int64_t chosen = ends[0] = choose_anchors(s, l, l->chosen);
+        if (s->step == l->start || by_code != (s->predictors != NULL) || other_anchors(s, l))
+            chosen = choose_anchors(s, l, l->chosen);
+        by_code = s->predictors != NULL;
+        ends[0] = chosen;
         if (!chosen) continue;
         if (s->predictors) {
             passes = split_passes(l->chosen, chosen, l->passes_log2, l->anchors, ends);

@@ -14,7 +14,7 @@ typedef struct {
 static const Place PLACES[] = {
     WHOLE(Rans), AT(Rans, state), AT(Rans, left), AT(Rans, words),
     WHOLE(Tables), AT(Tables, kinds), AT(Tables, number), AT(Tables, starts), AT(Tables, sums), AT(Tables, values),
-    AT(Tables, used),
+    AT(Tables, few), AT(Tables, used),
     WHOLE(Members), AT(Members, clusters), AT(Members, width), AT(Members, largest), AT(Members, starts),
     AT(Members, places), AT(Members, weights), AT(Members, offsets),
     WHOLE(Cells), AT(Cells, depths), AT(Cells, columns), AT(Cells, cell), AT(Cells, sums), AT(Cells, sizes),

@@ -31,26 +31,6 @@ EXPORT void scar_rans_table(Rans *rans, const uint32_t *c, uint32_t size, int64_
     *rans = local;
 }
 
-/* The same of a table of 2 or 3 symbols, without a branch or a look into the table: symbols from `at` to `past` of those
-in `order`. Returns `past`. */
-INLINE int64_t few_symbols(Rans *rans, const uint32_t *c, uint32_t size, const int32_t *alphabet, const int32_t *order,
-                           int64_t at, int64_t past, int32_t *out) {
-    const uint32_t second = c[1], third = size > 2 ? c[2] : TOTAL;
-    /* What firsts and frequencies change by, from one symbol to the next. */
-    const uint32_t next_first = third - second, wider = next_first - second, last_wider = TOTAL - third - next_first;
-    const int32_t values[3] = {alphabet[0], alphabet[1], alphabet[size - 1]};
-    for (; at < past; at++) {
-        const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
-        const uint32_t one = -(uint32_t)(slot >= second), two = -(uint32_t)(slot >= third);
-        const uint32_t first = (one & second) + (two & next_first);
-        const uint32_t frequency = second + (one & wider) + (two & last_wider);
-        rans->state = (uint64_t)frequency * (rans->state >> PRECISION) + slot - first;
-        refill(rans);
-        out[order[at]] = values[-(int32_t)(one + two)];
-    }
-    return past;
-}
-
 /* The order of n symbols by ascending kind; counts[k] is then where kind k ends. ALL_READ, or a kind without table. */
 static int64_t sorted_by_kind(const Tables *tables, const uint16_t *kind, int64_t n, int64_t *counts, int32_t *order) {
     const int64_t kinds = tables->kinds;
@@ -85,10 +65,8 @@ EXPORT int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_
         const uint32_t size = (uint32_t)(tables->starts[table + 1] - first);
         const uint32_t *c = tables->sums + first + table;
         const int32_t *alphabet = tables->values + first;
-        if (size == 1)
-            for (; at < past; at++) out[order[at]] = alphabet[0];
-        else if (size <= 3)
-            at = few_symbols(&local, c, size, alphabet, order, at, past, out);
+        if (size <= 3)
+            for (const FewSymbols few = tables->few[k]; at < past; at++) out[order[at]] = few_symbols(&local, &few);
         else
             for (; at < past; at++) out[order[at]] = alphabet[symbol(&local, c, size)];
     }

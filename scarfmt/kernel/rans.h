@@ -19,6 +19,19 @@ INLINE void advance(Rans *rans, uint32_t slot, uint32_t first, uint32_t past) {
     refill(rans);
 }
 
+/* One symbol of a table of up to three, without a branch or a look into the table: the next state of the first symbol,
+and what it changes by to those of the others. */
+INLINE int32_t few_symbols(Rans *rans, const FewSymbols *few) {
+    const uint64_t upper = rans->state >> PRECISION, slot = rans->state & SLOT_MASK;
+    const uint64_t one = -(uint64_t)(slot >= few->second), two = -(uint64_t)(slot >= few->third);
+    uint64_t state = few->second * upper + slot;
+    state += one & ((uint64_t)(int64_t)few->wider * upper - few->second);
+    state += two & ((uint64_t)(int64_t)few->last_wider * upper - (uint64_t)few->next_first);
+    rans->state = state;
+    refill(rans);
+    return few->values[-(int64_t)(one + two)];
+}
+
 INLINE uint32_t edge(uint64_t sum, uint64_t spare, uint64_t total, uint32_t place) {
     return (uint32_t)(sum * spare / total) + place;
 }

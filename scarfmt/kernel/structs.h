@@ -20,6 +20,14 @@ typedef struct {
     const uint32_t *words;
 } Rans;
 
+/* A table of up to three symbols, unpacked: where the second and the third begin, TOTAL for none; what first and frequency
+change by from the first to the second symbol and from that to the third. All zeros: no such table. */
+typedef struct {
+    uint32_t second, third;
+    int32_t next_first, wider, last_wider;
+    int32_t values[3];
+} FewSymbols;
+
 /* Static tables by kind: number[k] of kind k's table, -1 for none. Table t has values[starts[t]..starts[t + 1] - 1],
 and one prefix sum more, from sums[starts[t] + t] on. */
 typedef struct {
@@ -28,6 +36,7 @@ typedef struct {
     const int64_t *starts;
     const uint32_t *sums;
     const int32_t *values;
+    const FewSymbols *few; /* per kind */
     uint8_t *used; /* per kind: set to 1 where a symbol was read */
 } Tables;
 

@@ -22,6 +22,7 @@ class Tables(Structure):
         ("starts", c_void_p),
         ("sums", c_void_p),
         ("values", c_void_p),
+        ("few", c_void_p),
         ("used", c_void_p),
     )
 
