@@ -3,6 +3,8 @@
 #ifndef SCAR_CELLS_H
 #define SCAR_CELLS_H
 
+#include <string.h>
+
 #include "lanes.h"
 
 /* Columns that a scene may average: 64 components of a channel, or those of all attributes and latents. */
@@ -61,25 +63,6 @@ INLINE double cell_means(const Cells *cells, int64_t depth, int64_t anchor, doub
     return count;
 }
 
-/* The same of a block of anchors: mean[c * BLOCK + j], count[j]. */
-INLINE void block_means(const Cells *cells, int64_t depth, const int64_t *anchors, double *restrict mean,
-                        double *restrict count) {
-    const double *rows[BLOCK];
-    double some[BLOCK], sum[BLOCK];
-    for (int j = 0; j < BLOCK; j++) {
-        rows[j] = cells->sums[depth] + cells->cell[depth][anchors[j]] * (cells->columns + 1);
-        count[j] = rows[j][cells->columns];
-        some[j] = count[j] > 0 ? count[j] : 1;
-    }
-    for (int64_t c = 0; c < cells->columns; c++, mean += BLOCK) {
-        for (int j = 0; j < BLOCK; j++) sum[j] = rows[j][c];
-        for (int j = 0; j < BLOCK; j++) {
-            const double here = mean_of(sum[j], some[j]);
-            mean[j] = count[j] > 0 ? here : mean[j];
-        }
-    }
-}
-
 /* 32 for every binary digit of an integer, 8 digits at most. */
 INLINE double count_feature(double count) {
     double digits = 0;
@@ -105,6 +88,22 @@ INLINE void fill_means(const Cells *cells) {
             case 3: cell_rows(cells->sums[d], cells->sizes[d], 3, cells->means[d]); break;
             default: cell_rows(cells->sums[d], cells->sizes[d], cells->columns, cells->means[d]);
         }
+}
+
+/* Means of a block at a depth, kept where cells are empty, and in the column after them count features; `mean` has room
+for the columns and four more. */
+INLINE void mean_columns(const Cells *cells, int64_t depth, const int64_t *anchors, int32_t mean[][BLOCK]) {
+    const int64_t columns = cells->columns, words = fours(columns + 1);
+    const int32_t *rows[BLOCK];
+    int32_t four[4][BLOCK], count[BLOCK];
+    for (int j = 0; j < BLOCK; j++) rows[j] = cells->means[depth] + cells->cell[depth][anchors[j]] * words;
+    for (int j = 0; j < BLOCK; j++) count[j] = rows[j][columns];
+    for (int64_t at = 0; at < words; at += 4) {
+        four_columns(rows, at, four);
+        for (int64_t c = at; c < at + 4; c++)
+            for (int j = 0; j < BLOCK; j++) mean[c][j] = count[j] ? four[c - at][j] : mean[c][j];
+    }
+    memcpy(mean[columns], count, sizeof count);
 }
 
 /* Adds one anchor whose numbers are `stride` apart. */

@@ -58,7 +58,7 @@ class CellNames:
         """Cells with anything in them, for one call that empties them first."""
         struct = self.struct(columns, _side_by_side("sums", [8 * size * (columns + 1) for size in self.sizes]))
         words = words_of_rows(columns + 1)
-        struct.means[: self.depths] = _side_by_side("means", [4 * size * words for size in self.sizes])
+        struct.means[: self.depths] = _side_by_side("cell means", [4 * size * words for size in self.sizes])
         return struct
 
 

@@ -17,14 +17,6 @@ scarfmt/neural/predictors.py define. */
 #define VALUE_LIMIT 2147483647
 
 /* Rows of what predictors read of an anchor, in words: its class, pairs of settled values, and its own fine values. */
-typedef int32_t Four __attribute__((vector_size(16), aligned(4), may_alias));
-
-#if defined(__clang__)
-#define MIXED(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
-#else
-#define MIXED(a, b, ...) __builtin_shuffle(a, b, (Four){__VA_ARGS__})
-#endif
-
 INLINE int64_t settled_words(const Channel *s) { return (s->settled_columns + 1) / 2; }
 
 INLINE int64_t row_words(const Channel *s) { return fours(1 + settled_words(s) + s->components); }
@@ -80,24 +72,6 @@ WIDE static void fill_own(const Channel *s) {
         fill_own_of(s, s->components);
 }
 
-/* Columns of four words from word `at` on of a row for each anchor. */
-INLINE void four_columns(const int32_t *const rows[BLOCK], int64_t at, int32_t out[4][BLOCK]) {
-    for (int j = 0; j < BLOCK; j += 4) {
-        const Four a = *(const Four *)(rows[j] + at), b = *(const Four *)(rows[j + 1] + at);
-        const Four c = *(const Four *)(rows[j + 2] + at), d = *(const Four *)(rows[j + 3] + at);
-        const Four ab = MIXED(a, b, 0, 4, 1, 5), cd = MIXED(c, d, 0, 4, 1, 5);
-        const Four last_ab = MIXED(a, b, 2, 6, 3, 7), last_cd = MIXED(c, d, 2, 6, 3, 7);
-        *(Four *)(out[0] + j) = MIXED(ab, cd, 0, 1, 4, 5);
-        *(Four *)(out[1] + j) = MIXED(ab, cd, 2, 3, 6, 7);
-        *(Four *)(out[2] + j) = MIXED(last_ab, last_cd, 0, 1, 4, 5);
-        *(Four *)(out[3] + j) = MIXED(last_ab, last_cd, 2, 3, 6, 7);
-    }
-}
-
-INLINE void put_pairs(const int32_t *restrict first, const int32_t *restrict second, int32_t *restrict out) {
-    for (int j = 0; j < BLOCK; j++) out[j] = pair_of(first[j], second[j]);
-}
-
 /* What the rows of a block hold: words from `x` on, and fine values. */
 INLINE void row_inputs(const Channel *s, const int64_t *anchors, int32_t *x, int32_t own[][BLOCK]) {
     const int64_t words = row_words(s), known = 1 + settled_words(s);
@@ -111,26 +85,12 @@ INLINE void row_inputs(const Channel *s, const int64_t *anchors, int32_t *x, int
     }
 }
 
-/* Means of a block at a depth, kept where cells are empty, and in the column after them count features. */
-INLINE void mean_inputs(const Channel *s, const int64_t *anchors, int64_t depth, int32_t mean[][BLOCK]) {
-    const int64_t components = s->components, words = fours(components + 1);
-    const int32_t *rows[BLOCK];
-    int32_t here[MOST_COMPONENTS + 4][BLOCK];
-    for (int j = 0; j < BLOCK; j++)
-        rows[j] = s->cells.means[depth] + s->cells.cell[depth][anchors[j]] * words;
-    for (int64_t at = 0; at < words; at += 4) four_columns(rows, at, here + at);
-    const int32_t *count = here[components];
-    for (int64_t c = 0; c < components; c++)
-        for (int j = 0; j < BLOCK; j++) mean[c][j] = count[j] ? here[c][j] : mean[c][j];
-    memcpy(mean[components], count, sizeof here[0]);
-}
-
 /* The (block_words, BLOCK) inputs of a block of anchors (SPEC 10.3). */
 INLINE void block_inputs(const Channel *s, const int64_t *anchors, int32_t *x) {
     const int64_t components = s->components, own_stride = own_words(s) * BLOCK;
     /* Differences beyond `reach` are inputs of AMAX; nearer ones fit 32 bits times the power. */
     const int32_t power = (int32_t)power_of(s->step), reach = 32 * (AMAX + 1) / power + 1;
-    int32_t own[MOST_COMPONENTS + 4][BLOCK], mean[MOST_COMPONENTS + 1][BLOCK], in[MOST_COMPONENTS + 2][BLOCK];
+    int32_t own[MOST_COMPONENTS + 4][BLOCK], mean[MOST_COMPONENTS + 4][BLOCK], in[MOST_COMPONENTS + 2][BLOCK];
     int32_t *relative = x + (1 + shared_words(s)) * BLOCK;
     row_inputs(s, anchors, x, own);
     x += (1 + settled_words(s)) * BLOCK;
@@ -140,7 +100,7 @@ INLINE void block_inputs(const Channel *s, const int64_t *anchors, int32_t *x) {
     memset(mean, 0, (size_t)components * sizeof mean[0]);
     for (int64_t c = 0; c < components; c += 2, x += BLOCK) put_pairs(in[c], in[c + 1], x);
     for (int64_t d = 0; d < s->cells.depths; d++) {
-        mean_inputs(s, anchors, d, mean);
+        mean_columns(&s->cells, d, anchors, mean);
         for (int64_t c = 0; c < components; c++) {
             int32_t *restrict apart = relative + c * own_stride + d / 2 * BLOCK;
             for (int j = 0; j < BLOCK; j++) in[c][j] = coarse_input(mean[c][j]);

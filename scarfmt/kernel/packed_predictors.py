@@ -12,6 +12,7 @@ from scarfmt.arrays import I32, I64, Ints
 from scarfmt.container.schema import Stream
 from scarfmt.kernel import structs
 from scarfmt.kernel.cells import CellNames
+from scarfmt.kernel.words import PackedLayers, paired
 from scarfmt.neural.arithmetic import half_step
 from scarfmt.neural.predicted import PredictorSet
 from scarfmt.neural.predictors import CLASS_INPUT, Predictor
@@ -19,12 +20,6 @@ from scarfmt.scene.model import MAX_CLASSES
 
 CLASS_STARTS = 16
 """Sums start at one of so many numbers, by class."""
-
-
-def paired(numbers: Ints) -> I32:
-    """(n, m) 16-bit integers as (n, m / 2 rounded up) words: the first of two in the lower half of each."""
-    even = np.pad(np.asarray(numbers, np.int64), ((0, 0), (0, numbers.shape[1] % 2)))
-    return (even[:, 1::2] << 16 | even[:, ::2] & 0xFFFF).astype(np.uint32).view(np.int32)
 
 
 class PackedPredictors:
@@ -37,7 +32,7 @@ class PackedPredictors:
     """
 
     def __init__(self, predictors: Mapping[int, Predictor], components: int, depths: int) -> None:
-        self._arrays: list[I32] = []
+        self._kept = PackedLayers()
         self._components, self._depths = components, depths
         self.array = (structs.Predictor * components)()
         for component, predictor in predictors.items():
@@ -56,8 +51,8 @@ class PackedPredictors:
         starts[:, :MAX_CLASSES] += CLASS_INPUT * weights[:, :MAX_CLASSES]
         shared, own = self._words(weights)
         out.rows, out.shared, out.own, out.output_shift = len(weights), shared.shape[1], own.shape[1], output.shift
-        out.starts, out.weights = self._kept(starts), self._kept(np.concatenate([shared, own], axis=1))
-        out.output = self._kept(paired(output.weights[:, inputs:]))
+        out.starts, out.weights = self._kept.words(starts), self._kept.words(np.concatenate([shared, own], axis=1))
+        out.output = self._kept.words(paired(output.weights[:, inputs:]))
         out.last[:] = [bucket - 1 for bucket in predictor.buckets]
 
     def _words(self, weights: Ints) -> tuple[I32, I32]:
@@ -76,10 +71,6 @@ class PackedPredictors:
             columns = weights[:, start : start + components], weights[:, counts + depth, None]
             parts.append(np.concatenate(columns, axis=1))
         return np.concatenate([paired(part) for part in parts], axis=1), paired(weights[:, own:])
-
-    def _kept(self, array: Ints) -> int:
-        self._arrays.append(np.ascontiguousarray(array, np.int32))
-        return self._arrays[-1].ctypes.data
 
 
 class PackedPredictorSteps:

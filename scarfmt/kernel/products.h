@@ -4,7 +4,7 @@ two into sums of 32 bits, which hold every sum that a valid layer can reach. */
 #ifndef SCAR_PRODUCTS_H
 #define SCAR_PRODUCTS_H
 
-#include "kernel.h"
+#include "lanes.h"
 
 #define AMAX 511        /* of predictors */
 #define CLASS_STARTS 16 /* what a row starts with, by class */
@@ -17,11 +17,6 @@ two into sums of 32 bits, which hold every sum that a valid layer can reach. */
 #define WIDE_PRODUCTS 0
 #endif
 
-/* Two activations, or two weights, in a word: the first in its lower half. */
-INLINE int32_t pair_of(int32_t first, int32_t second) {
-    return (int32_t)((uint32_t)second << 16 | ((uint32_t)first & 0xffff));
-}
-
 /* What the processor at hand multiplies with. */
 typedef struct {
     const char *name;
@@ -31,6 +26,8 @@ typedef struct {
     /* A layer of (words, BLOCK) inputs: (rows, BLOCK) numbers, or (rows / 2, BLOCK) pairs. */
     void (*rows)(const Layer *l, const int32_t *x, int32_t *out);
     void (*pairs)(const Layer *l, const int32_t *x, int32_t *out);
+    /* Logits of (blocks, BLOCK) members of the cluster whose first block is `place`, of words of one anchor's outputs. */
+    void (*members)(const Members *m, int64_t place, int64_t blocks, const int32_t *o, int32_t *out);
 } Products;
 
 const Products *products_at_hand(void);

@@ -11,8 +11,6 @@ their fields lie, so that no library is used whose layout is another. */
 #define MOST_LAYERS 4
 #define BLOCK 16 /* anchors worked on side by side */
 
-typedef float Lanes __attribute__((vector_size(4 * BLOCK), aligned(4), may_alias));
-
 /* A decoder's state and its words, of which the last is taken first (SPEC 8.2). */
 typedef struct {
     uint64_t state;
@@ -40,13 +38,14 @@ typedef struct {
     uint8_t *used; /* per kind: set to 1 where a symbol was read */
 } Tables;
 
-/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m. Filled up
-to a multiple of BLOCK, which is places[k + 1] - places[k] = w, with members that have no weight, it has the (width, w)
-weights from weights[places[k] * width] on, and w offsets from offsets[places[k]] on. */
+/* The codewords of each cluster of a two-level head: cluster k has starts[k + 1] - starts[k] = m of them, in places[k + 1] -
+places[k] blocks of BLOCK, filled up with members that have no weight. A block has (words, BLOCK) words of weights and
+BLOCK offsets, with the half of the rounding. */
 typedef struct {
-    int64_t clusters, width, largest; /* largest: w of any */
+    int64_t clusters, words, largest; /* largest: blocks of any */
     const int64_t *starts, *places;
-    const float *weights, *offsets;
+    const int32_t *weights, *offsets;
+    int64_t shift;
 } Members;
 
 /* Sums over the anchors of each cell, up to MOST_DEPTHS depths, coarse first. */
@@ -158,40 +157,35 @@ typedef struct {
     const int16_t *features;     /* (n, grid) */
 } Embedding;
 
-/* floor(W x + b), clamped; rows of weights are filled up to a multiple of ROWS. */
+/* One recurrent layer. Rows are in the order z, r, n; biases of the input hold the half of the rounding. */
 typedef struct {
-    int64_t inputs, outputs;
-    const float *weights, *biases;
-    float low, high;
-} Linear;
-
-/* One recurrent layer. Rows are in the order z, r, n; biases hold the halves of the rounding. */
-typedef struct {
-    const float *tokens[MOST_HEADS]; /* the first: (codewords, 3H) products of the input */
-    const float *inputs;             /* later ones: (3H filled up, H) */
-    const float *biases;             /* (tokens, 3H), later ones (1, 3H) */
-    const float *recurrent;          /* (3H filled up, H) */
-    const float *offsets;            /* (3H) */
+    const int32_t *tokens[MOST_HEADS]; /* the first: (codewords, 3H) products of the input */
+    Layer inputs;                      /* later ones */
+    const int32_t *biases;             /* the first: (tokens, 3H) */
+    Layer recurrent;                   /* products with the state, not rounded */
+    int64_t shift;
 } Recurrence;
 
 typedef struct {
-    Linear first, second;            /* projections; the second of a two-level head */
-    Linear top;                      /* logits of codewords or clusters, not clamped */
-    const Members *members;          /* NULL: a flat head */
+    Layer first, second;    /* projections; the second of a two-level head */
+    Layer top;              /* logits of codewords or clusters, not clamped */
+    int64_t size;           /* how many logits */
+    const Members *members; /* NULL: a flat head */
 } Head;
 
 typedef struct {
     int64_t classes, own, attributes, latents, latent_shift, grid; /* columns of the input */
-    int64_t amax, hidden, mixed, layers;
-    Linear embed[2];
-    Linear mix_embedding, mix_state; /* h's share, with the biases, and the state's; neither rounded nor clamped */
-    const float *mix_start;          /* (mixed) the state's share before the first token */
-    const float *after_first;        /* (codewords, layers, H) states after each coarse codeword */
-    const float *sigmoid, *tanh;
+    int64_t amax, hidden, layers;
+    Layer embed[2];
+    Layer mix_embedding, mix_state; /* h's share, with the biases, and the state's; neither rounded nor clamped */
+    int64_t mix_shift;
+    const int32_t *mix_start;       /* (rows of mix_state) the state's share before the first token */
+    const int32_t *after_first;     /* (codewords, layers, H) states after each coarse codeword */
+    const int32_t *sigmoid, *tanh;
     const uint32_t *exp2;
     Recurrence gru[MOST_LAYERS];
     Head heads[MOST_HEADS];
-    const float *books[MOST_HEADS];  /* (sizes[b], latents) leading dimensions of codewords */
+    const float *books[MOST_HEADS]; /* (sizes[b], latents) leading dimensions of codewords */
     int64_t sizes[MOST_HEADS];
 } Network;
 
@@ -207,14 +201,14 @@ typedef struct {
     int64_t passes_log2;
     Cells cells;                     /* of attributes, then latents; sums: scratch */
     int64_t *chosen, *anchors;       /* scratch: (count) each */
-    double *means;                   /* scratch: (columns, BLOCK) */
-    Lanes *lanes;                    /* scratch of a block */
-    Lanes *shares, *states;          /* scratch of a pass: (blocks, mixed), and (blocks, layers, H) beyond two stages */
+    int32_t *means, *inputs;         /* scratch: (columns + 4, BLOCK), and of all inputs (columns + 1, BLOCK) */
+    int32_t *lanes;                  /* scratch of a block, network_lanes of packed_network.py times BLOCK */
+    int32_t *shares, *states;        /* scratch of a pass: (blocks, mixed), and (blocks, layers, H) beyond two stages */
     uint32_t *weights;               /* scratch: (most logits + 1, BLOCK) */
     int64_t *coded, *clusters;       /* scratch: (count) places in the pass and clusters of the anchors of a stage */
-    float *outputs;                  /* scratch: (count, width of the members) */
+    int32_t *outputs;                /* scratch: (count, words of the members) */
     int64_t *counts, *order;         /* scratch of scar_rans_members, as what follows */
-    float *logits;
+    int32_t *logits;
     uint32_t *member_weights;
     int32_t *found;
     int64_t modelled;                /* symbols read */

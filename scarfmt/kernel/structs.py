@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctypes import POINTER, Structure, c_float, c_int32, c_int64, c_uint64, c_void_p
+from ctypes import POINTER, Structure, c_int32, c_int64, c_uint64, c_void_p
 
 DEPTHS, HEADS, GRU_LAYERS = 4, 2, 4
 
@@ -31,8 +31,9 @@ class Members(Structure):
     """Codewords of the clusters of a two-level head."""
 
     _fields_ = (
-        *((name, c_int64) for name in ("clusters", "width", "largest")),
+        *((name, c_int64) for name in ("clusters", "words", "largest")),
         *((name, c_void_p) for name in ("starts", "places", "weights", "offsets")),
+        ("shift", c_int64),
     )
 
 
@@ -160,32 +161,28 @@ class Embedding(Structure):
     )
 
 
-class Linear(Structure):
-    """One rounded layer of the index network."""
-
-    _fields_ = (
-        ("inputs", c_int64),
-        ("outputs", c_int64),
-        ("weights", c_void_p),
-        ("biases", c_void_p),
-        ("low", c_float),
-        ("high", c_float),
-    )
-
-
 class Recurrence(Structure):
     """One recurrent layer of the index network."""
 
     _fields_ = (
         ("tokens", c_void_p * HEADS),
-        *((name, c_void_p) for name in ("inputs", "biases", "recurrent", "offsets")),
+        ("inputs", Layer),
+        ("biases", c_void_p),
+        ("recurrent", Layer),
+        ("shift", c_int64),
     )
 
 
 class Head(Structure):
     """The head of one codebook."""
 
-    _fields_ = (("first", Linear), ("second", Linear), ("top", Linear), ("members", POINTER(Members)))
+    _fields_ = (
+        ("first", Layer),
+        ("second", Layer),
+        ("top", Layer),
+        ("size", c_int64),
+        ("members", POINTER(Members)),
+    )
 
 
 class Network(Structure):
@@ -193,10 +190,11 @@ class Network(Structure):
 
     _fields_ = (
         *((name, c_int64) for name in ("classes", "own", "attributes", "latents", "latent_shift", "grid")),
-        *((name, c_int64) for name in ("amax", "hidden", "mixed", "layers")),
-        ("embed", Linear * 2),
-        ("mix_embedding", Linear),
-        ("mix_state", Linear),
+        *((name, c_int64) for name in ("amax", "hidden", "layers")),
+        ("embed", Layer * 2),
+        ("mix_embedding", Layer),
+        ("mix_state", Layer),
+        ("mix_shift", c_int64),
         *((name, c_void_p) for name in ("mix_start", "after_first", "sigmoid", "tanh", "exp2")),
         ("gru", Recurrence * GRU_LAYERS),
         ("heads", Head * HEADS),
@@ -214,7 +212,10 @@ class Indices(Structure):
         *((name, c_void_p) for name in ("classes", "settled", "features", "indices", "before", "after", "by_code")),
         ("passes_log2", c_int64),
         ("cells", Cells),
-        *((name, c_void_p) for name in ("chosen", "anchors", "means", "lanes", "shares", "states", "weights")),
+        *(
+            (name, c_void_p)
+            for name in ("chosen", "anchors", "means", "inputs", "lanes", "shares", "states", "weights")
+        ),
         *((name, c_void_p) for name in ("coded", "clusters", "outputs", "counts", "order", "logits")),
         *((name, c_void_p) for name in ("member_weights", "found")),
         ("modelled", c_int64),

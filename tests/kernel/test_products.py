@@ -11,8 +11,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from scarfmt.arrays import I64
-from scarfmt.kernel.packed_predictors import paired
-from scarfmt.kernel.structs import Layer
+from scarfmt.kernel.words import PackedLayers, paired
 from scarfmt.neural.arithmetic import ACCUMULATOR_LIMIT, MAX_SHIFT, MAX_WEIGHT, Linear, half_step
 from tests.kernel.channel_cases import Case
 from tests.kernel.samples import SEEDS, both, library, needs_kernel, same
@@ -37,20 +36,10 @@ def kind(request: pytest.FixtureRequest) -> Iterator[str]:
         pytest.skip(f"{found} here")
 
 
-def layer_of(linear: Linear, low: int, high: int) -> tuple[Layer, list[object]]:
-    """A layer as the library reads it, with rows filled up to be even, and what it points to."""
-    rows = linear.outputs + linear.outputs % 2
-    weights = np.zeros((rows, linear.inputs), np.int64)
-    weights[: linear.outputs] = linear.weights
-    biases = np.zeros(rows, np.int32)
-    biases[: linear.outputs] = linear.biases + half_step(linear.shift)
-    words = paired(weights)
-    return Layer(rows, words.shape[1], words.ctypes.data, biases.ctypes.data, linear.shift, low, high), [words, biases]
-
-
 def computed(linear: Linear, x: I64, low: int, high: int) -> I64:
     """(n, outputs) of (n, inputs) activations, n a multiple of BLOCK."""
-    layer, _kept = layer_of(linear, low, high)
+    memory = PackedLayers()
+    layer = memory.layer(linear.weights, linear.biases, linear.shift, low, high)
     blocks = len(x) // BLOCK
     words = np.ascontiguousarray(paired(x).reshape(blocks, BLOCK, -1).transpose(0, 2, 1))
     out = np.zeros((blocks, layer.rows, BLOCK), np.int32)
