@@ -5,21 +5,27 @@ Of the file only the bytes needed are read. The values are those that decoding t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Unpack
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar, Unpack
 
 import numpy as np
 
+from reference_decoder import explicit
 from reference_decoder.backends import backend as engine_of
 from reference_decoder.decoded import Decoded, joined, tile_part
 from reference_decoder.dequantise import tile_boxes
 from reference_decoder.request import DecodeRequest, RequestFields, requested
+from scarfmt.arrays import I64
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.tile import TileContent
-from scarfmt.container.schema import BlockKind, Stream
+from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import ByteSource, Origin, opened
 from scarfmt.counters import Counters, transfers
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
+
+T = TypeVar("T")
 
 
 def decode(
@@ -66,6 +72,34 @@ def iter_tiles(
         yield from _Decoding(stream, wanted, counters).parts()
 
 
+def decode_scene(
+    source: Origin,
+    request: DecodeRequest | None = None,
+    *,
+    counters: Counters | None = None,
+    **fields: Unpack[RequestFields],
+) -> GaussianScene | AnchorModel:
+    """What there is to draw: the `scene` of what :func:`decode` gives, without the exact values in between.
+
+    Half the memory and the time. Arguments and errors of :func:`decode`; all attributes are needed.
+
+    Returns:
+        Gaussians, or in the anchor profile a model that makes them for a camera.
+    """
+    wanted = requested(request, fields)
+    with opened(source) as stream, transfers(stream, counters):
+        decoding = _Decoding(stream, wanted, counters)
+        all_attributes = len(decoding.attributes) == len(ATTRIBUTES)
+        if decoding.explicit and decoding.box is None and all_attributes and not _twice(decoding.tiles):
+            return decoding.scene()
+        return joined(decoding.parts(), decoding.empty, decoding.most_anchors).activated(counters=counters)
+
+
+def _twice(tiles: Sequence[int]) -> bool:
+    """Whether a tile is asked for more than once."""
+    return len(set(tiles)) < len(tiles)
+
+
 class _Decoding:
     """A request checked against the file it is made of."""
 
@@ -92,6 +126,11 @@ class _Decoding:
         return [tile for tile in chosen if meets[tile]]
 
     @property
+    def explicit(self) -> bool:
+        """Whether the file holds Gaussians themselves."""
+        return self.reader.header.fields.profile == Profile.EXPLICIT
+
+    @property
     def streams(self) -> frozenset[Stream]:
         """Sub-streams to read."""
         if len(self.attributes) == len(ATTRIBUTES):
@@ -108,24 +147,53 @@ class _Decoding:
     @property
     def most_anchors(self) -> int:
         """Anchors of the tiles asked for: as many as are decoded, unless a box leaves some out."""
+        return int(self._tile_counts()[self.tiles].sum())
+
+    def _tile_counts(self) -> I64:
+        """(T,) int64 anchors of each tile of the file after the last layer decoded."""
         rows = self.reader.container.directory
         counted = (rows["kind"] == BlockKind.TILE) & (rows["layer"] <= len(self.models.model.layers))
         counts = np.zeros(self.reader.header.tile_count, np.int64)
         np.add.at(counts, rows["tile"][counted], rows["count"][counted])
-        return int(counts[self.tiles].sum())
+        return counts
 
     def parts(self) -> Iterator[Decoded]:
         """What was asked for, a tile at a time; never an empty part."""
-        found = self.reader.tiles(self.models, self.tiles, self.streams, self.threads, counters=self.counters)
-        for tile, content in found:
-            if not len(content):
-                continue
-            part = self._part(tile, content)
-            if self.box is not None and part.positions is not None:
-                inside = np.asarray(((part.positions >= self.box[0]) & (part.positions <= self.box[1])).all(axis=1))
-                part = part if inside.all() else part.take(inside)
+        for _, part in self.each(self._chosen_part):
             if len(part):
                 yield part
 
+    def each(self, act: Callable[[int, TileContent], T]) -> Iterator[tuple[int, T]]:
+        """What `act` makes of each tile asked for, on as many threads as were asked for."""
+        return self.reader.each_tile(self.models, act, self.tiles, self.streams, self.threads, self.counters)
+
+    def _chosen_part(self, tile: int, content: TileContent) -> Decoded:
+        part = self._part(tile, content)
+        if self.box is None or part.positions is None:
+            return part
+        inside = np.asarray(((part.positions >= self.box[0]) & (part.positions <= self.box[1])).all(axis=1))
+        return part if inside.all() else part.take(inside)
+
     def _part(self, tile: int, content: TileContent) -> Decoded:
         return tile_part(self.reader, self.models, tile, content, self.attributes, self.streams)
+
+    def scene(self) -> GaussianScene:
+        """The Gaussians of all anchors of the tiles asked for: each written once, where it stays."""
+        counts = self._tile_counts()[self.tiles]
+        rows = {tile: slice(end - n, end) for tile, n, end in zip(self.tiles, counts, np.cumsum(counts), strict=True)}
+        degree = self.reader.header.fields.sh_degree
+        out = explicit.empty_scene(int(counts.sum()), degree)
+
+        def put(tile: int, content: TileContent) -> None:
+            part = self._part(tile, content)
+            # On threads of their own: each has a counter, and a list takes them in whatever order.
+            own = None if self.counters is None else Counters()
+            part.put_scene(out.rows(rows[tile]), own)
+            made.append(own)
+
+        made: list[Counters | None] = []
+        deque(self.each(put), maxlen=0)
+        for own in made:
+            if self.counters is not None and own is not None:
+                self.counters.add(own)
+        return out

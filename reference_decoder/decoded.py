@@ -18,14 +18,17 @@ from reference_decoder.anchors import decoded_model
 from reference_decoder.dequantise import latents, offset_values, positions
 from scarfmt.arrays import F32, F64, I16, I32, I64, U8
 from scarfmt.codecs.channels import cell_widths
+from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.coding.models import SceneModels
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.tile import TileContent
+from scarfmt.container.directory import tile_frame
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from scarfmt.scene.model import Channel
 from scarfmt.scene.streams import ATTRIBUTES
 
 
@@ -43,6 +46,7 @@ class Decoded:
         values: channels decoded, (N, components) float32 (offsets: (N, K, 3)), in coded units (SPEC §9.2).
         indices: (N, M) int16 codeword numbers; None unless decoded.
         slots: (N, K) bool Gaussian slots that are on; K = 0 in the explicit profile.
+        engine: what activates them.
     """
 
     fields: HeaderFields
@@ -54,6 +58,7 @@ class Decoded:
     values: dict[Stream, F32]
     indices: I16 | None
     slots: NDArray[np.bool_]
+    engine: Engine = NUMPY_ENGINE
 
     def __len__(self) -> int:
         return len(self.tiles)
@@ -104,7 +109,26 @@ class Decoded:
         if self.fields.profile == Profile.ANCHOR:
             return decoded_model(at, self.values, self.models, self.slots, indices, self.stages, dtype, counters)
         degree = self.fields.sh_degree
-        return explicit.gaussians(at, self.values, self.models, degree, indices, self.stages, dtype, counters)
+        activation = self.engine.activation(self.models) if dtype is np.float32 else None
+        return explicit.gaussians(
+            at, self.values, self.models, degree, indices, self.stages, dtype, counters, activation
+        )
+
+    def put_scene(self, out: GaussianScene, counters: Counters | None = None) -> None:
+        """Put the Gaussians of the explicit profile into `out`, float32 rows of a larger scene.
+
+        Args:
+            out: room for as many as there are anchors.
+            counters: the latent decoder's multiply-adds are added to them.
+        """
+        activation = self.engine.activation(self.models)
+        if activation is None:
+            scene = self.activated(counters=counters)
+            for name, rows in vars(out).items():
+                rows[...] = getattr(scene, name)
+            return
+        at, indices = self._decoded("positions", self.positions), self._decoded("latents", self.indices)
+        explicit.fill(out, at, self.values, self.models, indices, self.stages, activation, counters)
 
     def _decoded(self, name: str, values: NDArray[Any] | None) -> NDArray[Any]:
         if values is None:
@@ -141,6 +165,7 @@ class Decoded:
             {stream: act(values) for stream, values in self.values.items()},
             None if self.indices is None else act(self.indices),
             act(self.slots),
+            self.engine,
         )
 
 
@@ -164,7 +189,7 @@ def tile_part(
     """
     model = models.model
     values: dict[Stream, F32] = {}
-    residuals: F64 | None = None
+    residuals: Residuals | None = None
     for index, channel in enumerate(model.channels):
         if channel.stream not in streams:
             continue
@@ -172,7 +197,7 @@ def tile_part(
         if channel.per_slot:
             values[channel.stream] = offset_values(content.values[index], channel.first_width)
         elif channel.stream == Stream.POSITION_RESIDUAL:
-            residuals = content.values[index] * cell_widths(channel.first_width, steps)
+            residuals = channel, content.values[index], steps
         else:
             values[channel.stream] = reader.engine.channel_values(content.values[index], channel.first_width, steps)
     return Decoded(
@@ -185,13 +210,27 @@ def tile_part(
         values,
         content.indices if "latents" in attributes else None,
         content.slot_layers > 0,
+        reader.engine,
     )
 
 
-def _positions(reader: SceneReader, tile: int, content: TileContent, residuals: F64 | None) -> F64:
+Residuals = tuple[Channel, I32, I64]
+"""The channel of position residuals, (n, 3) int32 values, and the (n,) steps they are at."""
+
+
+def _positions(reader: SceneReader, tile: int, content: TileContent, residuals: Residuals | None) -> F64:
     if not len(content):
         return np.zeros((0, 3))
-    return positions(reader.lattice, reader.container.tiles[tile], content.codes, residuals)
+    place = reader.container.tiles[tile]
+    frame = tile_frame(reader.header.fields, place)
+    found = reader.engine.world_positions(reader.lattice, frame, content.codes, residuals)
+    if found is not None:
+        return found
+    apart = None
+    if residuals is not None:
+        channel, values, steps = residuals
+        apart = values * cell_widths(channel.first_width, steps)
+    return positions(reader.lattice, place, content.codes, apart)
 
 
 def joined(parts: Iterator[Decoded], empty: Decoded, count: int) -> Decoded:

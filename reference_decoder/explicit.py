@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from reference_decoder.dequantise import latents
 from scarfmt.arrays import F32, F64, I16, I64, Floats
 from scarfmt.coding.checks_of_models import network_coefficients
+from scarfmt.coding.engine import Activation
 from scarfmt.coding.models import SceneModels
 from scarfmt.container.schema import Stream
 from scarfmt.counters import Counters, Part
@@ -35,6 +36,7 @@ def gaussians(
     stages: I64,
     dtype: type = np.float32,
     counters: Counters | None = None,
+    activation: Activation | None = None,
 ) -> GaussianScene:
     """The Gaussians of n anchors.
 
@@ -47,8 +49,13 @@ def gaussians(
         stages: (n,) int64 stages received.
         dtype: float32, or float64 for the reference the tolerances are relative to (SPEC §9.5).
         counters: of the latent decoder's multiply-adds.
+        activation: what does it in float32; None for NumPy.
     """
     count = len(positions)
+    if activation is not None:
+        out = empty_scene(count, sh_degree)
+        fill(out, positions, values, models, indices, stages, activation, counters)
+        return out
     rotations: NDArray[Any] = np.zeros((count, 4), dtype)
     logits: NDArray[Any] = np.zeros(count, dtype)
     sh: NDArray[Any] = np.zeros((count, (sh_degree + 1) ** 2, 3), dtype)
@@ -61,6 +68,30 @@ def gaussians(
             rest = network_outputs(models, values.get(Stream.LATENT), indices, stages, rows, dtype, counters)
             sh[rows, sh.shape[1] - given :] = rest.reshape(-1, given, 3)
     return GaussianScene(positions, values[Stream.SCALE].astype(dtype, copy=False), rotations, logits, sh)
+
+
+def empty_scene(count: int, sh_degree: int) -> GaussianScene:
+    """Room for `count` Gaussians."""
+    coefficients = (sh_degree + 1) ** 2
+    rows = [np.empty((count, *shape), np.float32) for shape in ((3,), (4,), (), (coefficients, 3))]
+    return GaussianScene(np.empty((count, 3)), *rows)
+
+
+def fill(
+    out: GaussianScene,
+    positions: F64,
+    values: Mapping[Stream, F32],
+    models: SceneModels,
+    indices: I16,
+    stages: I64,
+    activation: Activation,
+    counters: Counters | None = None,
+) -> None:
+    """Put the Gaussians of n anchors into `out`, perhaps rows of a larger scene; arguments of :func:`gaussians`."""
+    out.positions[:], out.log_scales[:] = positions, values[Stream.SCALE]
+    activation.fill(out, values, indices, stages)
+    if counters is not None and models.decoder is not None:
+        counters.multiply(Part.LATENT_DECODER, len(out), sum(layer.weights.size for layer in models.decoder.layers))
 
 
 def network_outputs(

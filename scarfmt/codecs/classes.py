@@ -11,13 +11,13 @@ from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import Malformed
 
-_KEY = TableKey(Stream.CLASSES, 0, 0, 0)
+KEY = TableKey(Stream.CLASSES, 0, 0, 0)
 
 
 def put_classes(emitter: Emitter, classes: I64, first: int, past: int) -> None:
     """Emit the classes, (n,) int64 in first..past-1; nothing when only one is possible."""
     if past - first > 1:
-        emitter.emit(_KEY, classes - first)
+        emitter.emit(KEY, classes - first)
 
 
 def get_classes(reader: SymbolReader, count: int, first: int, past: int) -> I64:
@@ -26,7 +26,7 @@ def get_classes(reader: SymbolReader, count: int, first: int, past: int) -> I64:
     Raises:
         Malformed: ``bad-class`` when a value is not one of the layer's new classes.
     """
-    classes = reader.read(_KEY, count) + first if past - first > 1 else np.full(count, first, np.int64)
+    classes = reader.read(KEY, count) + first if past - first > 1 else np.full(count, first, np.int64)
     if count and not (past > first and first <= int(classes.min()) and int(classes.max()) < past):
         raise Malformed("bad-class", f"a new anchor's class is not in {first}..{past - 1} (SPEC §7.3)", field="classes")
     return classes

@@ -8,9 +8,9 @@ they stand. Others take over what they can do faster and leave it the rest.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from scarfmt.arrays import F32, I16, I32, I64, U64, Ints
+from scarfmt.arrays import F32, F64, I16, I32, I64, U64, Ints
 from scarfmt.codecs import channels, neural_indices, positions
 from scarfmt.codecs.neural_indices import IndexCoder
 from scarfmt.entropy.emitters import Emitter, SymbolWriter
@@ -22,7 +22,44 @@ from scarfmt.neural.context_operations import ContextOperations, NumpyContext
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.predicted import PredictedChannel
-from scarfmt.scene.model import Channel
+from scarfmt.scene.model import Channel, Lattice
+
+if TYPE_CHECKING:
+    from scarfmt.coding.models import SceneModels
+    from scarfmt.coding.tile import NeuralModels, TileContent
+    from scarfmt.container.directory import TileFrame
+    from scarfmt.container.schema import Stream
+    from scarfmt.counters import Counters
+    from scarfmt.scene.gaussians import GaussianScene
+
+
+class WholeTiles(Protocol):
+    """Reads all layers of a tile at once. Threads may share one."""
+
+    def read(
+        self, frame: TileFrame, blocks: Sequence[tuple[int, bytes | None]], counters: Counters | None, *, first: bool
+    ) -> TileContent | None:
+        """The content of a tile after the last layer; None where it must be read layer by layer to say what is wrong.
+
+        Args:
+            frame: of the tile.
+            blocks: per layer, the anchors that appear and the block, if there is one, its checksum right.
+            counters: of symbols and multiply-adds.
+            first: whether first-step values are wanted where no rule looks at them.
+        """
+
+
+class Activation(Protocol):
+    """Makes Gaussians of exact values (SPEC §9.3-9.5). Threads may share one."""
+
+    def fill(self, out: GaussianScene, values: Mapping[Stream, F32], indices: I16, stages: I64) -> None:
+        """Fill in rotations, logits and spherical harmonics of `out`, float32, from the values of its n anchors.
+
+        Args:
+            values: exact channel values, (n, components) float32; those that are not there count as 0.
+            indices: (n, M) int16 codeword numbers.
+            stages: (n,) int64 stages received.
+        """
 
 
 class Engine(ContextOperations, Protocol):
@@ -54,6 +91,9 @@ class Engine(ContextOperations, Protocol):
 
     def get_positions(self, reader: SymbolReader, total: int, bits: int) -> U64:
         """Read Morton codes: :func:`scarfmt.codecs.positions.get_positions` (SPEC §7.2)."""
+
+    def whole_tiles(self, models: SceneModels, neural: Sequence[NeuralModels]) -> WholeTiles | None:
+        """What reads all layers of a tile at once; None where they are read one after the other."""
 
     def put_channel(
         self,
@@ -92,6 +132,19 @@ class Engine(ContextOperations, Protocol):
     def channel_values(self, values: Ints, widths: Sequence[float], steps: I64) -> F32:
         """Values of a channel: :func:`scarfmt.codecs.channels.channel_values` (SPEC §9.2)."""
 
+    def world_positions(
+        self, lattice: Lattice, frame: TileFrame, codes: U64, residuals: tuple[Channel, I32, I64] | None
+    ) -> F64 | None:
+        """(n, 3) float64 positions of a tile's anchors (SPEC §9.1); None where the decoder computes them itself.
+
+        Args:
+            codes: (n,) uint64 local Morton codes.
+            residuals: their channel, its values, checked to be within reach, and the (n,) steps these are at.
+        """
+
+    def activation(self, models: SceneModels) -> Activation | None:
+        """What makes Gaussians of the exact values of explicit anchors; None where the decoder does it itself."""
+
 
 class NumpyEngine(NumpyContext):
     """The definition: codecs and networks as they stand, on NumPy and constriction.
@@ -119,6 +172,9 @@ class NumpyEngine(NumpyContext):
 
     def get_positions(self, reader: SymbolReader, total: int, bits: int) -> U64:
         return positions.get_positions(reader, total, bits)
+
+    def whole_tiles(self, models: SceneModels, neural: Sequence[NeuralModels]) -> WholeTiles | None:
+        return None
 
     def put_channel(
         self,
@@ -156,6 +212,14 @@ class NumpyEngine(NumpyContext):
 
     def channel_values(self, values: Ints, widths: Sequence[float], steps: I64) -> F32:
         return channels.channel_values(values, widths, steps)
+
+    def world_positions(
+        self, lattice: Lattice, frame: TileFrame, codes: U64, residuals: tuple[Channel, I32, I64] | None
+    ) -> F64 | None:
+        return None
+
+    def activation(self, models: SceneModels) -> Activation | None:
+        return None
 
 
 NUMPY_ENGINE = NumpyEngine()

@@ -23,6 +23,7 @@ from scarfmt.container.header import HeaderFields
 from scarfmt.container.registries import BlockKind, Stream
 from scarfmt.entropy.symbol_tables import StaticTables
 from scarfmt.errors import Malformed, ScarError
+from scarfmt.kept import Keeper
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor, check_predictors
@@ -100,7 +101,7 @@ class ModelBlocks:
 
 
 @dataclass(frozen=True)
-class SceneModels:
+class SceneModels(Keeper):
     """Everything of a file's first `layers` layers that belongs to no tile.
 
     Attributes:

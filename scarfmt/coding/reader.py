@@ -6,15 +6,17 @@ and attributes asked for need.
 
 from __future__ import annotations
 
+import itertools
 import zlib
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
 from scarfmt.blocks.registry import MODEL_BLOCKS
-from scarfmt.coding.engine import NUMPY_ENGINE, Engine
+from scarfmt.coding.engine import NUMPY_ENGINE, Engine, WholeTiles
 from scarfmt.coding.models import ModelBlocks, SceneModels, load_models, placed
 from scarfmt.coding.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
 from scarfmt.coding.work import Contents, check_work, extent
@@ -42,6 +44,22 @@ T = TypeVar("T")
 TileBlocks = Sequence[tuple[Entry | None, bytes | None]]
 
 
+@dataclass(frozen=True)
+class _Wanted:
+    """What is read of a file: arguments of :meth:`SceneReader.tiles`."""
+
+    models: SceneModels
+    tiles: list[int]
+    streams: frozenset[Stream]
+    observe: Observe | None
+    counters: Counters | None
+    first: bool = True
+
+
+def _content(_tile: int, content: TileContent) -> TileContent:
+    return content
+
+
 class SceneReader:
     """Reads models and tiles of one file.
 
@@ -65,6 +83,7 @@ class SceneReader:
     ) -> None:
         self.engine = engine
         self._prepared: tuple[tuple[SceneModels, bool], tuple[NeuralModels, ...]] | None = None
+        self._whole: tuple[tuple[NeuralModels, ...], WholeTiles | None] | None = None
         self.container = Container.open(source, limits=limits, allow_truncated=allow_truncated)
         self.header = self.container.header
         self.lattice = Lattice(self.header.fields.origin, self.header.fields.voxel, self.header.fields.lattice_bits)
@@ -137,7 +156,24 @@ class SceneReader:
         Raises:
             InvalidInput: ``input-tiles`` for an index the file does not have; at once, before anything is read.
         """
-        return self._decoded(models, self.check_tiles(tiles), frozenset(streams), threads, observe, counters)
+        wanted = _Wanted(models, self.check_tiles(tiles), frozenset(streams), observe, counters)
+        return self._decoded(wanted, threads, _content)
+
+    def each_tile(
+        self,
+        models: SceneModels,
+        act: Callable[[int, TileContent], T],
+        tiles: Sequence[int] | None = None,
+        streams: Collection[Stream] = ALL_STREAMS,
+        threads: int = 1,
+        counters: Counters | None = None,
+    ) -> Iterator[tuple[int, T]]:
+        """What `act` makes of (tile index, content), in the thread that decoded it; the rest as for :meth:`tiles`.
+
+        First-step values of the contents may be left out where no context looks at them.
+        """
+        wanted = _Wanted(models, self.check_tiles(tiles), frozenset(streams), None, counters, first=False)
+        return self._decoded(wanted, threads, act)
 
     def check_tiles(self, tiles: Sequence[int] | None) -> list[int]:
         """`tiles` checked against the file; None means all.
@@ -151,39 +187,38 @@ class SceneReader:
             raise InvalidInput("input-tiles", f"tile indices must be below {count}", field="tiles")
         return chosen
 
-    def _decoded(
-        self,
-        models: SceneModels,
-        tiles: list[int],
-        streams: frozenset[Stream],
-        threads: int,
-        observe: Observe | None,
-        counters: Counters | None,
-    ) -> Iterator[tuple[int, TileContent]]:
+    def _decoded(self, wanted: _Wanted, threads: int, act: Callable[[int, TileContent], T]) -> Iterator[tuple[int, T]]:
+        models, streams, counters = wanted.models, wanted.streams, wanted.counters
         neural = self._neural(models, Stream.INDICES in streams, counters)
+        whole = self._whole_tiles(models, neural) if wanted.observe is None and streams >= ALL_STREAMS else None
         # A layer's predictors may look at what only earlier layers send: what is needed last is needed first.
         needed = streams | needed_streams(models.model, streams, neural[-1])
-
         empty = TileContent.empty(models.model)
 
-        def one(tile: int, blocks: TileBlocks) -> tuple[TileContent, Counters | None]:
-            own = None if counters is None else Counters()
+        def read(tile: int, blocks: TileBlocks, own: Counters | None) -> TileContent:
             # A table of a few bytes can list many tiles of which nothing else is said.
             if not any(entry for entry, _ in blocks):
-                return empty, own
-            return self._tile(models, neural, tile, blocks, needed, observe, own), own
+                return empty
+            content = self._whole_tile(whole, tile, blocks, own, wanted.first) if whole is not None else None
+            if content is not None:
+                return content
+            return self._tile(models, neural, tile, blocks, needed, wanted.observe, own)
 
-        def added(content: TileContent, own: Counters | None) -> TileContent:
+        def one(tile: int, blocks: TileBlocks) -> tuple[T, Counters | None]:
+            own = None if counters is None else Counters()
+            return act(tile, read(tile, blocks, own)), own
+
+        def added(made: T, own: Counters | None) -> T:
             if counters is not None and own is not None:
                 counters.add(own)
-            return content
+            return made
 
-        supply = zip(tiles, self._supply(models, tiles, streams), strict=True)
+        supply = zip(wanted.tiles, self._supply(models, wanted.tiles, streams), strict=True)
         if threads <= 1:
             yield from ((tile, added(*one(tile, blocks))) for tile, blocks in supply)
             return
         with ThreadPoolExecutor(threads) as pool:
-            ahead: deque[tuple[int, Future[tuple[TileContent, Counters | None]]]] = deque()
+            ahead: deque[tuple[int, Future[tuple[T, Counters | None]]]] = deque()
             try:
                 for tile, blocks in supply:
                     ahead.append((tile, pool.submit(one, tile, blocks)))
@@ -208,6 +243,29 @@ class SceneReader:
             NetworkWork(neural[-1].indices.network, counters).prepared(neural[-1].indices.books)
         self._prepared = (models, indices), neural
         return neural
+
+    def _whole_tiles(self, models: SceneModels, neural: tuple[NeuralModels, ...]) -> WholeTiles | None:
+        """What reads whole tiles; kept for whoever decodes tile after tile."""
+        if self._whole is None or self._whole[0] is not neural:
+            self._whole = neural, self.engine.whole_tiles(models, neural)
+        return self._whole[1]
+
+    def _whole_tile(
+        self, whole: WholeTiles, tile: int, blocks: TileBlocks, counters: Counters | None, first: bool
+    ) -> TileContent | None:
+        """A tile read at once; None where something is wrong with it, which reading layer by layer will tell."""
+        if any(entry and (payload is None or zlib.crc32(payload) != entry.crc32) for entry, payload in blocks):
+            return None
+        frame = tile_frame(self.header.fields, self.container.tiles[tile])
+        given = [(entry.count if entry else 0, payload) for entry, payload in blocks]
+        content = whole.read(frame, given, counters, first=first)
+        if content is not None and counters is not None:
+            present = [entry is not None for entry, _ in blocks]
+            counters.tile_blocks += sum(present)
+            known = list(itertools.accumulate(count for count, _ in given))
+            counters.visits += sum(known)
+            counters.tiles, counters.anchors = 1, known[-1]
+        return content
 
     def _supply(self, models: SceneModels, tiles: list[int], streams: frozenset[Stream]) -> Iterator[TileBlocks]:
         """The blocks of each tile. When all streams are wanted they are read ahead, neighbours in one request."""

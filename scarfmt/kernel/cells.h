@@ -12,7 +12,6 @@
 
 #define FINE_LIMIT 16777216.0
 #define FINE_ONE 1024.0
-#define MOST_STEPS 20
 
 static const double POWERS[MOST_STEPS] = {
     1.0, 3.0, 9.0, 27.0, 81.0, 243.0, 729.0, 2187.0, 6561.0, 19683.0, 59049.0, 177147.0, 531441.0, 1594323.0,
@@ -69,9 +68,6 @@ INLINE double count_feature(double count) {
     for (int bit = 0; bit < 8; bit++) digits += count >= (double)(1 << bit) ? 32 : 0;
     return digits;
 }
-
-/* Words of the rows of `means`. */
-INLINE int64_t fours(int64_t words) { return (words + 3) & ~(int64_t)3; }
 
 INLINE void cell_rows(const double *restrict sums, int64_t cells, int64_t columns, int32_t *restrict out) {
     for (int64_t i = 0; i < cells; i++, sums += columns + 1, out += fours(columns + 1)) {

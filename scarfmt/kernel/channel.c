@@ -6,29 +6,23 @@ scarfmt/neural/predictors.py define. */
 #include "cells.h"
 #include "products.h"
 #include "rans.h"
+#include "steps.h"
 
-#define KINDS 256     /* contexts of a component */
 #define MOST_COMPONENTS 64
-#define CLASS_KINDS 16
 #define TILE 64       /* anchors whose values stay in the cache while component after component is looked at */
 #define BAD_TRIT (-2)
 #define VALUE_RANGE (-3)
 #define MANY_SYMBOLS (-4)
-#define VALUE_LIMIT 2147483647
 
-/* Rows of what predictors read of an anchor, in words: its class, pairs of settled values, and its own fine values. */
-INLINE int64_t settled_words(const Channel *s) { return (s->settled_columns + 1) / 2; }
-
-INLINE int64_t row_words(const Channel *s) { return fours(1 + settled_words(s) + s->components); }
-
-/* Blocks of inputs, in words: classes, the pairs that all components share, and then those of each component. */
-INLINE int64_t own_words(const Channel *s) { return (s->cells.depths + 1) / 2; }
+INLINE int64_t row_words(const Channel *s) { return channel_row_words(s->settled_columns, s->components); }
 
 INLINE int64_t shared_words(const Channel *s) {
-    return settled_words(s) + (s->components + 1) / 2 + s->cells.depths * ((s->components + 2) / 2);
+    return shared_input_words(s->settled_columns, s->components, s->cells.depths);
 }
 
-INLINE int64_t block_words(const Channel *s) { return 1 + shared_words(s) + s->components * own_words(s); }
+INLINE int64_t block_words(const Channel *s) {
+    return channel_input_words(s->settled_columns, s->components, s->cells.depths);
+}
 
 INLINE int32_t clamped(int32_t value) { return value < -AMAX ? -AMAX : value > AMAX ? AMAX : value; }
 
@@ -50,7 +44,7 @@ WIDE static void fill_known(const Channel *s) {
 /* Fine values of all rows, at the step where each anchor is. */
 INLINE void fill_own_of(const Channel *s, int64_t components) {
     const int64_t words = row_words(s);
-    int32_t *out = s->rows + 1 + settled_words(s), fine[MOST_COMPONENTS * BLOCK];
+    int32_t *out = s->rows + 1 + pairs_of(s->settled_columns), fine[MOST_COMPONENTS * BLOCK];
     for (int64_t i = 0; i < s->count; i += BLOCK) {
         const int64_t some = s->count - i < BLOCK ? s->count - i : BLOCK;
         int64_t same = 1;
@@ -74,7 +68,7 @@ WIDE static void fill_own(const Channel *s) {
 
 /* What the rows of a block hold: words from `x` on, and fine values. */
 INLINE void row_inputs(const Channel *s, const int64_t *anchors, int32_t *x, int32_t own[][BLOCK]) {
-    const int64_t words = row_words(s), known = 1 + settled_words(s);
+    const int64_t words = row_words(s), known = 1 + pairs_of(s->settled_columns);
     const int32_t *rows[BLOCK];
     int32_t four[4][BLOCK];
     for (int j = 0; j < BLOCK; j++) rows[j] = s->rows + anchors[j] * words;
@@ -87,13 +81,13 @@ INLINE void row_inputs(const Channel *s, const int64_t *anchors, int32_t *x, int
 
 /* The (block_words, BLOCK) inputs of a block of anchors (SPEC 10.3). */
 INLINE void block_inputs(const Channel *s, const int64_t *anchors, int32_t *x) {
-    const int64_t components = s->components, own_stride = own_words(s) * BLOCK;
+    const int64_t components = s->components, own_stride = pairs_of(s->cells.depths) * BLOCK;
     /* Differences beyond `reach` are inputs of AMAX; nearer ones fit 32 bits times the power. */
     const int32_t power = (int32_t)power_of(s->step), reach = 32 * (AMAX + 1) / power + 1;
     int32_t own[MOST_COMPONENTS + 4][BLOCK], mean[MOST_COMPONENTS + 4][BLOCK], in[MOST_COMPONENTS + 2][BLOCK];
     int32_t *relative = x + (1 + shared_words(s)) * BLOCK;
     row_inputs(s, anchors, x, own);
-    x += (1 + settled_words(s)) * BLOCK;
+    x += (1 + pairs_of(s->settled_columns)) * BLOCK;
     for (int64_t c = 0; c < components; c++)
         for (int j = 0; j < BLOCK; j++) in[c][j] = coarse_input(own[c][j]);
     memset(in[components], 0, sizeof in[0]);
@@ -130,7 +124,7 @@ WIDE static void pass_inputs(const Channel *s, const int64_t *anchors, int64_t w
 block by block. */
 WIDE static void predict(const Channel *s, const int64_t *anchors, int64_t wide, int64_t first, int64_t past) {
     const Products *products = products_at_hand();
-    const int64_t relative = (1 + shared_words(s)) * BLOCK, own_stride = own_words(s) * BLOCK;
+    const int64_t relative = (1 + shared_words(s)) * BLOCK, own_stride = pairs_of(s->cells.depths) * BLOCK;
     int64_t block[BLOCK];
     int32_t context[BLOCK];
     for (int64_t i = 0; i < wide; i += BLOCK) {
@@ -318,7 +312,7 @@ static int64_t code_components(Rans *rans, Channel *s, const int64_t *anchors, i
 
 /* In step 1, what was just read is an input of the components after it: 16 times the value. */
 WIDE static void tell_component(const Channel *s, int64_t component, const int64_t *anchors, int64_t wide) {
-    const int64_t size = block_words(s), column = 1 + settled_words(s) + component / 2;
+    const int64_t size = block_words(s), column = 1 + pairs_of(s->settled_columns) + component / 2;
     int64_t block[BLOCK];
     for (int64_t i = 0; i < wide; i += BLOCK) {
         int32_t *restrict x = s->inputs + i * size + column * BLOCK;
@@ -333,7 +327,7 @@ WIDE static void tell_component(const Channel *s, int64_t component, const int64
 
 /* Adds the row of an anchor to its cells. */
 INLINE void add_row(const Channel *s, int64_t anchor, int64_t components) {
-    const int32_t *row = s->rows + anchor * row_words(s) + 1 + settled_words(s);
+    const int32_t *row = s->rows + anchor * row_words(s) + 1 + pairs_of(s->settled_columns);
     for (int64_t d = 0; d < s->cells.depths; d++) {
         double *sums = s->cells.sums[d] + s->cells.cell[d][anchor] * (components + 1);
         for (int64_t c = 0; c < components; c++) sums[c] += row[c];
@@ -344,7 +338,7 @@ INLINE void add_row(const Channel *s, int64_t anchor, int64_t components) {
 /* Brings the rows of a pass, all of which have the step, up to date, and adds them to the cells. */
 INLINE void add_pass_of(const Channel *s, const int64_t *anchors, int64_t wide, int64_t components) {
     const int64_t words = row_words(s);
-    int32_t *own = s->rows + 1 + settled_words(s), value[MOST_COMPONENTS * BLOCK], fine[MOST_COMPONENTS * BLOCK];
+    int32_t *own = s->rows + 1 + pairs_of(s->settled_columns), value[MOST_COMPONENTS * BLOCK], fine[MOST_COMPONENTS * BLOCK];
     for (int64_t i = 0; i < wide; i += BLOCK) {
         const int64_t some = wide - i < BLOCK ? wide - i : BLOCK;
         for (int64_t j = 0; j < some; j++)

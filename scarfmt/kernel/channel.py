@@ -28,7 +28,7 @@ _BLOCK = 16
 
 
 @lru_cache(maxsize=256)
-def _packed_rules(rules: tuple[ContextRule, ...], columns: tuple[int, ...]) -> tuple[Any, frozenset[int]]:
+def packed_rules(rules: tuple[ContextRule, ...], columns: tuple[int, ...]) -> tuple[Any, frozenset[int]]:
     """The rules of a channel, and the channels they look at; `columns`: components of each channel."""
     packed = (structs.Rule * len(rules))()
     sources = frozenset(rule.source_channel for rule in rules) - {NO_SOURCE}
@@ -62,7 +62,7 @@ class KernelChannel:
         steps: I64,
     ) -> None:
         self._library, self._channel, self._count = library, channel, len(classes)
-        rules, looked_at = _packed_rules(channel.rules, tuple(array.shape[1] for array in first))
+        rules, looked_at = packed_rules(channel.rules, tuple(array.shape[1] for array in first))
         sources = (ctypes.c_void_p * len(first))()
         for number in looked_at:
             sources[number] = address(first[number], np.int32)

@@ -1,6 +1,7 @@
 /* Decoded context (SPEC 10.2): what scarfmt/neural/context.py defines. */
 
 #include "cells.h"
+#include "steps.h"
 
 #define MOST_BITS 21
 

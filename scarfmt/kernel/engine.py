@@ -4,33 +4,41 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scarfmt.arrays import F32, I16, I32, I64, U64, Ints
+from scarfmt.arrays import F32, F64, I16, I32, I64, U64, Ints
 from scarfmt.codecs import neural_indices
 from scarfmt.codecs.channels import width_table
 from scarfmt.codecs.neural_indices import IndexCoder
-from scarfmt.coding.engine import NumpyEngine
+from scarfmt.coding.engine import NumpyEngine, WholeTiles
 from scarfmt.entropy.emitters import Emitter, SymbolWriter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.rans import SymbolSource
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.kernel import channel_codec, index_layer, position_tree
+from scarfmt.kernel.activation import KernelActivation, world_positions
 from scarfmt.kernel.cells import KernelCellSums, kernel_fine
 from scarfmt.kernel.index_inputs import embedding_inputs, grid_features
 from scarfmt.kernel.packed_network import packed_network
 from scarfmt.kernel.packed_tables import PackedStaticTables
 from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from scarfmt.kernel.symbols import KernelSymbolReader, KernelSymbolWriter
+from scarfmt.kernel.tiles import KernelTiles, can_read
 from scarfmt.kernel.values import kernel_values
 from scarfmt.neural.context import CellMeans, Sums
 from scarfmt.neural.grid import HashGrid
 from scarfmt.neural.layer_context import LayerContext
 from scarfmt.neural.operations import NUMPY, Operations
 from scarfmt.neural.predicted import PredictedChannel
-from scarfmt.scene.model import Channel
+from scarfmt.scene.model import Channel, Lattice
+
+if TYPE_CHECKING:
+    from scarfmt.coding.models import SceneModels
+    from scarfmt.coding.tile import NeuralModels
+    from scarfmt.container.directory import TileFrame
 
 
 class KernelEngine(NumpyEngine):
@@ -66,6 +74,9 @@ class KernelEngine(NumpyEngine):
         if total and isinstance(reader, KernelSymbolReader):
             return position_tree.get_positions(reader, total, bits)
         return super().get_positions(reader, total, bits)
+
+    def whole_tiles(self, models: SceneModels, neural: Sequence[NeuralModels]) -> WholeTiles | None:
+        return KernelTiles(self._library, models, neural) if can_read(models, neural) else None
 
     def put_channel(
         self,
@@ -119,7 +130,17 @@ class KernelEngine(NumpyEngine):
     def channel_values(self, values: Ints, widths: Sequence[float], steps: I64) -> F32:
         if values.dtype != np.int32:
             return super().channel_values(values, widths, steps)
-        return kernel_values(self._library, np.ascontiguousarray(values), steps, width_table(tuple(widths)))
+        return kernel_values(self._library, values.astype(np.int32, copy=False), steps, width_table(tuple(widths)))
+
+    def world_positions(
+        self, lattice: Lattice, frame: TileFrame, codes: U64, residuals: tuple[Channel, I32, I64] | None
+    ) -> F64 | None:
+        out = np.empty((len(codes), 3))
+        world_positions(self._library, lattice, frame, codes, residuals, out)
+        return out
+
+    def activation(self, models: SceneModels) -> KernelActivation:
+        return models.kept(KernelActivation, self._library)
 
     def put_fine(self, values: Ints, steps: Ints, out: I32) -> None:
         each = steps if len(steps) == len(values) else np.broadcast_to(steps, len(values))

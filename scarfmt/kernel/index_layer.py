@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scarfmt.arrays import I16, I32, I64
 from scarfmt.codecs import neural_indices
@@ -15,7 +14,7 @@ from scarfmt.codecs.neural_indices import IndexCoder, count_pass, grid_features,
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel.cells import CellNames, cell_names
-from scarfmt.kernel.memory import address
+from scarfmt.kernel.memory import address, shaped
 from scarfmt.kernel.packed_network import PackedNetwork, packed_members
 from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from scarfmt.kernel.structs import Indices
@@ -66,13 +65,13 @@ def read_indices(
     struct = Indices(
         count,
         indices.shape[1],
-        _address(known.classes, np.int64, (count,)),
-        _address(known.settled, np.int32, (count, inputs.attributes)),
-        _address(known.features, np.int16, (count, inputs.grid)),
+        shaped(known.classes, np.int64, (count,)),
+        shaped(known.settled, np.int32, (count, inputs.attributes)),
+        shaped(known.features, np.int16, (count, inputs.grid)),
         address(indices, np.int16),
-        _address(before, np.int64, (count,)),
-        _address(after, np.int64, (count,)),
-        _address(known.by_code, np.int64, (count,)),
+        shaped(before, np.int64, (count,)),
+        shaped(after, np.int64, (count,)),
+        shaped(known.by_code, np.int64, (count,)),
         known.passes_log2,
     )
     struct.cells = known.cells.scratch(inputs.attributes + inputs.latents)
@@ -80,17 +79,6 @@ def read_indices(
     if rans.functions.scar_indices(rans.pointer, ctypes.byref(packed.struct), ctypes.byref(struct)) == BAD_INDEX:
         raise InvalidInput("input-stage", "an index known is not that of a codeword", field="stage")
     return int(struct.modelled)
-
-
-def _address(array: NDArray[Any], dtype: type, shape: tuple[int, ...]) -> int:
-    """Where an array of this type and shape lies.
-
-    Raises:
-        TypeError: it has another.
-    """
-    if array.shape != shape:
-        raise TypeError(f"an array of shape {array.shape}, not {shape}")
-    return address(array, dtype)
 
 
 def get_indices(

@@ -10,10 +10,12 @@ from pathlib import Path
 
 from scarfmt.kernel.layout import declared, difference, layout_in, layout_of
 from scarfmt.kernel.structs import (
+    Activation,
     Cells,
     Channel,
     ChannelLayer,
     Embedding,
+    Frame,
     Grid,
     Indices,
     Layer,
@@ -22,6 +24,8 @@ from scarfmt.kernel.structs import (
     Positions,
     Rans,
     Tables,
+    Tile,
+    TileModel,
 )
 
 INTERFACE = 4
@@ -49,10 +53,14 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_grid": (None, [POINTER(Grid), c_void_p, c_int64, c_void_p]),
     "scar_embedding_inputs": (None, [POINTER(Embedding), POINTER(Cells), c_void_p, c_void_p, c_int64, c_void_p]),
     "scar_indices": (c_int64, [POINTER(Rans), POINTER(Network), POINTER(Indices)]),
-    "scar_values": (None, [c_void_p, c_void_p, c_void_p, c_int64, c_int64, c_void_p]),
     "scar_products": (c_char_p, [c_int64]),
     "scar_layer": (None, [POINTER(Layer), c_void_p, c_int64, c_void_p]),
     "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Channel), c_void_p, c_void_p, c_int64]),
+    "scar_world_positions": (None, [POINTER(Frame), c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_void_p]),
+    "scar_values": (None, [c_void_p, c_int64, *[c_void_p] * 2, c_int64, c_int64, c_void_p]),
+    "scar_activate": (None, [POINTER(Activation), c_void_p]),
+    "scar_tile_memory": (c_int64, [POINTER(TileModel), c_int64, c_int64]),
+    "scar_tile": (c_int64, [POINTER(TileModel), POINTER(Tile), c_int64, c_void_p]),
     "scar_channel_layer": (c_int64, [POINTER(Rans), POINTER(Channel), POINTER(ChannelLayer)]),
 }
 

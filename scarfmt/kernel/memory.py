@@ -24,6 +24,17 @@ def address(array: NDArray[Any], dtype: DTypeLike) -> int:
     return int(array.ctypes.data)
 
 
+def shaped(array: NDArray[Any], dtype: DTypeLike, shape: tuple[int, ...]) -> int:
+    """:func:`address` of an array of a given shape.
+
+    Raises:
+        TypeError: it has another shape, type or order.
+    """
+    if array.shape != shape:
+        raise TypeError(f"an array of shape {array.shape}, not {shape}")
+    return address(array, dtype)
+
+
 def check_symbols(count: int) -> None:
     """Check that one call may read so many symbols.
 

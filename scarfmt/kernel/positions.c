@@ -1,6 +1,6 @@
 /* The positions sub-stream (SPEC 7.2): what scarfmt/codecs/positions.py defines. */
 
-#include "kernel.h"
+#include "steps.h"
 
 #define OWN_TABLES 16 /* nodes of up to this many anchors have a table of their own */
 #define BINS 16

@@ -14,23 +14,11 @@ EXPORT void scar_rans_open(Rans *rans) {
     refill(rans);
 }
 
-/* One symbol of a table of n >= 2 symbols with exclusive prefix sums c, c[n] = 2^24. */
-static inline uint32_t symbol(Rans *rans, const uint32_t *c, uint32_t n) {
-    uint32_t slot = (uint32_t)rans->state & SLOT_MASK, low = 0, size = n;
-    while (size > 1) {
-        uint32_t half = size >> 1;
-        low = c[low + half] <= slot ? low + half : low;
-        size -= half;
-    }
-    advance(rans, slot, c[low], c[low + 1]);
-    return low;
-}
-
 /* n symbols of one table of `size` >= 2 symbols. */
 EXPORT void scar_rans_table(Rans *rans, const uint32_t *c, uint32_t size, int64_t n,
                             int32_t *out) {
     Rans local = *rans;
-    for (int64_t i = 0; i < n; i++) out[i] = (int32_t)symbol(&local, c, size);
+    for (int64_t i = 0; i < n; i++) out[i] = (int32_t)table_symbol(&local, c, size);
     *rans = local;
 }
 
@@ -71,7 +59,7 @@ EXPORT int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_
         if (size <= 3)
             for (const FewSymbols few = tables->few[k]; at < past; at++) out[order[at]] = few_symbols(&local, &few);
         else
-            for (; at < past; at++) out[order[at]] = alphabet[symbol(&local, c, size)];
+            for (; at < past; at++) out[order[at]] = alphabet[table_symbol(&local, c, size)];
     }
     *rans = local;
     return ALL_READ;

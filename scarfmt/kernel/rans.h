@@ -34,6 +34,18 @@ INLINE int32_t few_symbols(Rans *rans, const FewSymbols *few) {
     return few->values[-(int64_t)(one + two)];
 }
 
+/* One symbol of a table of n >= 2 symbols with exclusive prefix sums c, c[n] = 2^24. */
+INLINE uint32_t table_symbol(Rans *rans, const uint32_t *c, uint32_t n) {
+    uint32_t slot = (uint32_t)rans->state & SLOT_MASK, low = 0, size = n;
+    while (size > 1) {
+        uint32_t half = size >> 1;
+        low = c[low + half] <= slot ? low + half : low;
+        size -= half;
+    }
+    advance(rans, slot, c[low], c[low + 1]);
+    return low;
+}
+
 INLINE uint32_t edge(uint64_t sum, uint64_t spare, uint64_t total, uint32_t place) {
     return (uint32_t)(sum * spare / total) + place;
 }

@@ -9,6 +9,11 @@ their fields lie, so that no library is used whose layout is another. */
 #define MOST_DEPTHS 4
 #define MOST_HEADS 2
 #define MOST_LAYERS 4
+#define MOST_CHANNELS 8
+#define MOST_STAGES 8
+#define MOST_STEPS 20
+#define CLASS_ROOM 16 /* classes: 15 at most */
+#define STREAM_KINDS 12 /* sub-streams are of kinds 1..11 */
 #define BLOCK 16 /* anchors worked on side by side */
 
 /* A decoder's state and its words, of which the last is taken first (SPEC 8.2). */
@@ -213,5 +218,80 @@ typedef struct {
     int32_t *found;
     int64_t modelled;                /* symbols read */
 } Indices;
+
+/* A channel of a file, as tiles are read. */
+typedef struct {
+    int64_t stream, components;
+    int64_t attribute, residual;     /* whether it is context for others; whether it moves positions */
+    const Rule *rules;               /* (components) */
+    const double *widths;            /* (MOST_STEPS + 1, components) of cells after each number of steps */
+} TileChannel;
+
+/* What a layer brings, and the tables and predictors in force in it. */
+typedef struct {
+    int64_t first_class, past_class; /* those that appear */
+    int64_t predicted;               /* whether a channel has predictors */
+    int64_t stages[CLASS_ROOM];      /* after the layer, by class; 0 where it is still to come */
+    int64_t steps[MOST_CHANNELS][CLASS_ROOM];
+    int64_t start[MOST_CHANNELS], stop[MOST_CHANNELS]; /* steps that some class may receive; stop: the one after */
+    const Tables *const *tables[MOST_CHANNELS];        /* of these steps */
+    const Predictor *const *predictors[MOST_CHANNELS]; /* of these steps; NULL: the channel has none in them */
+    const Tables *positions, *classes, *indices[MOST_STAGES];
+} TileLayer;
+
+/* A file of the explicit profile, up to some layer, without an index network. */
+typedef struct {
+    int64_t channels, layers, stages; /* stages: columns of indices */
+    int64_t attributes;               /* components of all attribute channels */
+    int64_t predicted;                /* whether any layer has predictors */
+    int64_t passes_log2, depths, targets[MOST_DEPTHS];
+    int64_t sizes[MOST_HEADS];        /* codewords in each codebook */
+    TileChannel channel[MOST_CHANNELS];
+    const TileLayer *layer;
+} TileModel;
+
+/* The block of one layer of a tile. */
+typedef struct {
+    const uint8_t *bytes;             /* NULL: none */
+    int64_t length, count;            /* count: anchors that appear */
+} TileBlock;
+
+/* One tile: what it is read from and where to. */
+typedef struct {
+    int64_t total, bits;              /* anchors after all layers; bits of local coordinates */
+    const TileBlock *blocks;          /* (layers) */
+    uint64_t *codes;                  /* (total) */
+    int64_t *classes;                 /* (total) */
+    int32_t *values[MOST_CHANNELS];   /* (components, total) */
+    int32_t *first[MOST_CHANNELS];    /* (total, components) of the first step; NULL where nobody looks at them */
+    int16_t *indices;                 /* (total, stages) */
+    int64_t *symbols;                 /* (STREAM_KINDS, 2) read: static, uniform; added to */
+    int64_t *received;                /* (layers, channels, MOST_STEPS + 1) anchors that received each step */
+} Tile;
+
+/* Where the codes of a tile lie in the world (SPEC 9.1). */
+typedef struct {
+    double origin[3], voxel, corner[3];
+    int64_t shift;
+    const double *widths;             /* (MOST_STEPS + 1, 3) of position residuals */
+} Frame;
+
+/* One layer of a latent decoder: (outputs, inputs) weights times their scales. */
+typedef struct {
+    int64_t inputs, outputs;
+    const double *weights, *biases;
+} Dense;
+
+/* Exact values of anchors, and the Gaussians made of them. */
+typedef struct {
+    int64_t count, coefficients, latent_width, stages, layers, widest;
+    const float *rotation, *opacity;  /* (count, 3), (count); or NULL, */
+    const float *colour, *latent;     /* (count, 3), (count, latent_width), too */
+    const int16_t *indices;           /* (count, stages) */
+    const int64_t *received;          /* (count) stages */
+    const float *books[MOST_HEADS];   /* (codewords, latent_width) */
+    Dense layer[MOST_LAYERS];
+    float *quaternions, *logits, *harmonics; /* (count, 4), (count), (count, coefficients, 3) */
+} Activation;
 
 #endif

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from ctypes import POINTER, Structure, c_int32, c_int64, c_uint64, c_void_p
+from ctypes import POINTER, Structure, c_double, c_int32, c_int64, c_uint64, c_void_p
 
 DEPTHS, HEADS, GRU_LAYERS = 4, 2, 4
+CHANNELS, STAGES, STEPS, CLASS_ROOM, STREAM_KINDS = 8, 8, 20, 16, 12
 
 
 class Rans(Structure):
@@ -219,4 +220,95 @@ class Indices(Structure):
         *((name, c_void_p) for name in ("coded", "clusters", "outputs", "counts", "order", "logits")),
         *((name, c_void_p) for name in ("member_weights", "found")),
         ("modelled", c_int64),
+    )
+
+
+class TileChannel(Structure):
+    """A channel of a file, as tiles are read."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("stream", "components", "attribute", "residual")),
+        ("rules", c_void_p),
+        ("widths", c_void_p),
+    )
+
+
+class TileLayer(Structure):
+    """What a layer brings, and the tables and predictors in force in it."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("first_class", "past_class", "predicted")),
+        ("stages", c_int64 * CLASS_ROOM),
+        ("steps", c_int64 * CLASS_ROOM * CHANNELS),
+        ("start", c_int64 * CHANNELS),
+        ("stop", c_int64 * CHANNELS),
+        ("tables", c_void_p * CHANNELS),
+        ("predictors", c_void_p * CHANNELS),
+        ("positions", c_void_p),
+        ("classes", c_void_p),
+        ("indices", c_void_p * STAGES),
+    )
+
+
+class TileModel(Structure):
+    """A file of the explicit profile, up to some layer, without an index network."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("channels", "layers", "stages", "attributes", "predicted", "passes_log2")),
+        ("depths", c_int64),
+        ("targets", c_int64 * DEPTHS),
+        ("sizes", c_int64 * HEADS),
+        ("channel", TileChannel * CHANNELS),
+        ("layer", POINTER(TileLayer)),
+    )
+
+
+class TileBlock(Structure):
+    """The block of one layer of a tile."""
+
+    _fields_ = (("bytes", c_void_p), ("length", c_int64), ("count", c_int64))
+
+
+class Tile(Structure):
+    """One tile: what it is read from and where to."""
+
+    _fields_ = (
+        ("total", c_int64),
+        ("bits", c_int64),
+        ("blocks", POINTER(TileBlock)),
+        ("codes", c_void_p),
+        ("classes", c_void_p),
+        ("values", c_void_p * CHANNELS),
+        ("first", c_void_p * CHANNELS),
+        *((name, c_void_p) for name in ("indices", "symbols", "received")),
+    )
+
+
+class Frame(Structure):
+    """Where the codes of a tile lie in the world."""
+
+    _fields_ = (
+        ("origin", c_double * 3),
+        ("voxel", c_double),
+        ("corner", c_double * 3),
+        ("shift", c_int64),
+        ("widths", c_void_p),
+    )
+
+
+class Dense(Structure):
+    """One layer of a latent decoder."""
+
+    _fields_ = (("inputs", c_int64), ("outputs", c_int64), ("weights", c_void_p), ("biases", c_void_p))
+
+
+class Activation(Structure):
+    """Exact values of anchors, and the Gaussians made of them."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("count", "coefficients", "latent_width", "stages", "layers", "widest")),
+        *((name, c_void_p) for name in ("rotation", "opacity", "colour", "latent", "indices", "received")),
+        ("books", c_void_p * HEADS),
+        ("layer", Dense * GRU_LAYERS),
+        *((name, c_void_p) for name in ("quaternions", "logits", "harmonics")),
     )

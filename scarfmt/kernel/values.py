@@ -21,7 +21,12 @@ def kernel_values(library: ctypes.CDLL, values: I32, steps: I64, widths: F64) ->
         raise TypeError(f"values {values.shape}, steps {steps.shape} and widths {widths.shape} do not fit")
     if len(steps) and not 0 <= int(steps.min()) <= int(steps.max()) < len(widths):
         raise IndexError(f"steps beyond 0..{len(widths) - 1}")
-    out = np.empty(values.shape, np.float32)
-    arrays = address(values, np.int32), address(steps, np.int64), address(widths, np.float64)
-    library.scar_values(*arrays, *values.shape, out.ctypes.data)
+    out, apart = np.empty(values.shape, np.float32), planes(values)
+    arrays = len(values), address(steps, np.int64), address(widths, np.float64)
+    library.scar_values(address(apart, np.int32), *arrays, *values.shape, out.ctypes.data)
     return out
+
+
+def planes(values: I32) -> I32:
+    """(components, n) of (n, components) `values`, in one piece: what lies so already is not copied."""
+    return np.ascontiguousarray(values.T)

@@ -71,6 +71,12 @@ class GaussianScene:
             self.sh[index],
         )
 
+    def rows(self, part: slice) -> GaussianScene:
+        """Some consecutive Gaussians, as views: what is written there is written here."""
+        return GaussianScene(
+            self.positions[part], self.log_scales[part], self.rotations[part], self.opacity_logits[part], self.sh[part]
+        )
+
     def with_sh_degree(self, degree: int) -> GaussianScene:
         """A copy of the scene with bands above `degree` dropped."""
         return replace(self, sh=np.ascontiguousarray(self.sh[:, : (degree + 1) ** 2]))

@@ -12,15 +12,18 @@ from hypothesis import strategies as st
 from conformance.surgery.files import blocks_of, rebuilt
 from fuzz.testing.scenes import random_scene
 from fuzz.testing.strategies import quantised_scenes
-from reference_decoder.decode import decode, iter_tiles
+from reference_decoder.decode import decode, decode_scene, iter_tiles
 from reference_decoder.decoded import Decoded
+from reference_decoder.request import RequestFields
 from scarfmt.blocks.layer import pack_layer
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE
+from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput, Malformed, Truncated
+from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
 from scarfmt.tools.truncate import truncate
 
@@ -198,3 +201,30 @@ def _has_residual(scene: QuantisedScene) -> bool:
         if channel.stream == Stream.POSITION_RESIDUAL:
             return any(bool(content.values[index].any()) for content in scene.contents)
     return False
+
+
+@settings(deadline=None, max_examples=20)
+@given(quantised_scenes(), st.integers(1, 3), st.sampled_from(["auto", "numpy"]))
+def test_a_scene_is_that_of_the_exact_values(scene: QuantisedScene, threads: int, backend: str) -> None:
+    """Of both profiles, whole, of some tiles in any order, twice the same, and in a box; its work is counted alike."""
+    data = write_scene(scene)
+    tiles = list(range(len(scene.tiles)))[::-1]
+    low, high = np.full(3, -1e3), np.zeros(3)
+    requests: list[RequestFields] = [{}, {"layers": 1}, {"tiles": tiles}, {"tiles": tiles + tiles}]
+    for fields in [*requests, {"box": (low.tolist(), high.tolist())}]:
+        fields = {**fields, "threads": threads, "backend": backend}
+        counted, plain = Counters(), Counters()
+        made = decode_scene(data, counters=counted, **fields)
+        exact = decode(data, counters=plain, **fields).activated(counters=plain)
+        assert type(made) is type(exact)
+        assert counted == plain
+        if isinstance(made, GaussianScene):
+            for name, array in vars(made).items():
+                other = getattr(exact, name)
+                assert (array.dtype, array.shape, array.tobytes()) == (other.dtype, other.shape, other.tobytes())
+
+
+def test_a_scene_needs_all_attributes() -> None:
+    data = write_scene(random_scene(1))
+    with pytest.raises(InvalidInput, match="were left out"):
+        decode_scene(data, attributes=["positions"])
