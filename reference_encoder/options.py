@@ -19,6 +19,8 @@ MIN_QUALITY, MAX_QUALITY = 20.0, 80.0
 MAX_CORRECTIONS = 10
 MIN_TILE_ANCHORS = 1024
 """Below, framing outweighs content."""
+DEFAULT_MBIT = 20.0
+MIN_MBIT, MAX_MBIT = 0.01, 100_000.0
 
 
 @dataclass(frozen=True)
@@ -43,8 +45,11 @@ class EncodeOptions:
         latent: "linear" (a weighted Karhunen-Loève basis, the default as measured) or "learned" (the paper's
             RVQ-VAE).
         estimator: gradient through the learned latent's quantiser: "rotation" or "straight-through".
+        mbit: the bandwidth that files are made for, megabits per second, 0.01..100000; None for 20. A network or a
+            finer step is kept where transfer and decoding together (`scarfmt.coding.decoder_model`) get shorter.
+        archive: bytes alone count, whatever decoding takes; excludes `mbit`.
         decode_budget: most multiply-adds of integer networks an anchor may cost a decoder; 0 for static tables alone,
-            None for whatever makes the file smallest.
+            None for no bound beside `mbit`.
         tile_anchors: most anchors of a tile, 1024..65536; None for 32768, and 16384 in scenes of more than 262,144.
             With smaller tiles the file is larger, decoding a region of it cheaper, and decoding all of it slower.
         seed: of everything random. The same scene, options, seed, versions of packages and BLAS kernel give the same
@@ -64,6 +69,8 @@ class EncodeOptions:
     frame: str = "auto"
     latent: str = "linear"
     estimator: str = "rotation"
+    mbit: float | None = None
+    archive: bool = False
     decode_budget: int | None = None
     tile_anchors: int | None = None
     seed: int = 0
@@ -75,8 +82,13 @@ class EncodeOptions:
         return self.quality if self.worst is None else self.worst
 
     @property
+    def bits_per_ns(self) -> float:
+        """Bits that a nanosecond of decoding is worth: what is transferred meanwhile, 0 where bytes alone count."""
+        return 0.0 if self.archive else (DEFAULT_MBIT if self.mbit is None else self.mbit) / 1000
+
+    @property
     def trains_networks(self) -> bool:
-        """Whether integer networks are trained, and kept where they make the file smaller."""
+        """Whether integer networks are tried, and kept where they pay."""
         return EFFORTS[self.effort].networks and self.decode_budget != 0
 
     @property
@@ -104,6 +116,12 @@ class EncodeOptions:
             raise InvalidInput("input-options", message, field="corrections")
         if not 1 <= self.layers <= MAX_LAYERS:
             raise InvalidInput("input-options", f"{self.layers} layers: 1..{MAX_LAYERS} are possible", field="layers")
+        if self.mbit is not None and not MIN_MBIT <= self.mbit <= MAX_MBIT:
+            message = f"{self.mbit} Mbit/s is not in {MIN_MBIT:g}..{MAX_MBIT:g}"
+            raise InvalidInput("input-options", message, field="mbit")
+        if self.archive and self.mbit is not None:
+            message = "archive counts bytes alone, so a bandwidth says nothing: give one of them"
+            raise InvalidInput("input-options", message, field="archive")
         if self.decode_budget is not None and self.decode_budget < 0:
             raise InvalidInput("input-options", f"a budget of {self.decode_budget}: 0 is least", field="decode_budget")
         if self.tile_anchors is not None and not MIN_TILE_ANCHORS <= self.tile_anchors <= MAX_ANCHORS_PER_TILE:
@@ -161,7 +179,7 @@ class Effort:
         judged_gaussians: fewer, if a source of so many Gaussians would be drawn more than once for each kind.
         corrections: of lambda, by what these show.
         looks_at_layers: whether pictures decide what layers hold.
-        networks: whether predictors and an index network are trained, and kept where they make the file smaller.
+        networks: whether predictors and an index network are tried, and kept where they pay.
         attention: whether an index network with spatial-query attention is tried too.
         rounds: of choosing codewords again at the index network's prices.
         training: of the index network.

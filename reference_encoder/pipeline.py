@@ -9,7 +9,7 @@
       decide          Decision    steps, contexts, the integers of all channels         decide/decision.py
       .finish         Quantised   all integers of the file                              profiles, decide/assemble.py
     layered           Layering    what each layer shows, by pictures of layers          decide/layering.py
-    smallest_file     Written     which networks the file gets                          networks
+    best_file         Written     which networks the file gets                          networks
     encoded           Encoded     lambda, by pictures of the result after each stage    judge
 
 One currency runs through all of it: lambda, squared picture error per bit.
@@ -17,8 +17,8 @@ One currency runs through all of it: lambda, squared picture error per bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
 from typing import Any
@@ -27,6 +27,7 @@ from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision, decide
 from reference_encoder.decide.layering import (
     Entry,
+    LayerChoice,
     Layering,
     Look,
     best_looking,
@@ -38,15 +39,17 @@ from reference_encoder.decide.layering import (
 from reference_encoder.decide.plans import Plans, layer_costs, planned
 from reference_encoder.decide.problem import Problem
 from reference_encoder.judge.calibrate import Search
-from reference_encoder.judge.judge import Judge
 from reference_encoder.judge.quality import Quality
 from reference_encoder.judge.rough import rough
+from reference_encoder.judge.tries import Tries
 from reference_encoder.judge.views import Sight
-from reference_encoder.networks.file_costs import index_bytes, latent_cost, within_limits
+from reference_encoder.networks.decode_time import index_network_ns, networks_ns
+from reference_encoder.networks.file_costs import index_bytes, latent_cost, mechanisms, within_limits
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
 from reference_encoder.tuning import FIRST_CAP_DB, PROMISED_DB, WORST_BELOW_DB
+from scarfmt.coding.decoder_model import MECHANISMS
 from scarfmt.coding.writer import QuantisedScene, Report, silent, write_scene
 from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput, missing_package
@@ -72,11 +75,29 @@ class Attempt:
 
 
 @dataclass(frozen=True)
+class Laid:
+    """A problem and what its layers hold.
+
+    Attributes:
+        problem: with those classes split of which the first layer shows a part.
+        plans: what it costs.
+        choices: for all layers.
+        first: the first of them before any class was split.
+    """
+
+    problem: Problem
+    plans: Plans
+    choices: Sequence[LayerChoice]
+    first: LayerChoice
+
+
+@dataclass(frozen=True)
 class Written:
-    """A file, and all integers of it."""
+    """A file, all integers of it, and what the networks in it save and cost (`file_costs.mechanisms`)."""
 
     data: bytes
     scene: QuantisedScene
+    mechanisms: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Encoded(bytes):
@@ -109,7 +130,8 @@ def encoded(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: 
     loop = Loop(measured(scene, options, report))
     written = loop.written(loop.laid_out())
     quality = loop.reported(written)
-    metadata = {"quality": quality.figures(), **written.scene.metadata}
+    networks = {MECHANISMS: written.mechanisms} if written.mechanisms else {}
+    metadata = {"quality": quality.figures(), **networks, **written.scene.metadata}
     return Encoded.of(annotated(written.data, metadata), quality)
 
 
@@ -153,7 +175,7 @@ def attempted(profile: Profile[Any], quality: float, layering: Layering | None =
 
 
 def decided(profile: Profile[Any], problem: Problem, layering: Layering | None) -> Attempt:
-    """What is decided about a problem, layers as predicted or as `layering` says."""
+    """What is decided about a problem, layers as predicted or as `layering` has."""
     profile.report("allocate", 0.0)
     classes = problem.classes.count
     if layering is not None:
@@ -164,23 +186,23 @@ def decided(profile: Profile[Any], problem: Problem, layering: Layering | None) 
         choices = layering.choices(costs, classes)
     else:
         choices = predicted(costs, problem.budget.base_share, profile.options.layers)
-    decision = decide(problem, plans, choices)
+    return _attempt(profile, Laid(problem, plans, choices, choices[0]))
+
+
+def _attempt(profile: Profile[Any], laid: Laid) -> Attempt:
+    decision = decide(laid.problem, laid.plans, laid.choices)
     profile.report("allocate", 1.0)
-    return Attempt(problem, plans, decision, profile.finish(problem, decision))
+    return Attempt(laid.problem, laid.plans, decision, profile.finish(laid.problem, decision))
 
 
-def layered(profile: Profile[Any], attempt: Attempt) -> Layering:
+def layered(profile: Profile[Any], problem: Problem, plans: Plans) -> Laid:
     """What layers hold: a first without holes, and others after it. By their looks, or what is good as a rule.
 
     Args:
-        attempt: layers as predicted.
+        problem, plans: no class is split.
     """
-    problem, plans, options = attempt.problem, attempt.plans, profile.options
-    share, costs, looking = (
-        problem.budget.base_share,
-        layer_costs(problem, plans),
-        EFFORTS[options.effort].looks_at_layers,
-    )
+    options, share, costs = profile.options, problem.budget.base_share, layer_costs(problem, plans)
+    looking = EFFORTS[options.effort].looks_at_layers
     if looking:
         first = first_picture(costs, _look(profile, problem, plans, FIRST_CAP_DB), options.asked_db, share)
     else:
@@ -195,7 +217,7 @@ def layered(profile: Profile[Any], attempt: Attempt) -> Layering:
     else:
         choices = predicted_after(whole, costs, options.layers)
     profile.report("layers", 1.0)
-    return Layering.of(attempt.problem.classes.count, first, choices)
+    return Laid(problem, plans, choices, first)
 
 
 def _look(profile: Profile[Any], problem: Problem, plans: Plans, most: float) -> Look:
@@ -226,28 +248,35 @@ class Loop:
         self.layering: Layering | None = None
 
     @cached_property
-    def judge(self) -> Judge[Any]:
+    def judge(self) -> Tries[Any]:
         """Pictures of the source, drawn when they are first wanted."""
-        return self.profile.judge(Sight.LOOP)
+        return Tries(self.profile.judge(Sight.LOOP), self.profile.options.worst is None)
 
     def attempt(self, aim: float) -> Attempt:
-        """What is decided for an aim, dB."""
-        return attempted(self.profile, aim, self.layering)
+        """What is decided for an aim, dB. Layers that are good as a rule are laid out at each anew."""
+        problem = self.profile.problem(aim)
+        if self._has_layers and not EFFORTS[self.profile.options.effort].looks_at_layers:
+            return _attempt(self.profile, layered(self.profile, problem, planned(problem)))
+        return decided(self.profile, problem, self.layering)
+
+    @property
+    def _has_layers(self) -> bool:
+        return self.profile.shows_layers and self.profile.options.layers > 1
 
     def found(self, scene: QuantisedScene) -> float:
-        """What pictures of a file will have of what was asked for, dB."""
+        """What pictures of a file have of what was asked for, dB."""
         self.profile.report("quality", 0.0)
-        quality = self.judge.quality(self.profile.finished(scene))
-        return quality.mean_db if self.profile.options.worst is None else quality.low_db
+        return self.judge.found_db(self.profile.finished(scene))
 
     def laid_out(self) -> Attempt:
         """The attempt before any network that is as good as asked, layers in place."""
-        options, profile = self.profile.options, self.profile
-        later = int(profile.looks is not None and options.layers > 1)
-        attempt = self._settled(self.attempt(self.search.aim), later + options.trains_networks)
+        later = int(self._has_layers and EFFORTS[self.profile.options.effort].looks_at_layers)
+        networks = int(self.profile.options.trains_networks)
+        attempt = self._settled(self.attempt(self.search.aim), later + networks)
         if later:
-            self.layering = layered(profile, attempt)
-            attempt = self._settled(decided(profile, attempt.problem, self.layering), int(options.trains_networks))
+            laid = layered(self.profile, attempt.problem, attempt.plans)
+            self.layering = Layering.of(attempt.problem.classes.count, laid.first, laid.choices)
+            attempt = self._settled(_attempt(self.profile, laid), networks)
         return attempt
 
     def _settled(self, attempt: Attempt, spare: int = 0) -> Attempt:
@@ -258,7 +287,7 @@ class Loop:
         options, report = self.profile.options, self.profile.report
 
         def write(made: Attempt) -> Written:
-            return smallest_file(made.plain, options, report)
+            return best_file(made.plain, options, report)
 
         written = write(attempt)
         if not options.trains_networks:
@@ -280,39 +309,48 @@ def allowed_corrections(options: EncodeOptions) -> int:
     return EFFORTS[options.effort].corrections if options.corrections is None else options.corrections
 
 
-def smallest_file(plain: Quantised, options: EncodeOptions, report: Report = silent) -> Written:
-    """The smallest file found: up to three are written, and the first is the one without networks.
+def best_file(plain: Quantised, options: EncodeOptions, report: Report = silent) -> Written:
+    """The file found whose bytes, and those transferred while its networks decode, are fewest.
 
-    Predictors of channel values come first, each only if it saves more than it takes; then the index network. With it,
-    codewords are chosen again at its prices, if there are targets to choose by. The network stays if what it codes and
-    its own blocks cost less than indices under static tables, by bits and error together; and if then the file as a
-    whole is not smaller, the static one is returned.
+    Up to three are written, and the first is the one without networks. Predictors of channel values come first, each
+    only if it saves more than it takes; then the index network. With it, codewords are chosen again at its prices, if
+    there are targets to choose by. The network stays if what it codes, its own blocks and its time cost less than
+    indices under static tables, by bits and error together; and if then the file as a whole is not better, the static
+    one is returned.
 
     Args:
         plain: all integers, under static tables only.
-        options: `decode_budget` bounds what is tried; of `effort`, 1 tries nothing, and 3 several networks.
+        options: `bits_per_ns` says what time is worth, `decode_budget` bounds what is tried; of `effort`, 1 tries
+            nothing, and 3 several networks.
         report: told (stage, fraction done).
     """
     static = _written(plain.scene, report)
     if not options.trains_networks:
         return static
+    from reference_encoder.networks.affordable import most_index_ns
     from reference_encoder.networks.candidates import affordable_predictors, with_index_network, with_rounds
 
+    index_bits = 8.0 * index_bytes(static.data)
     predicted_scene = affordable_predictors(plain.scene, options, report)
-    learned = with_index_network(predicted_scene or plain.scene, options, report)
-    if learned is not None and learned.bits < 8 * index_bytes(static.data):
+    most_ns = most_index_ns(index_bits, options)
+    learned = with_index_network(predicted_scene or plain.scene, options, report, most_ns)
+    time_bits = 0.0 if learned is None else options.bits_per_ns * index_network_ns(learned.scene)
+    if learned is not None and learned.bits + time_bits < index_bits:
         if plain.targets is not None:
             learned = with_rounds(learned, plain.targets, options, report)
         neural = _written(learned.scene, report)
-        if latent_cost(replace(plain, scene=neural.scene), neural.data) < latent_cost(plain, static.data):
-            return _smaller(static, neural)
-    return static if predicted_scene is None else _smaller(static, _written(predicted_scene, report))
+        if latent_cost(replace(plain, scene=neural.scene), neural.data, time_bits) < latent_cost(plain, static.data):
+            return _better(static, neural, options)
+    return static if predicted_scene is None else _better(static, _written(predicted_scene, report), options)
 
 
 def _written(scene: QuantisedScene, report: Report) -> Written:
     return Written(write_scene(scene, report, best_engine()), scene)
 
 
-def _smaller(static: Written, neural: Written) -> Written:
-    """The file with networks if it is smaller and readers take it."""
-    return neural if len(neural.data) < len(static.data) and within_limits(neural.data) else static
+def _better(static: Written, neural: Written, options: EncodeOptions) -> Written:
+    """The file with networks if its bytes and its time together are less and readers take it."""
+    cost = 8 * len(neural.data) + options.bits_per_ns * networks_ns(neural.scene)
+    if cost >= 8 * len(static.data) or not within_limits(neural.data):
+        return static
+    return replace(neural, mechanisms=mechanisms(static.data, neural.scene, neural.data))

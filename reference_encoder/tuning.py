@@ -70,6 +70,10 @@ JUDGED_SAMPLES = 4800
 """Pixels looked at of each of these views: 80 x 60 of 640 x 480 [0025]."""
 LEAST_JUDGED_VIEWS = 16
 """Of each kind, however large the scene [0025]."""
+VIEWS_A_COMPARED, FEWEST_COMPARED = 4, 6
+"""Of how many views of a kind one tells what a later try changes, and how many do at least [0031]."""
+MOST_MOVED_DB = 1.5
+"""Farther from the last try that all views have judged, all of them judge again [0031]."""
 CLOSE_PART, CLOSE_DEG = 0.02, 2.0
 """How far beside given cameras views are that stand for them: eyes by this part of the scene's radius, directions by so
 many degrees [0025]."""
@@ -247,6 +251,9 @@ CONTEXT_LATENTS = 16
 """Latent dimensions whose cell means are inputs of the index network [0010]."""
 NARROWEST_HIDDEN, WIDEST_HIDDEN, INDICES_OF_EIGHT = 6, 64, 75_000
 """Width of the index network: it grows with the square root of the number of indices, 8 for so many [0010]."""
+MOST_INDEX_SHARE = 0.2
+"""Of what indices take under static tables: more than any network saved of it, codewords chosen again included. One
+that takes longer than the transfer of so much is not trained [0030]."""
 CODEWORD_DIMS = 24
 """Latent dimensions of a codeword that the index network sees at most [0010]."""
 FINE_WEIGHTS_FROM = 20
@@ -288,6 +295,12 @@ PREDICTOR_LEAST_SYMBOLS = 4000
 """Fewer symbols never pay for a network [0009]."""
 PREDICTOR_TABLE_BITS, PREDICTOR_ENTRY_BITS = 24.0, 6.0
 """What a table and an entry cost after Zstandard [0009]."""
+MOST_PREDICTED_SHARE = 0.55
+"""Of what a step of a component takes under static tables: more than predictors save of it. Where the cheapest takes
+longer than the transfer of so much, none is trained [0030]."""
+SKETCH_STRIDE, WIDER_SHARE = 4, 0.15
+"""A predictor without hidden units, trained on one of so many samples in as many times fewer steps, tells about what
+one can save; those with hidden units save at most so much of the static bits more [0030]."""
 RUN_BITS = 0.1
 """What a run of symbols in one context is worth: it costs a decoder about 4 microseconds [0009]."""
 LEAST_DEVIATION = 4.0

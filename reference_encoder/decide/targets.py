@@ -49,7 +49,7 @@ class Targets:
             left = left - unit * np.concatenate([content.values[index] for content in scene.contents])
         return float((self.weight.astype(np.float64) @ (left * left)).sum())
 
-    def cost(self, scene: QuantisedScene, size: int) -> float:
+    def cost(self, scene: QuantisedScene, size: float) -> float:
         """J = D + lambda * bits of a file of `size` bytes, but for errors that do not depend on the latents."""
         return self.error(scene) + self.lambda_ * 8 * size
 

@@ -1,11 +1,12 @@
 """Scenes with networks, tried because they may make a smaller file (SPEC §10; encoder side).
 
-Coding with networks is slow, so candidates go by what a trained network says of the bits; `pipeline.smallest_file`
+Coding with networks is slow, so candidates go by what a trained network says of the bits; `pipeline.best_file`
 codes only the last.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
@@ -14,23 +15,21 @@ from functools import partial
 import numpy as np
 
 from reference_encoder.decide.targets import Targets, refinement_bits
+from reference_encoder.networks.affordable import Bounds, seen_by
 from reference_encoder.networks.clusters import Clusters, arrange
-from reference_encoder.networks.dataset import ContextOptions
-from reference_encoder.networks.defaults import narrower, shape_for, training_for
+from reference_encoder.networks.defaults import training_for
 from reference_encoder.networks.export import export
 from reference_encoder.networks.model import IndexModel
 from reference_encoder.networks.predict import choose_predictors
 from reference_encoder.networks.rechoose import rechosen
-from reference_encoder.networks.shape import NetworkShape
-from reference_encoder.networks.train import Trained, TrainOptions, build, code_uses, train
+from reference_encoder.networks.train import Trained, TrainOptions, code_uses, train
 from reference_encoder.networks.view import NetworkView
 from reference_encoder.options import EFFORTS, EncodeOptions
-from reference_encoder.tuning import CONTEXT, CONTEXT_LATENTS, ROUND_EPOCHS, ROUND_LEARNING_RATE
+from reference_encoder.tuning import CONTEXT, ROUND_EPOCHS, ROUND_LEARNING_RATE
 from scarfmt.arrays import I16
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, Report
 from scarfmt.container.directory import local_bits
-from scarfmt.neural.network import IndexNetwork
 from scarfmt.scene.model import LayerRow, SceneModel
 
 
@@ -64,7 +63,7 @@ def with_predictors(scene: QuantisedScene, options: EncodeOptions, report: Repor
     report("predictors", 0.0)
     model = replace(scene.model, context=CONTEXT)
     bits = [local_bits(scene.fields, tile) for tile in scene.tiles]
-    found = choose_predictors(model, scene.contents, bits, options.seed, options.effort)
+    found = choose_predictors(model, scene.contents, bits, options.seed, options.effort, options.bits_per_ns)
     report("predictors", 1.0)
     return replace(scene, model=model, predictors=found) if found else None
 
@@ -96,39 +95,35 @@ class Learned:
     bits: float
 
 
-def with_index_network(scene: QuantisedScene, options: EncodeOptions, report: Report) -> Learned | None:
+def with_index_network(
+    scene: QuantisedScene, options: EncodeOptions, report: Report, most_ns: float = math.inf
+) -> Learned | None:
     """The scene with a trained index network, codebooks in the order of its clusters.
 
-    None without indices, or where not even the narrowest network keeps to the budget.
+    None without indices, or where not even the narrowest network keeps to the budget and to `most_ns`, the nanoseconds
+    that a decoder may spend on it; then nothing is trained.
     """
     old = scene.codebooks
     if old is None:
         return None
-    context = scene.model.context if scene.predictors else CONTEXT
-    model = replace(scene.model, context=context, layers=tuple(_neural(row) for row in scene.model.layers))
-    scene = replace(scene, model=model)
-    seen = ContextOptions(context.passes_log2, context.occupancies, latents=min(CONTEXT_LATENTS, old.dimension))
-    view, rows = NetworkView.of(scene, seen, EFFORTS[options.effort].training.rows, options.seed)
+    scene = with_neural_layers(scene)
+    model = scene.model
+    bounds = Bounds(scene, old, _budget_left(scene, options), most_ns)
+    kinds = (False, True) if EFFORTS[options.effort].attention else (False,)
+    shapes = [shape for shape in map(bounds.widest, kinds) if shape is not None]
+    if not shapes:
+        return None
+    view, rows = NetworkView.of(scene, seen_by(scene, old), EFFORTS[options.effort].training.rows, options.seed)
     coarse, residual = code_uses(rows, old.sizes)
     books, clusters = arrange(old, (coarse, residual))
     rows = replace(rows, codes=_renumbered(rows.codes, clusters))
     sizes = tuple(c.sizes for c in clusters)
     training = training_for(len(rows), options.effort, options.seed)
-
-    def untrained(shape: NetworkShape) -> IndexNetwork:
-        return export(build(rows, books, sizes, shape, options.seed), view.columns(model), books)
-
     best: Trained | None = None
-    for attention in (False, True) if EFFORTS[options.effort].attention else (False,):
-        shape: NetworkShape | None = shape_for(rows.symbols, books.dimension, attention)
-        while shape is not None and untrained(shape).multiply_adds(model.max_stages) > _budget_left(scene, options):
-            shape = narrower(shape)
-        if shape is None:
-            continue
+    for shape in shapes:
         tried = train(rows, books, sizes, shape, training, partial(report, "entropy network"))
         best = tried if best is None or tried.bits < best.bits else best
-    if best is None:
-        return None
+    assert best is not None
     contents = tuple(_recoded(model, content, clusters) for content in scene.contents)
     network = export(best.model, view.columns(model), books)
     scene = replace(scene, contents=contents, codebooks=books, network=network, grid=view.grid)
@@ -148,6 +143,13 @@ def another_round(learned: Learned, targets: Targets, options: EncodeOptions, re
     trained = train(rows, books, learned.clusters, shape, training, partial(report, "entropy network"), start)
     network = export(trained.model, learned.view.columns(scene.model), books)
     return replace(learned, scene=replace(scene, network=network), model=trained.model, bits=trained.bits)
+
+
+def with_neural_layers(scene: QuantisedScene) -> QuantisedScene:
+    """The scene with all its indices to be coded by an index network, which it does not have yet."""
+    context = scene.model.context if scene.predictors else CONTEXT
+    layers = tuple(_neural(row) for row in scene.model.layers)
+    return replace(scene, model=replace(scene.model, context=context, layers=layers))
 
 
 def _neural(row: LayerRow) -> LayerRow:

@@ -1,18 +1,18 @@
 """Choosing predictors for a scene (SPEC §10.3; encoder side).
 
 The coder itself runs over some tiles with recorders in place of predictors: what they are shown is exactly what a
-decoder will know. A network is trained for every step of every component, and kept where its contexts save more bits
-than the network and its tables cost.
+decoder will know. A network is trained for every step of every component where one may pay, and kept where its contexts
+save more bits than the network and its tables cost, and than are transferred while it is computed.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast
+from typing import TypeVar, cast
 
 import numpy as np
 from numba import get_num_threads
@@ -20,30 +20,37 @@ from numba import get_num_threads
 from reference_encoder.networks.predictor_net import candidates, float_contexts, quantised, train
 from reference_encoder.options import EFFORTS, PredictorTraining
 from reference_encoder.tuning import (
+    MOST_PREDICTED_SHARE,
     PREDICTOR_ANCHORS,
     PREDICTOR_ENTRY_BITS,
     PREDICTOR_LEAST_SYMBOLS,
     PREDICTOR_SAMPLE,
     PREDICTOR_TABLE_BITS,
     RUN_BITS,
+    SKETCH_STRIDE,
     TOP_WEIGHTS,
+    WIDER_SHARE,
 )
 from scarfmt.arrays import F32, F64, I16, I64, Ints
 from scarfmt.blocks.predictors import pack_predictors
+from scarfmt.coding.decoder_model import DECODER
 from scarfmt.coding.tile import NeuralModels, TileContent, put_layer
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.engines import best_engine
 from scarfmt.entropy.emitters import Emitter, SymbolCounter
-from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.errors import Malformed
 from scarfmt.neural.predicted import Predictors
-from scarfmt.neural.predictors import MAX_CONTEXTS, Predictor, first_use
+from scarfmt.neural.predictors import MAX_CONTEXTS, Predictor, first_use, input_width
 from scarfmt.scene.model import MAX_CLASSES, NO_SOURCE, ContextRule, LayerRow, SceneModel
 
+_T = TypeVar("_T")
 Key = tuple[int, int, int]
 """(stream, component, step)."""
 
+_WIDTHS = {4: (4, 0), 8: (8, 3, 0), 16: (16, 8, 3, 0)}
+"""Hidden units tried where decoding takes time, by the most that an effort allows."""
 _ESTIMATE = 0.5 / np.log(2)
 """Bits by which the entropy of a histogram falls short of the truth, per free entry (Miller and Madow)."""
 
@@ -61,9 +68,9 @@ class Recorder:
 
     share: float
     random: np.random.Generator
-    inputs: list[I16] = dataclasses.field(default_factory=list)
-    symbols: list[Ints] = dataclasses.field(default_factory=list)
-    groups: list[int] = dataclasses.field(default_factory=list)
+    inputs: list[I16] = field(default_factory=list)
+    symbols: list[Ints] = field(default_factory=list)
+    groups: list[int] = field(default_factory=list)
 
     def contexts(self, x: F32) -> I64:
         """Context 0 for everything."""
@@ -116,12 +123,21 @@ class Sample:
         return np.unique(self.symbols, return_inverse=True)[1].astype(np.int64)
 
 
+@dataclass(frozen=True)
+class Gain:
+    """A predictor, and the bits it saves: its own cost and what is transferred while it is computed taken off."""
+
+    predictor: Predictor
+    bits: float
+
+
 def choose_predictors(
     model: SceneModel,
     contents: Sequence[TileContent],
     bits: Sequence[int],
     seed: int = 0,
     effort: int = 2,
+    bits_per_ns: float = 0.0,
 ) -> dict[int, tuple[Predictor, ...]]:
     """Predictors that pay, by the layer that sends them, keys ascending. Deterministic.
 
@@ -129,47 +145,144 @@ def choose_predictors(
         model: of the scene; its context says what predictors look at.
         contents, bits: its tiles, at the last layer, and their local bits per axis.
         effort: 1..3.
+        bits_per_ns: what a nanosecond of decoding is worth.
     """
     whole, (model, contents) = _totals(model, contents), _attributes_only(model, contents)
-    frames, contents = _some_tiles([TileFrame(b) for b in bits], contents, seed)
-    static = _static_bits(model, frames, contents, whole)
-    chosen: dict[int, tuple[Predictor, ...]] = {}
+    frames, training = [TileFrame(b) for b in bits], EFFORTS[effort].predictors
+    promising = set(whole)
+    if bits_per_ns:
+        few = _some_tiles(frames, contents, seed, PREDICTOR_ANCHORS // SKETCH_STRIDE)
+        promising = _promising(model, *few, whole, training, seed, bits_per_ns)
+    if not promising:
+        return {}
+    frames, contents = _some_tiles(frames, contents, seed, PREDICTOR_ANCHORS)
+    static = _static_bits(model, frames, contents, whole, bits_per_ns)
     taken = sorted(samples(model, frames, contents, whole, seed).items())
 
-    def best(number: int) -> Predictor | None:
+    def best(number: int) -> Gain | None:
         key, sample = taken[number]
-        return _best(key, sample, static[key], EFFORTS[effort].predictors, seed + number)
+        return _best(key, sample, static[key], training, seed + number, bits_per_ns) if key in promising else None
 
-    # Each is trained by itself, so threads change nothing.
+    gains = [gain for gain in _in_threads(best, len(taken)) if gain is not None]
+    return _sent(model, [gain.predictor for gain in _paying(gains, whole, bits_per_ns)])
+
+
+def _in_threads(act: Callable[[int], _T], count: int) -> list[_T]:
+    """What `act` gives for 0.. count - 1. Each predictor is trained by itself, so threads change nothing."""
     with ThreadPoolExecutor(get_num_threads()) as pool:
-        for predictor in pool.map(best, range(len(taken))):
-            if predictor is None:
-                continue
-            channel = model.channel_index(predictor.stream)
-            layer = None if channel is None else first_use(model, channel, predictor.step)
-            assert layer is not None
-            chosen[layer] = (*chosen.get(layer, ()), predictor)
+        return list(pool.map(act, range(count)))
+
+
+def _sent(model: SceneModel, predictors: Sequence[Predictor]) -> dict[int, tuple[Predictor, ...]]:
+    """Predictors by the layer that sends them."""
+    chosen: dict[int, tuple[Predictor, ...]] = {}
+    for predictor in predictors:
+        channel = model.channel_index(predictor.stream)
+        layer = None if channel is None else first_use(model, channel, predictor.step)
+        assert layer is not None
+        chosen[layer] = (*chosen.get(layer, ()), predictor)
     return chosen
 
 
-def _best(key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int) -> Predictor | None:
+def _promising(
+    model: SceneModel,
+    frames: Sequence[TileFrame],
+    contents: Sequence[TileContent],
+    whole: Mapping[Key, int],
+    training: PredictorTraining,
+    seed: int,
+    bits_per_ns: float,
+) -> set[Key]:
+    """Keys for which a predictor might pay for its time, told from a few tiles before anything is trained well."""
+    static = _static_bits(model, frames, contents, whole, bits_per_ns)
+    bounds = [(key, _bound(model, key, bits, whole[key], bits_per_ns)) for key, bits in static.items()]
+    worth = {key for key, _ in _steps_that_pay(bounds, whole, bits_per_ns)}
+    if not worth:
+        return set()
+    taken = [
+        (key, found) for key, found in sorted(samples(model, frames, contents, whole, seed).items()) if key in worth
+    ]
+
+    def hope(number: int) -> tuple[Key, float]:
+        key, sample = taken[number]
+        return key, _hope(key, sample, static[key], training, seed + number, bits_per_ns)
+
+    return {key for key, _ in _steps_that_pay(_in_threads(hope, len(taken)), whole, bits_per_ns)}
+
+
+def _bound(model: SceneModel, key: Key, bits: float, symbols: int, bits_per_ns: float) -> float:
+    """The most that the cheapest predictor, one without hidden units, can save of the static `bits` of a key."""
+    channel = model.channel_index(Stream(key[0]))
+    assert channel is not None
+    least = DECODER.predictor_multiply_add * 2 * input_width(model, channel) * symbols
+    return MOST_PREDICTED_SHARE * bits - bits_per_ns * least
+
+
+def _paying(gains: Sequence[Gain], whole: Mapping[Key, int], bits_per_ns: float) -> list[Gain]:
+    """The gains of steps whose predictors together are worth what they share."""
+    by_key = {gain.predictor.key: gain for gain in gains}
+    return [by_key[key] for key, _ in _steps_that_pay([(k, g.bits) for k, g in by_key.items()], whole, bits_per_ns)]
+
+
+def _steps_that_pay(
+    gains: Sequence[tuple[Key, float]], whole: Mapping[Key, int], bits_per_ns: float
+) -> list[tuple[Key, float]]:
+    """Those (key, bits) above 0 of steps of which all components together gain more than their context takes."""
+    gains, total = [gain for gain in gains if gain[1] > 0], defaultdict[tuple[int, int], float](float)
+    for (stream, _, step), bits in gains:
+        total[stream, step] += bits
+    return [(key, bits) for key, bits in gains if total[key[0], key[2]] > bits_per_ns * DECODER.predicted * whole[key]]
+
+
+def _hope(key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int, bits_per_ns: float) -> float:
+    """About the most bits that a predictor of one step of one component can save, from one that is hardly trained."""
+    part = Sample(sample.inputs[::SKETCH_STRIDE], sample.symbols[::SKETCH_STRIDE], sample.groups, sample.total)
+    sketch = replace(training, units=0, iterations=training.iterations // SKETCH_STRIDE)
+    linear = _trained(key, part, static, sketch, seed, bits_per_ns)
+    if linear is None:
+        return 0.0
+    # Each hidden unit looks at all inputs.
+    more = _WIDTHS[training.units][-2] * linear.predictor.inputs
+    wider = WIDER_SHARE * static - bits_per_ns * DECODER.predictor_multiply_add * more * sample.total
+    return linear.bits + max(wider, 0.0)
+
+
+def _best(
+    key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int, bits_per_ns: float
+) -> Gain | None:
     """The predictor of one step of one component, None if none pays."""
+    widths = _WIDTHS[training.units] if bits_per_ns else (training.units,)
+    found = (_trained(key, sample, static, replace(training, units=u), seed, bits_per_ns) for u in widths)
+    return max((gain for gain in found if gain and gain.bits > 0), key=lambda gain: gain.bits, default=None)
+
+
+def _trained(
+    key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int, bits_per_ns: float
+) -> Gain | None:
+    """The best predictor of at most so many hidden units, whether or not it pays; None if readers take none."""
     ternary, stream = key[2] > 1, Stream(key[0])
     net = train(sample.inputs, sample.symbols, ternary, sample.total, training, seed)
     outputs = net.outputs(sample.inputs.astype(np.float64))
+    run_bits, product_bits = _run_bits(bits_per_ns), bits_per_ns * DECODER.predictor_multiply_add * sample.total
 
     def cost(buckets: tuple[int, int]) -> float:
-        return expected_bits(float_contexts(outputs, buckets), sample)
+        return expected_bits(float_contexts(outputs, buckets), sample, run_bits)
 
     buckets = min(candidates(MAX_CONTEXTS), key=cost)
     place, x = (stream, key[1], key[2]), sample.inputs.astype(np.float32)
-    found: Predictor | None = None
+    best: Gain | None = None
     for top in TOP_WEIGHTS:
         predictor = quantised(net, sample.inputs, outputs, place, buckets, top)
-        bits = expected_bits(predictor.contexts(x), sample) + 8 * _packed_bytes(predictor)
-        if bits < static and _valid(predictor):
-            found, static = predictor, bits
-    return found
+        bits = expected_bits(predictor.contexts(x), sample, run_bits) + 8 * _packed_bytes(predictor)
+        saved = static - bits - product_bits * predictor.multiply_adds
+        if (best is None or saved > best.bits) and _valid(predictor):
+            best = Gain(predictor, saved)
+    return best
+
+
+def _run_bits(bits_per_ns: float) -> float:
+    """What opening a table for a run of symbols is worth."""
+    return RUN_BITS + bits_per_ns * DECODER.group
 
 
 def _valid(predictor: Predictor) -> bool:
@@ -186,8 +299,8 @@ def _packed_bytes(predictor: Predictor) -> int:
     return len(pack_predictors([predictor])) - len(pack_predictors([]))
 
 
-def expected_bits(contexts: I64, sample: Sample) -> float:
-    """Bits of all the scene's symbols under (m,) `contexts` of the sample's, with tables and runs."""
+def expected_bits(contexts: I64, sample: Sample, run_bits: float = RUN_BITS) -> float:
+    """Bits of the scene's symbols under (m,) `contexts` of the sample's, with tables and `run_bits` for each run."""
     width = int(sample.ranks.max()) + 1
     counts = np.bincount(contexts * width + sample.ranks, minlength=width * (int(contexts.max()) + 1))
     counts = counts.reshape(-1, width)
@@ -195,7 +308,7 @@ def expected_bits(contexts: I64, sample: Sample) -> float:
     # Groups whose symbols are few do not meet every context.
     met = 1 - np.power(1 - shares[:, None], sample.groups)
     runs = float(met.sum()) * sample.total / float(sample.groups.sum())
-    return coded_bits(list(counts), sample.total) + RUN_BITS * runs
+    return coded_bits(list(counts), sample.total) + run_bits * runs
 
 
 def coded_bits(histograms: Sequence[I64], total: int) -> float:
@@ -248,16 +361,38 @@ def _run(
             put_layer(model, layer, frame, content, lambda _: emitter, neural, best_engine())
 
 
+class RunCounter(SymbolCounter):
+    """Counts symbols, and the runs that share a table."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.runs: Counter[Key] = Counter()
+
+    def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
+        super().emit_grouped(key, kinds, values)
+        self.runs.update(key.table(int(kind))[:3] for kind in np.unique(kinds))
+
+
 def _static_bits(
-    model: SceneModel, frames: Sequence[TileFrame], contents: Sequence[TileContent], whole: Mapping[Key, int]
+    model: SceneModel,
+    frames: Sequence[TileFrame],
+    contents: Sequence[TileContent],
+    whole: Mapping[Key, int],
+    bits_per_ns: float,
 ) -> dict[Key, float]:
-    """Bits of every step of every component under the static contexts, tables included."""
-    counter = SymbolCounter()
+    """Bits of every step of every component under the static contexts, with tables and what opening them is worth."""
+    counter = RunCounter()
     _run(model, frames, contents, counter, NeuralModels())
     histograms: dict[Key, list[I64]] = {}
     for key, (_, counts) in counter.histograms().items():
         histograms.setdefault(key[:3], []).append(counts)
-    return {key: coded_bits(found, whole[key]) for key, found in histograms.items() if key in whole}
+    here = _totals(model, contents)
+    return {
+        key: coded_bits(found, whole[key])
+        + bits_per_ns * DECODER.group * counter.runs[key] * whole[key] / max(here[key], 1)
+        for key, found in histograms.items()
+        if key in whole
+    }
 
 
 def _totals(model: SceneModel, contents: Sequence[TileContent]) -> dict[Key, int]:
@@ -273,12 +408,12 @@ def _totals(model: SceneModel, contents: Sequence[TileContent]) -> dict[Key, int
 
 
 def _some_tiles(
-    frames: Sequence[TileFrame], contents: Sequence[TileContent], seed: int
+    frames: Sequence[TileFrame], contents: Sequence[TileContent], seed: int, anchors: int
 ) -> tuple[list[TileFrame], list[TileContent]]:
-    """Tiles drawn at random until they have enough anchors."""
+    """Tiles drawn at random until they have so many anchors."""
     order = np.random.default_rng(seed).permutation(len(contents))
     before = np.cumsum([0, *(len(contents[tile]) for tile in order)])[:-1]
-    kept = sorted(int(tile) for tile in order[before < PREDICTOR_ANCHORS])
+    kept = sorted(int(tile) for tile in order[before < anchors])
     return [frames[tile] for tile in kept], [contents[tile] for tile in kept]
 
 
@@ -289,10 +424,10 @@ def _attributes_only(model: SceneModel, contents: Sequence[TileContent]) -> tupl
     def moved(rule: ContextRule) -> ContextRule:
         # Sources are coded earlier, and position residuals are never one: all are attributes.
         found = rule.source_channel
-        return rule if found == NO_SOURCE else dataclasses.replace(rule, source_channel=kept.index(found))
+        return rule if found == NO_SOURCE else replace(rule, source_channel=kept.index(found))
 
     channels = tuple(
-        dataclasses.replace(channel, rules=tuple(moved(rule) for rule in channel.rules))
+        replace(channel, rules=tuple(moved(rule) for rule in channel.rules))
         for channel in (model.channels[index] for index in kept)
     )
     rows = tuple(
@@ -300,7 +435,7 @@ def _attributes_only(model: SceneModel, contents: Sequence[TileContent]) -> tupl
         for row in model.layers
     )
     parts = [
-        dataclasses.replace(
+        replace(
             content,
             values=[content.values[index] for index in kept],
             first=[content.first[index] for index in kept],

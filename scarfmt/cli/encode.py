@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from reference_encoder.options import (
+    DEFAULT_MBIT,
     EFFORTS,
     ESTIMATORS,
     LATENTS,
     MAX_CORRECTIONS,
+    MAX_MBIT,
     MAX_QUALITY,
+    MIN_MBIT,
     MIN_QUALITY,
     MIN_TILE_ANCHORS,
     EncodeOptions,
@@ -130,11 +133,19 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
     help=f"Gradient through the quantiser of --latent learned [default: {DEFAULTS.estimator}].",
 )
 @click.option(
+    "--mbit",
+    type=click.FloatRange(MIN_MBIT, MAX_MBIT),
+    metavar="MBIT",
+    help="Bandwidth the file is made for, in megabits per second: a network or a finer step is used where transfer and"
+    f" decoding together get shorter. Less: smaller files that decode slower [default: {DEFAULT_MBIT:g}].",
+)
+@click.option("--archive", is_flag=True, help="The smallest file, whatever decoding takes. Excludes --mbit.")
+@click.option(
     "--decode-budget",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Maximum multiply-adds of integer networks per Gaussian or anchor when decoding. 0: static tables only, which"
-    " decode fastest [default: whatever makes the file smallest].",
+    help="Maximum multiply-adds of integer networks per Gaussian or anchor when decoding, whatever --mbit or --archive"
+    " would use. 0: static tables only [default: no bound].",
 )
 @click.option(
     "--tile-size",
@@ -169,12 +180,16 @@ def encode(
       scarfmt encode point_cloud.ply scene.scar
       scarfmt encode scene.spz scene.scar --cameras cameras.json --layers 4
       scarfmt encode - - --frame -y:125:70 --format ply < scene.ply > scene.scar
+      scarfmt encode scene.ply small.scar --archive
+      scarfmt encode scene.ply mobile.scar --mbit 2
       scarfmt encode scene.ply fast.scar --decode-budget 0
       scarfmt encode scene.ply scene.scar --metadata title="Old oak" --metadata year=2024
     """
     quiet = said.pop("quiet")
     if said["quality"] is not None and said["worst"] is not None:
         raise click.UsageError("--quality and --worst exclude each other")
+    if said["archive"] and said["mbit"] is not None:
+        raise click.UsageError("--archive and --mbit exclude each other")
     if said["only_cameras"] and said["cameras"] is None:
         raise click.UsageError("--only-cameras needs --cameras")
     with doubts_told(quiet), open_output(output, force) as target, progress(quiet) as report:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
+from scarfmt.coding.decoder_model import DECODER, MECHANISMS
 from scarfmt.coding.models import SceneModels
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.file import Container
@@ -11,6 +13,7 @@ from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
+from scarfmt.tools.inspection import read_metadata
 
 
 def describe_models(source: ByteSource) -> dict[str, Any]:
@@ -18,10 +21,11 @@ def describe_models(source: ByteSource) -> dict[str, Any]:
 
     Returns:
         ``context`` (passes, occupancies), ``predictors`` per channel, ``index_network`` or None, ``hash_grid`` or None,
-        ``multiply_adds`` an anchor needs at most, and ``blocks``: bytes per kind.
+        ``multiply_adds`` an anchor needs at most, ``blocks``: bytes per kind, and ``mechanisms``: what the encoder says
+        that networks of the whole file save, and what they take by the model of a decoder.
 
     Raises:
-        ScarError: for whatever makes the models unusable.
+        ScarError: for whatever makes the models or METADATA unusable.
     """
     reader = SceneReader(source, allow_truncated=True)
     models = reader.models()
@@ -39,6 +43,43 @@ def describe_models(source: ByteSource) -> dict[str, Any]:
         "hash_grid": None if (g := models.grid) is None else {"levels": len(g.levels), "features": g.width},
         "multiply_adds": products,
         "blocks": _block_bytes(reader.container),
+        "mechanisms": _mechanisms(read_metadata(reader.container) or {}),
+    }
+
+
+def _mechanisms(metadata: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What METADATA tells of each kind of network, its bytes and its time; what no encoder writes is left out.
+
+    Returns:
+        ``name``, ``saved_bytes``, ``multiply_adds``, ``ms``, and ``pays_below_mbit``: the bandwidth at which the bytes
+        take as long as the network.
+    """
+    told = _object(metadata.get(MECHANISMS))
+    found = [
+        (f"predictors, {name}", record, DECODER.predictors_ns)
+        for name, record in _object(told.get("predictors")).items()
+    ]
+    found += [("index network", told.get("index_network"), DECODER.index_network_ns)]
+    return [_costed(name, record, ns) for name, record, ns in found if _is_record(record)]
+
+
+def _object(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _is_record(record: Any) -> bool:
+    values = [_object(record).get(name) for name in ("saved", "multiply_adds", "anchors")]
+    return all(type(value) is int and abs(value) < 1 << 63 for value in values)
+
+
+def _costed(name: str, record: Mapping[str, int], ns_of: Callable[[int, int], float]) -> dict[str, Any]:
+    ns = ns_of(record["multiply_adds"], record["anchors"])
+    return {
+        "name": name,
+        "saved_bytes": record["saved"],
+        "multiply_adds": record["multiply_adds"],
+        "ms": ns / 1e6,
+        "pays_below_mbit": max(8e3 * record["saved"], 0) / ns if ns > 0 else 0.0,
     }
 
 
@@ -93,7 +134,15 @@ def format_models(report: dict[str, Any]) -> str:
         levels = "none" if grid is None else f"{grid['levels']} levels, {grid['features']} features"
         lines.append(("hash grid", levels))
     lines.append(("multiply-adds", f"at most {report['multiply_adds']:,} an anchor"))
+    lines += [(found["name"], _worth_text(found)) for found in report["mechanisms"]]
     return "\n".join(f"{name:<17} {value}" for name, value in lines) + "\n"
+
+
+def _worth_text(found: dict[str, Any]) -> str:
+    return (
+        f"{found['saved_bytes']:,} bytes saved in the whole file; {found['multiply_adds']:,} multiply-adds,"
+        f" {found['ms']:,.1f} ms: pays below {found['pays_below_mbit']:,.3g} Mbit/s"
+    )
 
 
 def _network_text(network: dict[str, Any]) -> str:

@@ -52,6 +52,16 @@ def test_the_summary_ends_with_the_quality_found(run: Run, ply: Path, tmp_path: 
         assert numbers == [figures["mean_db"], figures["p5_db"], figures["worst_db"]]
 
 
+def test_a_bandwidth_or_an_archive_can_be_asked_for(run: Run, ply: Path, tmp_path: Path) -> None:
+    """One of both, told before the scene is read."""
+    target = tmp_path / "a.scar"
+    both = run("encode", "missing.ply", target, "--mbit", 5, "--archive")
+    assert both.exit_code == 2
+    assert "exclude each other" in both.stderr
+    for said in (("--mbit", 5), ("--archive",)):
+        assert run("encode", ply, target, *FAST, *said, "--force").exit_code == 0
+
+
 def test_a_mean_or_a_floor_can_be_asked_for(run: Run, ply: Path, tmp_path: Path) -> None:
     target = tmp_path / "a.scar"
     both = run("encode", ply, target, "--quality", 30, "--worst", 25)

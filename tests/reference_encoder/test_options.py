@@ -67,3 +67,25 @@ def test_a_fence_needs_cameras() -> None:
     with pytest.raises(InvalidInput) as caught:
         EncodeOptions(only_cameras=True).check()
     assert (caught.value.refusal, caught.value.field) == ("input-options", "only_cameras")
+
+
+def test_time_counts_unless_bytes_alone_do() -> None:
+    """20 megabits a second are 20 bits in a microsecond; for an archive a nanosecond is worth nothing."""
+    assert EncodeOptions().bits_per_ns == EncodeOptions(mbit=20).bits_per_ns == 0.02
+    assert EncodeOptions(mbit=5).bits_per_ns == 0.005
+    assert EncodeOptions(archive=True).bits_per_ns == 0
+
+
+@pytest.mark.parametrize("mbit", [0, -1, float("nan"), float("inf")])
+def test_a_bandwidth_that_is_none_is_refused(mbit: float) -> None:
+    """Zero would make time worth nothing: that is what an archive is for."""
+    with pytest.raises(InvalidInput) as caught:
+        EncodeOptions(mbit=mbit).check()
+    assert (caught.value.refusal, caught.value.field) == ("input-options", "mbit")
+
+
+def test_a_bandwidth_and_an_archive_contradict_each_other() -> None:
+    """Also where the bandwidth is the default: it was said."""
+    with pytest.raises(InvalidInput) as caught:
+        EncodeOptions(mbit=20, archive=True).check()
+    assert (caught.value.refusal, caught.value.field) == ("input-options", "archive")

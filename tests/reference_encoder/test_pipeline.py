@@ -1,4 +1,4 @@
-"""Which networks a file gets: only what makes it smaller, within a decoder's budget, the same for the same seed."""
+"""Which networks a file gets: what pays for its bytes and its time, within a budget, the same for the same seed."""
 
 from __future__ import annotations
 
@@ -15,17 +15,19 @@ from reference_encoder.encode import EncodeOptions, encode
 from reference_encoder.networks.candidates import multiply_adds
 from reference_encoder.networks.defaults import narrower, shape_for
 from reference_encoder.networks.file_costs import index_bytes, within_limits
-from reference_encoder.pipeline import smallest_file
+from reference_encoder.pipeline import Written, best_file
+from scarfmt.api import decode
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.container.source import BytesSource
+from scarfmt.counters import Counters, Part
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import Limits
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.tools.inspection import inspect
 from scarfmt.tools.models_report import describe_models
 
-OPTIONS = EncodeOptions(effort=2, layers=3, quality=38)
+OPTIONS = EncodeOptions(effort=2, layers=3, quality=38, archive=True)
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +57,15 @@ def plain(scene: GaussianScene) -> Quantised:
 
 
 @pytest.fixture(scope="module")
-def data(plain: Quantised) -> bytes:
+def written(plain: Quantised) -> Written:
     """The smallest file of the same symbols."""
-    return smallest_file(plain, OPTIONS).data
+    return best_file(plain, OPTIONS)
+
+
+@pytest.fixture(scope="module")
+def data(written: Written) -> bytes:
+    """Its bytes."""
+    return written.data
 
 
 def test_networks_make_a_file_smaller_where_neighbours_tell_something(plain: Quantised, data: bytes) -> None:
@@ -68,9 +76,22 @@ def test_networks_make_a_file_smaller_where_neighbours_tell_something(plain: Qua
     assert report["index_network"] is not None
 
 
+def test_what_networks_save_and_take_is_measured(plain: Quantised, written: Written) -> None:
+    """Bytes saved as files show them, and as many multiply-adds as a decoder counts."""
+    told, counters = written.mechanisms, Counters()
+    decode(written.data, counters=counters)
+    predictors = told["predictors"].values()
+    assert sum(one["multiply_adds"] for one in predictors) == counters.multiply_adds[Part.PREDICTORS]
+    index = told["index_network"]
+    assert counters.multiply_adds[Part.INDEX_NETWORK] <= index["multiply_adds"]
+    assert index["multiply_adds"] < 1.5 * counters.multiply_adds[Part.INDEX_NETWORK]
+    saved = index["saved"] + sum(one["saved"] for one in predictors)
+    assert saved == pytest.approx(len(write_scene(plain.scene)) - len(written.data), rel=0.05)
+
+
 def test_the_same_seed_gives_the_same_networks(plain: Quantised, data: bytes) -> None:
     """Training included."""
-    assert smallest_file(plain, OPTIONS).data == data
+    assert best_file(plain, OPTIONS).data == data
 
 
 def test_no_file_is_written_that_asks_readers_for_too_much(
@@ -81,24 +102,44 @@ def test_no_file_is_written_that_asks_readers_for_too_much(
     monkeypatch.setattr("scarfmt.coding.work.FREE_WORK", 0)
     assert not within_limits(data, Limits(work_per_byte=1000))
     monkeypatch.setattr("reference_encoder.pipeline.within_limits", lambda data: False)
-    assert smallest_file(plain, OPTIONS).data == write_scene(plain.scene)
+    assert best_file(plain, OPTIONS).data == write_scene(plain.scene)
 
 
 @pytest.mark.parametrize(("profile", "seed"), [(Profile.EXPLICIT, 1), (Profile.ANCHOR, 2)])
 def test_noise_is_never_made_larger(profile: Profile, seed: int) -> None:
     """Where there is nothing to predict the static file is returned as it is."""
     noise = random_scene(seed, profile, anchors=400)
-    assert len(smallest_file(Quantised(noise), OPTIONS).data) <= len(write_scene(noise))
+    assert len(best_file(Quantised(noise), OPTIONS).data) <= len(write_scene(noise))
 
 
 def test_budget_and_effort_bound_what_is_tried(plain: Quantised, data: bytes) -> None:
     """0 and effort 1: static tables alone. A small budget: a narrower network, or none."""
     static = write_scene(plain.scene)
-    assert smallest_file(plain, replace(OPTIONS, decode_budget=0)).data == static
-    assert smallest_file(plain, replace(OPTIONS, effort=1)).data == static
+    assert best_file(plain, replace(OPTIONS, decode_budget=0)).data == static
+    assert best_file(plain, replace(OPTIONS, effort=1)).data == static
     whole = describe_models(BytesSource(data))["multiply_adds"]
-    bounded = smallest_file(plain, replace(OPTIONS, decode_budget=whole // 2)).data
+    bounded = best_file(plain, replace(OPTIONS, decode_budget=whole // 2)).data
     assert describe_models(BytesSource(bounded))["multiply_adds"] <= whole // 2
+
+
+def test_what_cannot_pay_for_its_time_is_not_even_trained(plain: Quantised, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At a bandwidth where bytes are nearly free; with the same symbols an archive has both kinds of networks."""
+
+    def refused(*_: object, **__: object) -> None:
+        raise AssertionError("trained in vain")
+
+    monkeypatch.setattr("reference_encoder.networks.candidates.train", refused)
+    monkeypatch.setattr("reference_encoder.networks.predict.train", refused)
+    fast = replace(OPTIONS, archive=False, mbit=2000)
+    assert best_file(plain, fast).data == write_scene(plain.scene)
+
+
+def test_time_is_what_decides_between(plain: Quantised, data: bytes) -> None:
+    """At almost no bandwidth both kinds of networks pay, and hidden units that save little still do not."""
+    slow = describe_models(BytesSource(best_file(plain, replace(OPTIONS, archive=False, mbit=0.05)).data))
+    assert slow["predictors"]
+    assert slow["index_network"] is not None
+    assert slow["multiply_adds"] <= describe_models(BytesSource(data))["multiply_adds"]
 
 
 def test_a_negative_budget_is_refused(scene: GaussianScene) -> None:

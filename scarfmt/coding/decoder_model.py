@@ -1,0 +1,64 @@
+"""What a decoder takes for what a file makes it do: the one place that says how long, for encoder and reports.
+
+Nanoseconds of one thread with the compiled engine, arrays in memory. ``python -m benchmarks.decoder_costs`` measures
+and prints them; they are constants here so that the same scene and options give the same file on every machine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecoderModel:
+    """Nanoseconds, and where they come from.
+
+    Attributes:
+        date, machine: when and on what they were measured.
+        symbol: one symbol from a table of two or more.
+        group: opening one table for the symbols of a pass, or of a step without passes.
+        tile_layer: beginning one layer of one tile.
+        predicted: finding what is decided around an anchor, for one step of one channel with predictors.
+        predictor_multiply_add: one of a predictor.
+        index_row: the inputs of the index network for an anchor, its hash grid among them.
+        index_multiply_add: one of the index network.
+    """
+
+    date: str
+    machine: str
+    symbol: float
+    group: float
+    tile_layer: float
+    predicted: float
+    predictor_multiply_add: float
+    index_row: float
+    index_multiply_add: float
+
+    def predictors_ns(self, multiply_adds: int, anchors: int) -> float:
+        """Of predictors: `anchors` for which a step's context is found, each as often as that happens."""
+        return self.predictor_multiply_add * multiply_adds + self.predicted * anchors
+
+    def index_network_ns(self, multiply_adds: int, anchors: int) -> float:
+        """Of an index network: `anchors` whose inputs are made, each as often as that happens."""
+        return self.index_multiply_add * multiply_adds + self.index_row * anchors
+
+
+DECODER = DecoderModel(
+    date="2026-11-22",
+    machine="one thread of 2 cores of AMD EPYC (AVX2, no AVX-512)",
+    symbol=6.0,
+    group=100.0,
+    tile_layer=50_000.0,
+    predicted=40.0,
+    predictor_multiply_add=0.05,
+    index_row=400.0,
+    index_multiply_add=0.05,
+)
+"""The decoder that the encoder decides for (decision 0030)."""
+
+MECHANISMS = "mechanisms"
+"""Member of METADATA in which an encoder tells what the networks it kept save and make a decoder do.
+
+An object with ``index_network`` and ``predictors`` by channel, each present only if kept, with the integers ``saved``
+(bytes, its own blocks taken off), ``multiply_adds`` and ``anchors``, as for :class:`DecoderModel`.
+"""
