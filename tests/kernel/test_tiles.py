@@ -64,14 +64,18 @@ def test_damage_is_found(seed: int, place: float, change: int) -> None:
     """A bit of a block that is not as it was: the tile is not read whole, and read by layers it is refused."""
     data = bytearray(write_scene(random_scene(seed % 5, anchors=200)))
     reader = SceneReader(BytesSource(bytes(data)))
-    start = min(entry.offset for row in range(reader.header.tile_count) for entry in _entries(reader, row))
-    data[start + int(place * (len(data) - start))] ^= change
+    places = [at for row in range(reader.header.tile_count) for entry in _entries(reader, row) for at in _bytes(entry)]
+    data[places[int(place * len(places))]] ^= change
     with pytest.raises(ScarError):
         contents(bytes(data))
 
 
 def _entries(reader: SceneReader, tile: int) -> list[Any]:
     return [entry for entry in reader.container.tile_entries(tile, reader.layers) if entry is not None]
+
+
+def _bytes(entry: Any) -> range:
+    return range(entry.offset, entry.offset + entry.length)
 
 
 @settings(deadline=None, max_examples=15)
