@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -85,7 +86,7 @@ def test_first_values_may_be_left_out(seed: int) -> None:
     data = write_scene(random_scene(seed % 50, anchors=150))
     reader = SceneReader(BytesSource(data), engine=KernelEngine(library()))
     models = reader.models()
-    spare = dict(reader.each_tile(models, lambda _, content, __: content))
+    spare = dict(reader.each_tile(models, lambda _, content, __: deepcopy(content)))
     looked_at = {rule.source_channel for channel in models.model.channels for rule in channel.rules}
     for tile, content in reader.tiles(models):
         assert same(spare[tile].values, content.values)
