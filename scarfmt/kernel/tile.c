@@ -30,18 +30,19 @@ typedef struct {
     const TileModel *model;
     const Tile *tile;
     int64_t known, new; /* anchors after the layer; of these, the last `new` appear in it */
+    int64_t taken, taken_count; /* classes that `chosen` holds, a bit each, and how many anchors that is */
     int64_t kinds;      /* static contexts that occur in it are below */
     Part parts[STREAM_KINDS];
     CrcTable crc;
     uint32_t *words;
     int64_t *by_code, *merged, *steps, *before, *after, *chosen64, *anchors64, *counts;
-    int32_t *plain, *first, *settled, *chosen, *order, *symbols, *cell[MOST_DEPTHS];
+    int32_t *plain, *first, *settled, *chosen, *order, *symbols, *cell[MOST_DEPTHS], *means[MOST_DEPTHS];
     int64_t settled_columns;
     double *sums[MOST_DEPTHS];
     int64_t sizes[MOST_DEPTHS], named;
     uint16_t *kind16;
     uint8_t *kind, *open;
-    void *inputs;
+    int32_t *rows, *inputs;
     int64_t *nodes[8];
 } Work;
 
@@ -56,7 +57,8 @@ static int64_t lay_out(Work *w, const TileModel *model, int64_t total, int64_t l
     int64_t used = 0, most = 1, attributes = model->attributes;
     for (int64_t c = 0; c < model->channels; c++)
         most = model->channel[c].components > most ? model->channel[c].components : most;
-    const int64_t inputs = channel_inputs_bytes(model->attributes, MOST_ATTRIBUTE, model->depths, total);
+    const int64_t blocks = (total + BLOCK - 1) / BLOCK, row = channel_row_words(attributes, MOST_ATTRIBUTE);
+    const int64_t inputs = blocks * BLOCK * channel_input_words(attributes, MOST_ATTRIBUTE, model->depths);
     const int64_t numbers = total * most;
     w->words = carved(base, &used, longest + 4);
     w->by_code = carved(base, &used, 8 * total), w->merged = carved(base, &used, 8 * total);
@@ -72,10 +74,11 @@ static int64_t lay_out(Work *w, const TileModel *model, int64_t total, int64_t l
     for (int64_t d = 0; d < model->depths; d++) {
         w->cell[d] = carved(base, &used, 4 * total);
         w->sums[d] = carved(base, &used, 8 * total * (MOST_ATTRIBUTE + 1));
+        w->means[d] = carved(base, &used, 4 * total * fours(MOST_ATTRIBUTE + 1));
     }
     w->kind16 = carved(base, &used, 2 * numbers);
     w->kind = carved(base, &used, total), w->open = carved(base, &used, total);
-    w->inputs = carved(base, &used, inputs);
+    w->rows = carved(base, &used, 4 * total * row), w->inputs = carved(base, &used, 4 * inputs);
     for (int k = 0; k < 8; k++) w->nodes[k] = carved(base, &used, 8 * total);
     return used;
 }
@@ -186,16 +189,19 @@ static void merge_codes(Work *w) {
 /* Channels with static contexts (SPEC 7.5, 8.4). */
 
 typedef struct {
-    int64_t channel, step, taken; /* taken: classes that receive the step, a bit each */
-    int64_t count;                /* anchors that do: chosen[0..count - 1] */
+    int64_t channel, step;
+    int64_t count; /* anchors that receive the step: chosen[0..count - 1] */
     Rans rans;
 } Step;
 
-/* Fills in which anchors receive the step; those of the step before stay where the classes are the same. */
+/* Finds which anchors receive the step; those found last stay where the classes are the same. */
 static void choose_anchors(Work *w, const int64_t *before, const int64_t *after, Step *s) {
     int64_t taken = 0;
     for (int64_t k = 0; k < CLASS_ROOM; k++) taken |= (int64_t)(before[k] < s->step && after[k] >= s->step) << k;
-    if (taken == s->taken) return;
+    if (taken == w->taken) {
+        s->count = w->taken_count;
+        return;
+    }
     const int64_t *classes = w->tile->classes;
     int32_t *chosen = w->chosen;
     int64_t count = 0;
@@ -203,7 +209,7 @@ static void choose_anchors(Work *w, const int64_t *before, const int64_t *after,
         chosen[count] = (int32_t)i;
         count += taken >> classes[i] & 1;
     }
-    s->taken = taken, s->count = count;
+    w->taken = taken, w->taken_count = s->count = count;
 }
 
 /* Context numbers of a component's symbols; whether its values leave room for one more trit. */
@@ -365,7 +371,6 @@ INLINE int64_t *received(const Work *w, int64_t layer, int64_t channel) {
 static int64_t read_static(Work *w, int64_t number, Step *s, const int64_t *before) {
     const TileLayer *layer = w->model->layer + number;
     const int64_t c = s->channel;
-    s->taken = -1;
     for (s->step = layer->start[c]; s->step < layer->stop[c]; s->step++) {
         choose_anchors(w, before, layer->steps[c], s);
         if (!s->count) continue;
@@ -417,11 +422,12 @@ static int64_t read_predicted(Work *w, int64_t number, Step *s, const int64_t *b
                  .values = w->plain, .first = first ? first : w->first, .steps = w->steps, .rules = channel->rules,
                  .sources = (const int32_t *const *)w->tile->first, .settled = w->settled,
                  .settled_columns = w->settled_columns, .settled_stride = w->model->attributes,
-                 .inputs = w->inputs, .kind = w->kind16, .symbols = w->symbols, .order = w->order,
+                 .rows = w->rows, .inputs = w->inputs, .kind = w->kind16, .symbols = w->symbols, .order = w->order,
                  .counts = w->counts};
     c.cells.depths = w->model->depths, c.cells.columns = channel->components;
     for (int64_t d = 0; d < w->model->depths; d++)
-        c.cells.cell[d] = w->cell[d], c.cells.sums[d] = w->sums[d], c.cells.sizes[d] = w->sizes[d];
+        c.cells.cell[d] = w->cell[d], c.cells.sums[d] = w->sums[d], c.cells.sizes[d] = w->sizes[d],
+        c.cells.means[d] = w->means[d];
     const ChannelLayer l = {.start = layer->start[s->channel], .stop = layer->stop[s->channel], .before = w->before,
                             .after = w->after, .by_code = w->by_code, .passes_log2 = w->model->passes_log2,
                             .tables = layer->tables[s->channel], .predictors = layer->predictors[s->channel],
@@ -511,7 +517,7 @@ static int64_t read_layer(Work *w, int64_t number) {
     const TileBlock *block = w->tile->blocks + number;
     const TileLayer *layer = w->model->layer + number;
     w->new = block->count, w->known += block->count, w->settled_columns = 0;
-    w->kinds = CLASS_KINDS * layer->past_class;
+    w->kinds = CLASS_KINDS * layer->past_class, w->taken = -1;
     if (!block->bytes && !w->known) return TILE_READ;
     if (find_parts(w, block)) return NOT_READ;
     if (w->new && (read_positions(w, layer) || read_classes(w, layer))) return NOT_READ;
