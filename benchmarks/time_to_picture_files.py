@@ -7,7 +7,7 @@ Of a rival's settings the smallest file counts whose mean over the judged views 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -146,13 +146,15 @@ def read_job(job: Record) -> Record:
     if job["cores"] == 1 and hasattr(os, "sched_setaffinity"):
         # Whatever threads a reader starts share that core.
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-    path = Path(job["file"])
-    if job["reader"] == SCAR:
-        act = partial(decode_scene, path, threads=job["cores"], layers=job["layers"])
-    else:
-        act = reading(path, job["scale"], job["reader"])
+    act = _reading(Path(job["file"]), job)
     act()
     return child.timed(act, RUNS, SECONDS)
+
+
+def _reading(path: Path, job: Record) -> Callable[[], object]:
+    if job["reader"] == SCAR:
+        return partial(decode_scene, path, threads=job["cores"], layers=job["layers"])
+    return reading(path, job["scale"], job["reader"])
 
 
 def reader_name(reader: str) -> str:

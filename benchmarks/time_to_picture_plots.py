@@ -35,7 +35,7 @@ def _scene(record: Record, keep: bool) -> Path:
 
 def _shown(way: Record) -> bool:
     """One setting of ours is enough of a first picture."""
-    return way["goal"] == GOOD or way["family"] != SCAR or way["name"] == next(iter(SETTINGS))
+    return bool(way["goal"] == GOOD or way["family"] != SCAR or way["name"] == next(iter(SETTINGS)))
 
 
 def _style(way: Record) -> str:

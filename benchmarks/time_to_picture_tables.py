@@ -24,7 +24,7 @@ def title(way: Record) -> str:
 
 def seconds_to(way: Record, cores: str, mbit: float) -> float:
     """Transfer, then decoding: neither waits for parts of the other."""
-    return way["bytes"] * 8 / (mbit * 1e6) + float(way["decode"][cores]["min"])
+    return float(way["bytes"] * 8 / (mbit * 1e6) + way["decode"][cores]["min"])
 
 
 def sooner(mine: Record, other: Record, cores: str) -> tuple[float, float] | None:
