@@ -31,16 +31,19 @@ from benchmarks.time_to_picture_tables import NAME, tables, write_page
 
 QUALITIES = {"flowers": 41.0, "plush-on-bed": 44.0, "plush-dog": 41.0, "plush-toys": 42.0, "biker": 41.0}
 """Asked for, by scene, so that the judged views have 41 dB: the encoder looks from others."""
-EFFORT, ROUNDS = 2, 3
+EFFORT, ROUNDS = 2, 2
 SHORT_QUALITIES, SHORT_FAMILIES, SHORT_SETTINGS = {"plush-toys": 45.0}, ("spz", "compressed-ply"), ("default",)
 Record = dict[str, Any]
 
 
-def measure(scene: Scene, judged: Record, families: Sequence[str], short: bool) -> Record:
+def measure(scene: Scene, judged: Record, families: Sequence[str], settings: Sequence[str], short: bool) -> Record:
     """All ways to a picture of a scene, timed in turn."""
     quality, effort = (SHORT_QUALITIES[scene.name], 1) if short else (QUALITIES[scene.name], EFFORT)
-    mine = ours(scene, quality, effort, SHORT_SETTINGS if short else list(SETTINGS))
+    mine = ours(scene, quality, effort, settings)
     theirs, missing = rivals(scene, judged, families)
+    absent = [f".scar, {name}" for name in SETTINGS if name not in settings]
+    absent += [title for family, title in FAMILIES.items() if family not in families]
+    missing += [f"{scene.name}, {name}: not measured" for name in absent]
     times = timed([*mine, *theirs], 1 if short else ROUNDS)
     return {
         "scene": scene.name,
@@ -93,17 +96,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
     parser.add_argument("--families", nargs="*", choices=FAMILIES, help="rivals [default: all]")
+    parser.add_argument("--settings", nargs="+", choices=SETTINGS, help="of .scar [default: all]")
     parser.add_argument("--report", action="store_true", help="measure nothing, rewrite tables and plots")
     arguments = parser.parse_args()
     keep, short = not arguments.no_write, arguments.short
     families = list(SHORT_FAMILIES if short else FAMILIES) if arguments.families is None else arguments.families
+    settings = arguments.settings or (SHORT_SETTINGS if short else list(SETTINGS))
     results, judged = load_results(NAME) if keep else {}, load_results(RIVALS)
     for note in filter(None, () if arguments.report else (install(), install_readers())):
         print(note, file=sys.stderr)
     names = arguments.scenes or (SHORT_QUALITIES if short else QUALITIES)
     for scene in () if arguments.report else chosen(list(names)):
         print(scene.name, file=sys.stderr, flush=True)
-        results[scene.name] = measure(scene, judged[scene.name], families, short)
+        results[scene.name] = measure(scene, judged[scene.name], families, settings, short)
         save_results(NAME, results, keep, [scene.name])
     records = [results[name] for name in QUALITIES if name in results]
     draw(records, keep)

@@ -90,7 +90,10 @@ def ours(scene: Scene, quality: float, effort: int, settings: Sequence[str]) -> 
         first = next((number for number, level in enumerate(levels, 1) if level >= FIRST), len(layers))
         for goal, number in zip(GOALS, (first, len(layers)), strict=True):
             last = layers[number - 1]
-            found.append(Way(SCAR, setting, goal, last["bytes"], last["psnr_db"], path, number))
+            note = (
+                "" if last["psnr_db"] >= goal else f"{last['psnr_db']:.1f} dB, less than the {goal:g} dB of the others"
+            )
+            found.append(Way(SCAR, setting, goal, last["bytes"], last["psnr_db"], path, number, note=note))
     return found
 
 

@@ -88,7 +88,9 @@ def _scene(record: Record) -> str:
             told = [f"{goal:g} dB", title(way) + _layers(way), f"{way['bytes']:,}", f"{way['psnr_db']:.1f}"]
             least = [f"{times['min']:.3f} ({times['median']:.3f})" for times in (one, many)]
             rows.append([*told, one["reader"], *least, *(_both(way, mbit) for mbit in BANDWIDTHS)])
-    notes = {f"{way['name']}: {way['note']}" for way in record["ways"] if way["note"]} | set(record["missing"])
+    notes = {f"{record['scene']}, {title(way)}: {way['note']}" for way in record["ways"] if way["note"]} | set(
+        record["missing"]
+    )
     text = f"### {record['scene']}\n\n{record['note']}; {record['count']:,} Gaussians; ours asked for quality"
     plot = f"![Seconds against bandwidth](images/{image(record)}.svg)"
     said = "".join(f"\n{note}.\n" for note in sorted(notes))
