@@ -152,7 +152,7 @@ def _stages(records: Sequence[Record]) -> str:
 
 def _limits(records: Sequence[Record]) -> str:
     head = ["scene", "quality", "symbols", "multiply-adds", *(f"{part}, s" for part in PARTS), "least, s"]
-    head += ["without kernel, times the least", "with kernel"]
+    head += ["without kernel, times the least", "with kernel", "peak, ps a multiply-add", "rANS, ns a symbol"]
     rows = []
     for record in records:
         bound, found = record["least"], record["kernel"]
@@ -160,5 +160,7 @@ def _limits(records: Sequence[Record]) -> str:
         counts = [f"{bound['symbols'] / 1e6:.2f} M", f"{bound['multiply_adds'] / 1e9:.2f} G"]
         parts = [f"{bound['parts'][part]:.3f}" for part in PARTS]
         ratios = [f"{found[name]['whole'] / least:.1f}" if name in found else "" for name in ("off", "on")]
-        rows.append([record["scene"], f"{record['quality']:g}", *counts, *parts, f"{least:.3f}", *ratios])
+        rates = [1e3 * bound["multiply_add_ns"], 1e9 * bound["parts"]["rANS"] / bound["symbols"]]
+        told = [*ratios, *(f"{rate:.1f}" for rate in rates)]
+        rows.append([record["scene"], f"{record['quality']:g}", *counts, *parts, f"{least:.3f}", *told])
     return table(head, rows)

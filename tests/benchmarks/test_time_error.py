@@ -93,7 +93,9 @@ def test_stages_are_parts_of_the_whole(file: Path) -> None:
     with time_error_limit.stage_clock(seconds):
         assert len(decode_scene(file, threads=1))
     # In this file the network codes all indices, so that tiles are read stream by stream.
-    assert set(seconds) == set(time_error_limit.STAGES) - {"indices, static", "whole tiles"}
+    # World units are told only where NumPy computes them.
+    absent = {"indices, static", "whole tiles", *([] if absence() else ["to world units"])}
+    assert set(seconds) == set(time_error_limit.STAGES) - absent
     report = time_error_limit.stages({"file": str(file)})["stages"]
     assert math.isclose(sum(report.values()), 2 * report["whole"])
     named = [report[name] for name in seconds]
@@ -110,7 +112,7 @@ def test_a_stage_is_told_of_tiles_that_the_kernel_reads_at_once(tmp_path: Path) 
     seconds: defaultdict[str, float] = defaultdict(float)
     with time_error_limit.stage_clock(seconds):
         decode_scene(path, threads=1)
-    assert set(seconds) == {"models", "whole tiles", "to world units", "activation"}
+    assert set(seconds) == {"models", "whole tiles", "activation"}
 
 
 def test_what_a_decode_cannot_leave_out_is_what_its_counters_count(file: Path) -> None:
@@ -128,7 +130,9 @@ def test_what_a_decode_cannot_leave_out_is_what_its_counters_count(file: Path) -
 def test_the_least_is_measured_part_by_part(file: Path) -> None:
     found = time_error_limit.least({"file": str(file)})
     assert set(found["parts"]) == set(time_error_limit.PARTS)
-    assert all(0 < seconds < math.inf for seconds in found["parts"].values())
+    assert all(0 <= seconds < math.inf for seconds in found["parts"].values())
+    assert found["parts"]["multiply-adds"] == pytest.approx(found["multiply_adds"] * found["multiply_add_ns"] / 1e9)
+    assert found["parts"]["rANS"] > 0
 
 
 def test_every_way_that_is_there_is_measured() -> None:
@@ -152,6 +156,7 @@ def _results() -> dict[str, Any]:
     ]
     stages = {"models": 1.0, "whole": 3.0}
     least = {"parts": dict.fromkeys(time_error_limit.PARTS, 0.5), "symbols": 10, "multiply_adds": 20}
+    least["multiply_add_ns"] = 0.01
     return {
         "layers": {"a": {**common, "layers": [layer], "count": 9, "other": {"export": told, "inspect": told}}},
         "efforts": {"a": {"scene": "a scene", "runs": [_run(1, 41, 40.0, 100), _run(1, 47, 44.0, 400)]}},
