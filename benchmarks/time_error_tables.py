@@ -144,9 +144,10 @@ def _stages(records: Sequence[Record]) -> str:
     rows = []
     for record in records:
         off, on = record["kernel"]["off"], record["kernel"].get("on", {})
-        for name in sorted(off, key=lambda name: (name == "whole", -off[name])):
-            after = [f"{on[name]:.3f}", f"{off[name] / on[name]:.1f}"] if on.get(name) else ["", ""]
-            rows.append([record["scene"], f"{record['quality']:g}", name, f"{off[name]:.3f}", *after])
+        for name in sorted({**off, **on}, key=lambda name: (name == "whole", -off.get(name, 0.0), -on.get(name, 0.0))):
+            cells = [f"{found[name]:.3f}" if name in found else "" for found in (off, on)]
+            faster = f"{off[name] / on[name]:.1f}" if name in off and on.get(name) else ""
+            rows.append([record["scene"], f"{record['quality']:g}", name, *cells, faster])
     return table(head, rows, 3)
 
 
