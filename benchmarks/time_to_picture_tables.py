@@ -66,7 +66,8 @@ def crossings(records: Sequence[Record]) -> str:
     rows = []
     for record in records:
         for mine in (way for way in record["ways"] if way["family"] == SCAR):
-            row = [record["scene"], f"{mine['goal']:g} dB", title(mine)]
+            short = f" (only {mine['psnr_db']:.1f} dB)" if mine["psnr_db"] < mine["goal"] else ""
+            row = [record["scene"], f"{mine['goal']:g} dB", title(mine) + short]
             for family in FAMILIES:
                 there = [w for w in record["ways"] if w["family"] == family and w["goal"] == mine["goal"]]
                 row += [span_text(sooner(mine, there[0], cores)) if there else "" for cores in CORES]
