@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from scarfmt.blocks.metadata import pack_metadata
+from scarfmt.coding.decoder_model import DECODER
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS
 
@@ -85,6 +86,11 @@ class EncodeOptions:
     def bits_per_ns(self) -> float:
         """Bits that a nanosecond of decoding is worth: what is transferred meanwhile, 0 where bytes alone count."""
         return 0.0 if self.archive else (DEFAULT_MBIT if self.mbit is None else self.mbit) / 1000
+
+    @property
+    def symbol_bits(self) -> float:
+        """Bits that decoding a symbol is worth."""
+        return self.bits_per_ns * DECODER.symbol
 
     @property
     def trains_networks(self) -> bool:
