@@ -27,6 +27,7 @@ from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision, decide
 from reference_encoder.decide.layering import (
     Entry,
+    LayerChoice,
     Layering,
     Look,
     best_looking,
@@ -38,9 +39,9 @@ from reference_encoder.decide.layering import (
 from reference_encoder.decide.plans import Plans, layer_costs, planned
 from reference_encoder.decide.problem import Problem
 from reference_encoder.judge.calibrate import Search
-from reference_encoder.judge.judge import Judge
 from reference_encoder.judge.quality import Quality
 from reference_encoder.judge.rough import rough
+from reference_encoder.judge.tries import Tries
 from reference_encoder.judge.views import Sight
 from reference_encoder.networks.decode_time import index_network_ns, networks_ns
 from reference_encoder.networks.file_costs import index_bytes, latent_cost, mechanisms, within_limits
@@ -71,6 +72,23 @@ class Attempt:
     plans: Plans
     decision: Decision
     plain: Quantised
+
+
+@dataclass(frozen=True)
+class Laid:
+    """A problem and what its layers hold.
+
+    Attributes:
+        problem: with those classes split of which the first layer shows a part.
+        plans: what it costs.
+        choices: for all layers.
+        first: the first of them before any class was split.
+    """
+
+    problem: Problem
+    plans: Plans
+    choices: Sequence[LayerChoice]
+    first: LayerChoice
 
 
 @dataclass(frozen=True)
@@ -157,7 +175,7 @@ def attempted(profile: Profile[Any], quality: float, layering: Layering | None =
 
 
 def decided(profile: Profile[Any], problem: Problem, layering: Layering | None) -> Attempt:
-    """What is decided about a problem, layers as predicted or as `layering` says."""
+    """What is decided about a problem, layers as predicted or as `layering` has."""
     profile.report("allocate", 0.0)
     classes = problem.classes.count
     if layering is not None:
@@ -168,23 +186,23 @@ def decided(profile: Profile[Any], problem: Problem, layering: Layering | None) 
         choices = layering.choices(costs, classes)
     else:
         choices = predicted(costs, problem.budget.base_share, profile.options.layers)
-    decision = decide(problem, plans, choices)
+    return _attempt(profile, Laid(problem, plans, choices, choices[0]))
+
+
+def _attempt(profile: Profile[Any], laid: Laid) -> Attempt:
+    decision = decide(laid.problem, laid.plans, laid.choices)
     profile.report("allocate", 1.0)
-    return Attempt(problem, plans, decision, profile.finish(problem, decision))
+    return Attempt(laid.problem, laid.plans, decision, profile.finish(laid.problem, decision))
 
 
-def layered(profile: Profile[Any], attempt: Attempt) -> Layering:
+def layered(profile: Profile[Any], problem: Problem, plans: Plans) -> Laid:
     """What layers hold: a first without holes, and others after it. By their looks, or what is good as a rule.
 
     Args:
-        attempt: layers as predicted.
+        problem, plans: no class is split.
     """
-    problem, plans, options = attempt.problem, attempt.plans, profile.options
-    share, costs, looking = (
-        problem.budget.base_share,
-        layer_costs(problem, plans),
-        EFFORTS[options.effort].looks_at_layers,
-    )
+    options, share, costs = profile.options, problem.budget.base_share, layer_costs(problem, plans)
+    looking = EFFORTS[options.effort].looks_at_layers
     if looking:
         first = first_picture(costs, _look(profile, problem, plans, FIRST_CAP_DB), options.asked_db, share)
     else:
@@ -199,7 +217,7 @@ def layered(profile: Profile[Any], attempt: Attempt) -> Layering:
     else:
         choices = predicted_after(whole, costs, options.layers)
     profile.report("layers", 1.0)
-    return Layering.of(attempt.problem.classes.count, first, choices)
+    return Laid(problem, plans, choices, first)
 
 
 def _look(profile: Profile[Any], problem: Problem, plans: Plans, most: float) -> Look:
@@ -230,28 +248,35 @@ class Loop:
         self.layering: Layering | None = None
 
     @cached_property
-    def judge(self) -> Judge[Any]:
+    def judge(self) -> Tries[Any]:
         """Pictures of the source, drawn when they are first wanted."""
-        return self.profile.judge(Sight.LOOP)
+        return Tries(self.profile.judge(Sight.LOOP), self.profile.options.worst is None)
 
     def attempt(self, aim: float) -> Attempt:
-        """What is decided for an aim, dB."""
-        return attempted(self.profile, aim, self.layering)
+        """What is decided for an aim, dB. Layers that are good as a rule are laid out at each anew."""
+        problem = self.profile.problem(aim)
+        if self._has_layers and not EFFORTS[self.profile.options.effort].looks_at_layers:
+            return _attempt(self.profile, layered(self.profile, problem, planned(problem)))
+        return decided(self.profile, problem, self.layering)
+
+    @property
+    def _has_layers(self) -> bool:
+        return self.profile.shows_layers and self.profile.options.layers > 1
 
     def found(self, scene: QuantisedScene) -> float:
-        """What pictures of a file will have of what was asked for, dB."""
+        """What pictures of a file have of what was asked for, dB."""
         self.profile.report("quality", 0.0)
-        quality = self.judge.quality(self.profile.finished(scene))
-        return quality.mean_db if self.profile.options.worst is None else quality.low_db
+        return self.judge.found_db(self.profile.finished(scene))
 
     def laid_out(self) -> Attempt:
         """The attempt before any network that is as good as asked, layers in place."""
-        options, profile = self.profile.options, self.profile
-        later = int(profile.looks is not None and options.layers > 1)
-        attempt = self._settled(self.attempt(self.search.aim), later + options.trains_networks)
+        later = int(self._has_layers and EFFORTS[self.profile.options.effort].looks_at_layers)
+        networks = int(self.profile.options.trains_networks)
+        attempt = self._settled(self.attempt(self.search.aim), later + networks)
         if later:
-            self.layering = layered(profile, attempt)
-            attempt = self._settled(decided(profile, attempt.problem, self.layering), int(options.trains_networks))
+            laid = layered(self.profile, attempt.problem, attempt.plans)
+            self.layering = Layering.of(attempt.problem.classes.count, laid.first, laid.choices)
+            attempt = self._settled(_attempt(self.profile, laid), networks)
         return attempt
 
     def _settled(self, attempt: Attempt, spare: int = 0) -> Attempt:

@@ -10,10 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from numba import get_num_threads
 
+from reference_encoder.jit import compiled
 from reference_encoder.tuning import (
     COARSEST_COLOUR,
     FINEST_STEP,
@@ -23,13 +26,14 @@ from reference_encoder.tuning import (
     TABLE_ENTRY_BITS,
 )
 from scarfmt.arrays import F64, I64
-from scarfmt.codecs.channels import coarsen
 from scarfmt.container.schema import Stream
 from scarfmt.scene.model import MAX_CLASSES, MAX_STEPS
 
 PositionBits = Callable[[float], F64]
 
 _LOGARITHMS = (Stream.SCALE, Stream.OPACITY)
+_MOST_BINS = 1 << 20
+"""Histograms with more possible entries are made by sorting."""
 
 
 @dataclass(frozen=True)
@@ -96,23 +100,42 @@ def ranked_with_colour(absence: F64, colour: F64, share: float, least: float) ->
     return ranked
 
 
+@compiled
 def entropy_bits(symbols: I64, contexts: I64, scale: float = 1.0) -> float:
     """Bits of `scale` times `symbols` under ideal static tables per context, plus about a byte per table entry."""
-    if not len(symbols):
+    if len(symbols) == 0:
         return 0.0
-    low = int(symbols.min())
-    span = int(symbols.max()) - low + 1
-    joint = contexts * span + (symbols - low)
-    if span * 256 < 1 << 22:
-        counts = np.bincount(joint).astype(np.float64)
-        counts = np.pad(counts, (0, -len(counts) % span)).reshape(-1, span)
-        totals = np.broadcast_to(counts.sum(axis=1, keepdims=True), counts.shape)[counts > 0]
-        counts = counts[counts > 0]
-    else:
-        kinds, amounts = np.unique(joint, return_counts=True)
-        counts = amounts.astype(np.float64)
-        totals = np.bincount(kinds // span, counts)[kinds // span]
-    return scale * float((counts * np.log2(totals / counts)).sum()) + TABLE_ENTRY_BITS * len(counts)
+    low = symbols.min()
+    span, kinds = symbols.max() - low + 1, contexts.max() + 1
+    totals, bits = np.zeros(kinds), 0.0
+    for context in contexts:
+        totals[context] += 1
+    for context, amount in _counted(contexts * span + (symbols - low), kinds * span):
+        total = totals[context // span]
+        bits += scale * amount * np.log2(total / amount) + TABLE_ENTRY_BITS
+    return bits
+
+
+@compiled
+def _counted(numbers: I64, below: int) -> I64:
+    """(m, 2) of the different ones among some numbers, and how often each is there."""
+    counted = np.empty((len(numbers), 2), np.int64)
+    fill = 0
+    if below <= _MOST_BINS:
+        counts = np.zeros(below, np.int64)
+        for number in numbers:
+            counts[number] += 1
+        for number in range(below):
+            if counts[number] > 0:
+                counted[fill, 0], counted[fill, 1] = number, counts[number]
+                fill += 1
+        return counted[:fill]
+    for number in np.sort(numbers):
+        if fill == 0 or counted[fill - 1, 0] != number:
+            counted[fill, 0], counted[fill, 1] = number, 0
+            fill += 1
+        counted[fill - 1, 1] += 1
+    return counted[:fill]
 
 
 def aligned_steps(
@@ -156,45 +179,65 @@ def plan_channel(
         sensitivity: (N, components) or (N, 1) squared picture error per squared unit.
     """
     bits, error = np.zeros((count, FINEST_STEP + 1)), np.zeros((count, FINEST_STEP + 1))
-    for klass in range(count):
-        here = np.flatnonzero(classes == klass)
+    order, widths = np.argsort(classes, kind="stable"), np.array(step) / 3.0 ** (FINEST_STEP - 1)
+    edges = np.cumsum([0, *np.bincount(classes, minlength=count)])
+    logarithm, heavy = stream in _LOGARITHMS, np.broadcast_to(sensitivity, values.shape)
+
+    def fill(klass: int) -> None:
+        here = order[edges[klass] : edges[klass + 1]]
         sampled = here[:: max(1, len(here) // PLANNED_ANCHORS)]
         scale = len(here) / max(len(sampled), 1)
-        part, weight = values[sampled], sensitivity[sampled]
-        error[klass, 0] = scale * float((weight * part**2).sum())
-        finest = np.rint(part / (np.array(step) / 3.0 ** (FINEST_STEP - 1))).astype(np.int64)
-        previous = None
-        for steps in range(1, FINEST_STEP + 1):
-            now = coarsen(finest, FINEST_STEP - steps)
-            left = part - now * (np.array(step) / 3.0 ** (steps - 1))
-            error[klass, steps] = scale * float((weight * _felt(stream, left) ** 2).sum())
-            bits[klass, steps] = bits[klass, steps - 1] + _step_bits(now, previous, scale)
-            previous = now
+        _price_steps(values[sampled], heavy[sampled], widths, logarithm, scale, bits[klass], error[klass])
+
+    with ThreadPoolExecutor(get_num_threads()) as pool:
+        list(pool.map(fill, range(count)))
     return ChannelPlan(stream, step, bits, error)
 
 
-def _felt(stream: Stream, left: F64) -> F64:
-    """Errors as pictures show them: of a logarithm that is `left` too small, the part by which the value is off.
+@compiled
+def _price_steps(values: F64, weight: F64, finest: F64, logarithm: bool, scale: float, bits: F64, error: F64) -> None:
+    """Fill cumulative `bits` and `error` left with 0 .. `FINEST_STEP` steps of one class.
 
-    For small errors that is the same. A splat of the coarsest scales is up to e^0.8 times too long, which shows much
-    more than one that is as much too short.
+    Of a logarithm, errors are as pictures show them: the part by which the value is off. For small errors that is the
+    same. A splat of the coarsest scales is up to e^0.8 times too long, which shows much more than one that is as much
+    too short.
+
+    Args:
+        values, weight: (n, components).
+        finest: (components,) widths of cells after all steps.
+        scale: how many anchors each stands for.
     """
-    return np.expm1(-left) if stream in _LOGARITHMS else left
+    before = np.zeros(len(values), np.int64)
+    for component in range(values.shape[1]):
+        x, heavy = values[:, component].copy(), weight[:, component].copy()
+        cells = np.rint(x / finest[component]).astype(np.int64)
+        error[0] += scale * (heavy * x * x).sum()
+        total, previous, first = 0.0, cells, cells
+        for steps in range(1, FINEST_STEP + 1):
+            power = 3 ** (FINEST_STEP - steps)
+            now = (cells + (power - 1) // 2) // power
+            left = x - now * (finest[component] * power)
+            if logarithm:
+                left = np.expm1(-left)
+            error[steps] += scale * (heavy * left * left).sum()
+            if steps > 1:
+                total += entropy_bits(now - 3 * previous, np.minimum(np.maximum(previous, -2), 2) + 2, scale)
+            else:
+                total += _first_bits(now, before, component > 0, scale)
+                first = now
+            previous = now
+            bits[steps] += total
+        before = first
 
 
-def _step_bits(now: I64, previous: I64 | None, scale: float) -> float:
-    total = 0.0
-    for component in range(now.shape[1]):
-        column = now[:, component]
-        if previous is None:
-            # The component before is a context of the first step; 16 buckets of it.
-            source = now[:, component - 1] if component else np.zeros(len(column), np.int64)
-            contexts = np.clip(source - int(np.median(source)) + 8, 0, 15) if len(source) else source
-            total += min(entropy_bits(column, contexts, scale), entropy_bits(column, np.zeros_like(contexts), scale))
-        else:
-            coarse = previous[:, component]
-            total += entropy_bits(column - 3 * coarse, np.clip(coarse, -2, 2) + 2, scale)
-    return total
+@compiled
+def _first_bits(values: I64, before: I64, told: bool, scale: float) -> float:
+    """Bits of the first step: where the component `before` is told, 16 buckets of it are a context if that pays."""
+    alone = entropy_bits(values, np.zeros(len(values), np.int64), scale)
+    if not told or len(values) == 0:
+        return alone
+    buckets = np.minimum(np.maximum(before - int(np.median(before)) + 8, 0), 15)
+    return min(alone, entropy_bits(values, buckets, scale))
 
 
 def hull_choice(bits: F64, error: F64, lambda_: float) -> int:

@@ -21,27 +21,33 @@ _MOST_BINS = 1 << 20
 """Histograms with more possible entries are made by sorting."""
 
 
-def choose_rules(streams: Sequence[Stream], firsts: Sequence[I64], classes: I64) -> list[tuple[ContextRule, ...]]:
+def telling(count: int) -> slice:
+    """Which of so many anchors are enough to choose rules by."""
+    return slice(None, None, max(1, count // CONTEXT_ANCHORS))
+
+
+def choose_rules(
+    streams: Sequence[Stream], firsts: Sequence[I64], classes: I64, count: int | None = None
+) -> list[tuple[ContextRule, ...]]:
     """One rule per component per channel.
 
     Args:
         streams: channels in coding order.
-        firsts: (N, components) first-step values of each.
-        classes: (N,) class numbers.
+        firsts: (n, components) first-step values of each, of the anchors :func:`telling`.
+        classes: (n,) their class numbers.
+        count: how many anchors there are; None for n.
     """
-    stride = max(1, len(classes) // CONTEXT_ANCHORS)
-    sampled = classes[::stride]
-    scale = len(classes) / max(len(sampled), 1)
-    nothing = np.zeros(len(sampled), np.int64)
+    scale = 1.0 if count is None else count / max(len(classes), 1)
+    nothing = np.zeros(len(classes), np.int64)
     sources: list[_Source] = []
     out = []
     for channel, first in enumerate(firsts):
         rules = []
-        for component, column in enumerate(first[::stride].T):
+        for component, column in enumerate(first.T):
             values = np.unique(column, return_inverse=True)[1]
-            candidates = list(_rules(_Source(ContextRule(), nothing), values, sampled, scale))
+            candidates = list(_rules(_Source(ContextRule(), nothing), values, classes, scale))
             if streams[channel] != Stream.POSITION_RESIDUAL:
-                candidates += [pair for source in sources for pair in _rules(source, values, sampled, scale)]
+                candidates += [pair for source in sources for pair in _rules(source, values, classes, scale)]
                 sources.append(_Source.of(channel, component, column))
             rules.append(min(candidates, key=lambda pair: pair[0])[1])
         out.append(tuple(rules))

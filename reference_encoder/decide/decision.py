@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reference_encoder.decide.contexts import choose_rules
+from reference_encoder.decide.contexts import choose_rules, telling
 from reference_encoder.decide.layering import LayerChoice
 from reference_encoder.decide.plans import Plans, layer_costs
 from reference_encoder.decide.problem import Problem
@@ -58,7 +58,8 @@ def _modelled(problem: Problem, plans: Plans, rows: Sequence[LayerRow]) -> tuple
     """The model of `rows`, and the final integers of every channel that any class receives."""
     classes = problem.classes.of
     finals: dict[Stream, I64] = {}
-    firsts: dict[Stream, I64] = {}
+    firsts: list[I64] = []
+    told = telling(len(classes))
     used: dict[int, Stream] = {}
     every = [*plans.channels, plans.latent]
     for index, plan in enumerate(every):
@@ -67,21 +68,21 @@ def _modelled(problem: Problem, plans: Plans, rows: Sequence[LayerRow]) -> tuple
             continue
         used[index] = plan.stream
         values, weight = _goal(problem, plans, plan.stream)
-        unit = cell_widths(plan.step, np.maximum(steps, 1))[classes]
-        final = choose_values(values / unit, weight * unit**2, classes, problem.budget.lambda_)
-        final *= (steps > 0)[classes, None]
+        units = cell_widths(plan.step, np.maximum(steps, 1))
+        final = choose_values(values, weight, classes, problem.budget.lambda_, units)
+        if not steps.all():
+            final *= (steps > 0)[classes, None]
         finals[plan.stream] = final
-        firsts[plan.stream] = coarsen(final, np.maximum(steps - 1, 0)[classes, None])
-    rules = choose_rules(list(used.values()), [firsts[stream] for stream in used.values()], classes)
+        firsts.append(coarsen(final[told], np.maximum(steps - 1, 0)[classes[told], None]))
+    rules = choose_rules(list(used.values()), firsts, classes[told], len(classes))
     channels = tuple(Channel(every[i].stream, every[i].step, rule) for i, rule in zip(used, rules, strict=True))
     kept = tuple(LayerRow(row.stages, tuple(tuple(s[i] for i in used) for s in row.steps)) for row in rows)
     return SceneModel(problem.geometry.profile, problem.geometry.slots, channels, kept), finals
 
 
 def _goal(problem: Problem, plans: Plans, stream: Stream) -> tuple[F64, F64]:
-    """(N, components) true values and weights of a channel; of LATENT, what the codewords leave."""
+    """(N, components) true values of a channel, and weights or (N, 1); of LATENT, what the codewords leave."""
     if stream != Stream.LATENT:
         return problem.channels.values[stream], problem.channels.weights[stream]
     assert problem.fitted is not None
-    weight = problem.fitted.latent.weight[:, None].astype(np.float64)
-    return plans.left, np.repeat(weight, plans.left.shape[1], axis=1)
+    return plans.left, problem.fitted.latent.weight[:, None].astype(np.float64)

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from reference_encoder.decide.targets import joined_classes
+from reference_encoder.judge.values import applied, codeword_sums
 from scarfmt.arrays import F32, F64, I64
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.writer import QuantisedScene
@@ -91,10 +92,12 @@ def _network_outputs(scene: QuantisedScene, values: Mapping[Stream, F32], classe
     if scene.codebooks is not None:
         received = scene.model.stages(len(scene.model.layers), classes)
         indices = np.concatenate([content.indices for content in scene.contents])
-        z += scene.codebooks.latents(indices, received)
+        z = codeword_sums(scene.codebooks, indices, received)
     if Stream.LATENT in values:
         z += values[Stream.LATENT]
-    return np.asarray(scene.decoder.apply(z, np.float32), np.float32)
+    out = np.empty((len(z), scene.decoder.outputs), np.float32)
+    applied(scene.decoder, z, out)
+    return out
 
 
 def _perceptron(network: QuantisedMlp) -> Mlp:

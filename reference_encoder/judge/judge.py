@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Generic, TypeVar
 
@@ -59,6 +59,10 @@ class Judge(Generic[S]):
         }
         shown = {kind: [pair for pair in pairs if pair[1].any()] for kind, pairs in pictures.items()}
         return cls(view, {kind: pairs for kind, pairs in shown.items() if pairs}, views.shares, most_db)
+
+    def thinned(self, some: Callable[[int], slice]) -> Judge[S]:
+        """`some` of so many views of each kind."""
+        return replace(self, seen={kind: pairs[some(len(pairs))] for kind, pairs in self.seen.items()})
 
     def quality(self, scene: S) -> Quality:
         """How good pictures of `scene` are."""

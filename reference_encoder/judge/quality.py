@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,6 +60,10 @@ class Quality:
     def worst_db(self) -> float:
         """Of all views; infinite where there is none."""
         return float(self._weighted()[1].min(initial=math.inf))
+
+    def thinned(self, some: Callable[[int], slice]) -> Quality:
+        """That of `some` of so many views of each kind."""
+        return Quality({kind: found[some(len(found))] for kind, found in self.psnr_db.items()}, self.shares)
 
     def by_kind(self) -> dict[str, Quality]:
         """The same of each kind."""

@@ -8,7 +8,8 @@ import numpy as np
 
 from reference_encoder.decide.plans import Plans
 from reference_encoder.decide.problem import Problem
-from scarfmt.arrays import F64, I64
+from reference_encoder.judge.values import applied, codeword_sums, rounded
+from scarfmt.arrays import F32, I64
 from scarfmt.codecs.channels import cell_widths
 from scarfmt.container.schema import Stream
 from scarfmt.scene.activation import activated
@@ -31,38 +32,36 @@ def rough(
     for index, plan in enumerate([*plans.channels, plans.latent], start=1):
         if received[:, index].any():
             true = plans.left if plan.stream == Stream.LATENT else problem.channels.values[plan.stream]
-            width = cell_widths(plan.step, received[:, index])
-            values[plan.stream] = np.rint(true[here] * np.divide(1, width, where=width > 0, out=width * 0)[of])
-            values[plan.stream] *= width[of]
+            values[plan.stream] = rounded(true, here, classes.of, cell_widths(plan.step, received[:, index]))
     return _scene(problem, values, received[of, 0], here)
 
 
-def _scene(problem: Problem, values: Mapping[Stream, F64], stages: I64, here: I64) -> GaussianScene:
+def _scene(problem: Problem, values: Mapping[Stream, F32], stages: I64, here: I64) -> GaussianScene:
     """The Gaussians of the anchors `here`; `values` and `stages` are theirs, what is not among `values` is 0."""
     geometry, count = problem.geometry, len(here)
     place, degree = geometry.placement, geometry.sh_degree
-    moved = values.get(Stream.POSITION_RESIDUAL, 0.0) - place.residual[here]
-    rotations, logits, colours = activated(values, count, np.float64)
+    moved = values.get(Stream.POSITION_RESIDUAL, np.float32(0)) - place.residual[here]
+    rotations, logits, colours = activated(values, count, np.float32)
     sh = np.zeros((count, (degree + 1) ** 2, 3), np.float32)
     sh[:, 0] = colours
     if problem.fitted is not None and (stages.any() or Stream.LATENT in values):
         sh[:, 1:] = _rest(problem, values.get(Stream.LATENT), stages, here).reshape(count, -1, 3)
     return GaussianScene(
         geometry.positions[here] + moved * place.cell[here, None],
-        values.get(Stream.SCALE, np.zeros((count, 3))).astype(np.float32),
+        values.get(Stream.SCALE, np.zeros((count, 3), np.float32)),
         rotations.astype(np.float32),
         logits.astype(np.float32),
         sh,
     )
 
 
-def _rest(problem: Problem, refined: F64 | None, stages: I64, here: I64) -> F64:
-    """(n, outputs) of the latent decoder for the anchors `here`; those of a latent of 0 are computed once."""
+def _rest(problem: Problem, refined: F32 | None, stages: I64, here: I64) -> F32:
+    """(n, outputs) of the latent decoder for the anchors `here`."""
     assert problem.fitted is not None
     decoder = problem.fitted.latent.decoder
-    summed = problem.fitted.books.latents(problem.fitted.rvq.indices[here], stages)
-    z = summed + (np.float64(0) if refined is None else refined)
-    told = z.any(axis=1)
-    rest = np.repeat(decoder.apply(np.zeros((1, z.shape[1]))), len(here), axis=0)
-    rest[told] = decoder.apply(z[told])
-    return np.asarray(rest)
+    z = codeword_sums(problem.fitted.books, problem.fitted.rvq.indices[here], stages)
+    if refined is not None:
+        z += refined
+    rest = np.empty((len(z), decoder.outputs), np.float32)
+    applied(decoder, z, rest)
+    return rest

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from reference_encoder.jit import compiled
 from reference_encoder.measure.survey import Survey
 from reference_encoder.tuning import FLOOR_CONTRAST, FLOOR_DISTANCE, FLOOR_GAUSSIANS, FLOOR_SHARE, SURVEY_POWER
-from scarfmt.arrays import F32, F64
+from scarfmt.arrays import F32, F64, I64
 from scarfmt.render.camera import DILATION_PX2, Camera
 from scarfmt.render.projection import MIN_ALPHA, Drawable
 from scarfmt.render.rasterise import ViewContributions, contributions_by_view
@@ -96,18 +97,41 @@ class _Sums:
     def add(self, seen: ViewContributions, positions: F64, camera: Camera) -> None:
         """Add a view, the sums of its picture divided by the number of its samples."""
         samples = camera.width * camera.height * 3
-        shape = (seen.contrast_sq / samples) ** SURVEY_POWER
-        self.shape[seen.index] += shape
-        self.colour[seen.index] += (seen.weight_sq / samples) ** SURVEY_POWER
-        distance = np.linalg.norm(positions[seen.index] - camera.centre, axis=1)
-        self.log_pixel[seen.index] += shape * np.log(np.maximum(distance, 1e-12) * pixel_angle(camera))
-        self.weight[seen.index] += shape
-        self.largest[seen.index] = np.maximum(self.largest[seen.index], seen.weight_max)
+        _add_view(
+            seen.index,
+            (seen.contrast_sq, seen.weight_sq, seen.weight_max),
+            samples,
+            (positions, camera.centre, pixel_angle(camera)),
+            (self.shape, self.colour, self.log_pixel, self.weight, self.largest),
+        )
 
     def means(self, views: int) -> KindWeights:
         """Power means over as many views."""
         shape, colour = ((total / max(views, 1)) ** (1 / SURVEY_POWER) for total in (self.shape, self.colour))
         return KindWeights(shape.astype(np.float32), colour.astype(np.float32))
+
+
+@compiled
+def _add_view(
+    index: I64,
+    seen: tuple[F64, F64, F64],
+    samples: int,
+    eye: tuple[F64, F64, float],
+    sums: tuple[F64, F64, F64, F64, F32],
+) -> None:
+    """Add what one view shows of the Gaussians `index` to `sums`, as :class:`_Sums` has them."""
+    contrast, squared, largest = seen
+    positions, centre, angle = eye
+    for k in range(len(index)):
+        i = index[k]
+        shape = (contrast[k] / samples) ** SURVEY_POWER
+        far = positions[i] - centre
+        distance = math.sqrt(far[0] * far[0] + far[1] * far[1] + far[2] * far[2])
+        sums[0][i] += shape
+        sums[1][i] += (squared[k] / samples) ** SURVEY_POWER
+        sums[2][i] += shape * math.log(max(distance, 1e-12) * angle)
+        sums[3][i] += shape
+        sums[4][i] = max(sums[4][i], np.float32(largest[k]))
 
 
 def pixel_angle(camera: Camera) -> float:

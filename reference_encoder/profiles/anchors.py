@@ -87,6 +87,11 @@ class AnchorProfile:
         return Judge.of(self.model, anchor_view, views, most_db(self.options.asked_db))
 
     @property
+    def shows_layers(self) -> bool:
+        """Whether layers can be drawn."""
+        return False
+
+    @property
     def looks(self) -> None:
         """Nothing: layers are as predicted."""
         return

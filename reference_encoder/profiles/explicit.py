@@ -93,6 +93,11 @@ class ExplicitProfile:
         views = judged_views(self.scene, self.options, self.survey.up, sight, len(self.scene))
         return Judge.of(self.scene, gaussian_view, views, most_db(self.options.asked_db))
 
+    @property
+    def shows_layers(self) -> bool:
+        """Whether layers can be drawn."""
+        return True
+
     @cached_property
     def looks(self) -> Looks:
         """Small pictures of the source from everywhere, drawn when they are first wanted."""

@@ -23,7 +23,8 @@ class Profile(Protocol[S]):
         options: of the encoder.
         report: told (stage, fraction done).
         source_count: Gaussians or anchors of the source.
-        looks: pictures of the source to judge layers by; None where layers cannot be drawn.
+        shows_layers: whether layers can be drawn, and what they hold decided by that.
+        looks: pictures of the source to judge layers by; None where they cannot be drawn.
     """
 
     @property
@@ -32,6 +33,8 @@ class Profile(Protocol[S]):
     def report(self) -> Report: ...
     @property
     def source_count(self) -> int: ...
+    @property
+    def shows_layers(self) -> bool: ...
     @property
     def looks(self) -> Looks | None: ...
 

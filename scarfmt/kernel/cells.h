@@ -3,6 +3,8 @@
 #ifndef SCAR_CELLS_H
 #define SCAR_CELLS_H
 
+#include <string.h>
+
 #include "lanes.h"
 
 /* Columns that a scene may average: 64 components of a channel, or those of all attributes and latents. */
@@ -15,17 +17,37 @@ static const double POWERS[MOST_STEPS] = {
     1.0, 3.0, 9.0, 27.0, 81.0, 243.0, 729.0, 2187.0, 6561.0, 19683.0, 59049.0, 177147.0, 531441.0, 1594323.0,
     4782969.0, 14348907.0, 43046721.0, 129140163.0, 387420489.0, 1162261467.0};
 
+/* 1 / (2 * 3^(steps - 1)) */
+static const double HALVES[MOST_STEPS] = {
+    0.5 / 1.0, 0.5 / 3.0, 0.5 / 9.0, 0.5 / 27.0, 0.5 / 81.0, 0.5 / 243.0, 0.5 / 729.0, 0.5 / 2187.0, 0.5 / 6561.0,
+    0.5 / 19683.0, 0.5 / 59049.0, 0.5 / 177147.0, 0.5 / 531441.0, 0.5 / 1594323.0, 0.5 / 4782969.0, 0.5 / 14348907.0,
+    0.5 / 43046721.0, 0.5 / 129140163.0, 0.5 / 387420489.0, 0.5 / 1162261467.0};
+
 INLINE double floor_of(double x) { return __builtin_floor(x); }
 
-INLINE double power_of(int64_t steps) { return POWERS[steps > 1 ? (steps > MOST_STEPS ? MOST_STEPS - 1 : steps - 1) : 0]; }
+INLINE int64_t power_place(int64_t steps) { return steps > MOST_STEPS ? MOST_STEPS - 1 : steps > 1 ? steps - 1 : 0; }
 
-/* A value in 1024ths of the first cell, `power` = 3^(steps - 1); of one that is known. */
-INLINE double fine_of(double value, double power) {
-    const double scaled = floor_of((value * (2 * FINE_ONE) + power) / (2 * power));
+INLINE double power_of(int64_t steps) { return POWERS[power_place(steps)]; }
+
+INLINE double half_of(int64_t steps) { return HALVES[power_place(steps)]; }
+
+/* A value in 1024ths of the first cell, `power` = 3^(steps - 1), `half` = 1 / (2 power); of one that is known.
+
+(2048 v + p) / 2p lies 1 / 2p or more from any integer, an odd number over an even one, and |v| < 2^31: the product with
+the rounded inverse is less than 2^-10 / 2p away, so it has the same floor. */
+INLINE double fine_of(double value, double power, double half) {
+    const double scaled = floor_of((value * (2 * FINE_ONE) + power) * half);
     return scaled < -FINE_LIMIT ? -FINE_LIMIT : scaled > FINE_LIMIT ? FINE_LIMIT : scaled;
 }
 
-INLINE double fine(double value, int64_t steps) { return steps > 0 ? fine_of(value, power_of(steps)) : 0; }
+/* Fine values of n numbers that are at the same step. */
+INLINE void fine_run(const int32_t *restrict values, int64_t n, int64_t steps, int32_t *restrict out) {
+    const double power = power_of(steps), half = half_of(steps);
+    if (steps > 0)
+        for (int64_t i = 0; i < n; i++) out[i] = (int32_t)fine_of(values[i], power, half);
+    else
+        for (int64_t i = 0; i < n; i++) out[i] = 0;
+}
 
 /* 2^24 * 2^20 / 2^20: exact, and no quotient of such integers reaches the next integer by rounding. */
 INLINE double mean_of(double sum, double count) { return floor_of((2 * sum + count) / (2 * count)); }
@@ -40,30 +62,44 @@ INLINE double cell_means(const Cells *cells, int64_t depth, int64_t anchor, doub
     return count;
 }
 
-/* The same of a block of anchors: mean[c * BLOCK + j], count[j]. */
-INLINE void block_means(const Cells *cells, int64_t depth, const int64_t *anchors, double *restrict mean,
-                        double *restrict count) {
-    const double *rows[BLOCK];
-    double some[BLOCK], sum[BLOCK];
-    for (int j = 0; j < BLOCK; j++) {
-        rows[j] = cells->sums[depth] + cells->cell[depth][anchors[j]] * (cells->columns + 1);
-        count[j] = rows[j][cells->columns];
-        some[j] = count[j] > 0 ? count[j] : 1;
-    }
-    for (int64_t c = 0; c < cells->columns; c++, mean += BLOCK) {
-        for (int j = 0; j < BLOCK; j++) sum[j] = rows[j][c];
-        for (int j = 0; j < BLOCK; j++) {
-            const double here = mean_of(sum[j], some[j]);
-            mean[j] = count[j] > 0 ? here : mean[j];
-        }
-    }
-}
-
 /* 32 for every binary digit of an integer, 8 digits at most. */
 INLINE double count_feature(double count) {
     double digits = 0;
     for (int bit = 0; bit < 8; bit++) digits += count >= (double)(1 << bit) ? 32 : 0;
     return digits;
+}
+
+INLINE void cell_rows(const double *restrict sums, int64_t cells, int64_t columns, int32_t *restrict out) {
+    for (int64_t i = 0; i < cells; i++, sums += columns + 1, out += fours(columns + 1)) {
+        const double count = sums[columns], some = count > 0 ? count : 1;
+        for (int64_t c = 0; c < columns; c++) out[c] = (int32_t)mean_of(sums[c], some);
+        out[columns] = (int32_t)count_feature(count);
+    }
+}
+
+/* Means and count features of all cells, as integers; zeros of cells that are empty. */
+INLINE void fill_means(const Cells *cells) {
+    for (int64_t d = 0; d < cells->depths; d++) switch (cells->columns) {
+            case 1: cell_rows(cells->sums[d], cells->sizes[d], 1, cells->means[d]); break;
+            case 3: cell_rows(cells->sums[d], cells->sizes[d], 3, cells->means[d]); break;
+            default: cell_rows(cells->sums[d], cells->sizes[d], cells->columns, cells->means[d]);
+        }
+}
+
+/* Means of a block at a depth, kept where cells are empty, and in the column after them count features; `mean` has room
+for the columns and four more. */
+INLINE void mean_columns(const Cells *cells, int64_t depth, const int64_t *anchors, int32_t mean[][BLOCK]) {
+    const int64_t columns = cells->columns, words = fours(columns + 1);
+    const int32_t *rows[BLOCK];
+    int32_t four[4][BLOCK], count[BLOCK];
+    for (int j = 0; j < BLOCK; j++) rows[j] = cells->means[depth] + cells->cell[depth][anchors[j]] * words;
+    for (int j = 0; j < BLOCK; j++) count[j] = rows[j][columns];
+    for (int64_t at = 0; at < words; at += 4) {
+        four_columns(rows, at, four);
+        for (int64_t c = at; c < at + 4; c++)
+            for (int j = 0; j < BLOCK; j++) mean[c][j] = count[j] ? four[c - at][j] : mean[c][j];
+    }
+    memcpy(mean[columns], count, sizeof count);
 }
 
 /* Adds one anchor whose numbers are `stride` apart. */

@@ -56,9 +56,22 @@ class CellNames:
 
     def scratch(self, columns: int) -> Cells:
         """Cells with anything in them, for one call that empties them first."""
-        ends = list(itertools.accumulate((8 * size * (columns + 1) for size in self.sizes), initial=0))
-        start = SCRATCH.at("sums", ends[-1])
-        return self.struct(columns, [start + end for end in ends[:-1]])
+        struct = self.struct(columns, _side_by_side("sums", [8 * size * (columns + 1) for size in self.sizes]))
+        words = words_of_rows(columns + 1)
+        struct.means[: self.depths] = _side_by_side("cell means", [4 * size * words for size in self.sizes])
+        return struct
+
+
+def _side_by_side(name: str, sizes: Sequence[int]) -> list[int]:
+    """Where scratch memory of so many bytes each lies."""
+    ends = list(itertools.accumulate(sizes, initial=0))
+    start = SCRATCH.at(name, ends[-1])
+    return [start + end for end in ends[:-1]]
+
+
+def words_of_rows(words: int) -> int:
+    """Rows are filled up to be read by four words."""
+    return -(-words // 4) * 4
 
 
 def cell_names(context: LayerContext, library: ctypes.CDLL) -> CellNames:

@@ -13,12 +13,13 @@ from scarfmt.arrays import I32, I64, U16
 from scarfmt.entropy.keys import CONTEXTS
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel import structs
+from scarfmt.kernel.cells import words_of_rows
 from scarfmt.kernel.memory import address, check_symbols
 from scarfmt.kernel.packed_predictors import PackedPredictors, PackedPredictorSteps, Surroundings
 from scarfmt.kernel.packed_tables import PackedSteps
 from scarfmt.kernel.scratch import SCRATCH
 from scarfmt.kernel.stream_decoder import ALL_READ, KernelRansDecoder
-from scarfmt.scene.model import MAX_CLASSES, NO_SOURCE, Channel, ContextRule
+from scarfmt.scene.model import NO_SOURCE, Channel, ContextRule
 
 BAD_TRIT = -2
 VALUE_RANGE = -3
@@ -160,6 +161,9 @@ class KernelChannel:
         struct.settled, struct.settled_columns = settled.ctypes.data, settled.shape[1]
         struct.settled_stride = settled.strides[0] // 4
         struct.cells = around.cells.scratch(components)
-        width = MAX_CLASSES + settled.shape[1] + components + depths * (2 * components + 1)
+        pairs = (settled.shape[1] + 1) // 2
+        words = 1 + pairs + (components + 1) // 2 + depths * ((components + 2) // 2) + components * ((depths + 1) // 2)
         blocks = -(-self._count // _BLOCK) if whole else 1
-        struct.inputs = SCRATCH.at("inputs", 4 * _BLOCK * width * blocks)
+        struct.inputs = SCRATCH.at("inputs", 4 * _BLOCK * words * blocks)
+        struct.rows = SCRATCH.at("rows", 4 * self._count * words_of_rows(1 + pairs + components))
+        struct.rows_step = 0

@@ -57,7 +57,7 @@ def put_channel(
         if predicted is not None and predicted.covers(step):
             parts, around = predicted.passes(chosen), _surroundings(library, predicted)
             packed = predicted.predictors.kept(PackedPredictorSet)
-            predictors = packed.step(channel.stream, step, channel.components)
+            predictors = packed.step(channel.stream, step, channel.components, around.cells.depths)
         key = StepKey(channel.stream, tuple(range(channel.components)), step)
         for kinds, symbols in target.write(step, parts, given, around, predictors):
             emitter.emit_grouped(key, kinds, symbols)
@@ -90,7 +90,8 @@ def get_channel(
     around = predictors = None
     if predicted is not None:
         around = _surroundings(reader.rans.functions, predicted)
-        predictors = predicted.predictors.kept(PackedPredictorSet).steps(channel.stream, coded, channel.components)
+        packed = predicted.predictors.kept(PackedPredictorSet)
+        predictors = packed.steps(channel.stream, coded, channel.components, around.cells.depths)
     found, at_step, received = target.read(reader.rans, coded, steps, tables, around, predictors)
     if found == BAD_TRIT:
         raise bad_trit()

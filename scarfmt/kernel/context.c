@@ -8,13 +8,14 @@
 /* Fine values of (n, columns) `values` at (n,) `steps`, as rows of `stride` numbers. */
 WIDE EXPORT void scar_fine(const int32_t *values, const int64_t *steps, int64_t n, int64_t columns, int64_t stride,
                            int32_t *out) {
-    double power[BLOCK], number[BLOCK];
+    double power[BLOCK], half[BLOCK], number[BLOCK];
     for (int64_t i = 0; i < n; i += BLOCK) {
         const int64_t wide = n - i < BLOCK ? n - i : BLOCK;
         for (int64_t j = 0; j < BLOCK; j++) power[j] = power_of(steps[j < wide ? i + j : i]);
+        for (int64_t j = 0; j < BLOCK; j++) half[j] = half_of(steps[j < wide ? i + j : i]);
         for (int64_t c = 0; c < columns; c++) {
             for (int64_t j = 0; j < BLOCK; j++) number[j] = values[(j < wide ? i + j : i) * columns + c];
-            for (int64_t j = 0; j < BLOCK; j++) number[j] = fine_of(number[j], power[j]);
+            for (int64_t j = 0; j < BLOCK; j++) number[j] = fine_of(number[j], power[j], half[j]);
             for (int64_t j = 0; j < wide; j++)
                 out[(i + j) * stride + c] = steps[i + j] > 0 ? (int32_t)number[j] : 0;
         }

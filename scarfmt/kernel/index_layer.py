@@ -118,5 +118,5 @@ def read_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any
     if not head.two_level:
         return first
     assert isinstance(reader, KernelSymbolReader)
-    members = evaluator.heads[book].kept(packed_members)
+    members = evaluator.kept(packed_members, book)
     return head.starts[first] + reader.read_members(members, first, evaluator.member_outputs(book, mixed))

@@ -2,126 +2,111 @@
 without attention. A pass is worked on in blocks of anchors, all their numbers of one kind side by side. */
 
 #include "cells.h"
+#include "products.h"
 #include "rans.h"
 
-#define CLASS_VALUE 64.0f
+#define CLASS_VALUE 64
 #define GATES 3
 #define RECURRENT_AMAX 2047
+#define ONE 4096          /* of gates */
 #define TABLE_END 255     /* tables of sigmoid and tanh: -TABLE_END..TABLE_END */
 #define BAD_INDEX (-2)
 
-INLINE void products(const float *weights, int64_t inputs, int64_t outputs, const Lanes *x, Lanes *out) {
-    for (int64_t row = 0; row < outputs; row += ROWS) {
-        Lanes sums[ROWS] = {{0}, {0}, {0}, {0}, {0}};
-        add_products(weights + row * inputs, inputs, (const float *)x, inputs, sums);
-        for (int64_t r = 0; r < ROWS; r++) out[row + r] = sums[r];
-    }
+INLINE int64_t even(int64_t rows) { return rows + rows % 2; }
+
+/* (rows, BLOCK) numbers as (rows / 2 rounded up, BLOCK) words. */
+INLINE void put_words(const int32_t *x, int64_t rows, int32_t *out) {
+    static const int32_t none[BLOCK] = {0};
+    for (int64_t r = 0; r < rows; r += 2, x += 2 * BLOCK, out += BLOCK) put_pairs(x, r + 1 < rows ? x + BLOCK : none, out);
 }
 
-/* `out` has room for the rows that fill up. */
-INLINE void linear(const Linear *l, const Lanes *x, Lanes *out) {
-    products(l->weights, l->inputs, l->outputs, x, out);
-    for (int64_t r = 0; r < l->outputs; r++) {
-        out[r] += l->biases[r];
-        clamp_lanes(out + r, l->low, l->high);
-        floor_lanes(out + r);
-    }
-}
-
-INLINE float within(double value, double amax) {
-    return (float)(value < -amax ? -amax : value > amax ? amax : value);
-}
-
-/* The inputs of a block. */
-INLINE void network_inputs(const Network *net, const Indices *s, const int64_t *anchors, float *x) {
-    const double amax = (double)net->amax, scale = 1.0 / (double)((int64_t)1 << net->latent_shift);
-    const double half = net->latent_shift ? 0.5 : 0;
-    double count[BLOCK], *mean = s->means;
+/* The inputs of a block, in words. */
+INLINE void network_inputs(const Network *net, const Indices *s, const int64_t *anchors, int32_t *out) {
+    const int32_t amax = (int32_t)net->amax, shift = (int32_t)net->latent_shift, half = 1 << shift >> 1;
+    int32_t *x = s->inputs, (*mean)[BLOCK] = (int32_t(*)[BLOCK])s->means;
     for (int64_t c = 0; c < net->classes; c++, x += BLOCK)
-        for (int j = 0; j < BLOCK; j++) x[j] = c == s->classes[anchors[j]] ? within(CLASS_VALUE, amax) : 0;
+        for (int j = 0; j < BLOCK; j++) x[j] = c == s->classes[anchors[j]] ? limited(CLASS_VALUE, -amax, amax) : 0;
     for (int64_t c = 0; net->own && c < net->attributes; c++, x += BLOCK)
         for (int j = 0; j < BLOCK; j++)
-            x[j] = within((double)(s->settled[anchors[j] * net->attributes + c] >> 6), amax);
-    for (int64_t k = 0; k < s->cells.columns * BLOCK; k++) mean[k] = 0;
+            x[j] = limited(s->settled[anchors[j] * net->attributes + c] >> 6, -amax, amax);
+    memset(mean, 0, (size_t)s->cells.columns * sizeof mean[0]);
     for (int64_t d = 0; d < s->cells.depths; d++) {
-        block_means(&s->cells, d, anchors, mean, count);
-        for (int64_t k = 0; k < net->attributes * BLOCK; k++) *x++ = within(floor_of(mean[k] * (1.0 / 64)), amax);
-        for (int64_t k = net->attributes * BLOCK; k < s->cells.columns * BLOCK; k++)
-            *x++ = within(floor_of(mean[k] * scale + half), amax);
-        for (int j = 0; j < BLOCK; j++) *x++ = within(count_feature(count[j]), amax);
+        mean_columns(&s->cells, d, anchors, mean);
+        for (int64_t c = 0; c < net->attributes; c++, x += BLOCK)
+            for (int j = 0; j < BLOCK; j++) x[j] = limited(mean[c][j] >> 6, -amax, amax);
+        for (int64_t c = net->attributes; c < s->cells.columns; c++, x += BLOCK)
+            for (int j = 0; j < BLOCK; j++) x[j] = limited((mean[c][j] + half) >> shift, -amax, amax);
+        for (int j = 0; j < BLOCK; j++) x[j] = limited(mean[s->cells.columns][j], -amax, amax);
+        x += BLOCK;
     }
     for (int64_t c = 0; c < net->grid; c++, x += BLOCK)
-        for (int j = 0; j < BLOCK; j++) x[j] = within(s->features[anchors[j] * net->grid + c], amax);
+        for (int j = 0; j < BLOCK; j++) x[j] = limited(s->features[anchors[j] * net->grid + c], -amax, amax);
+    put_words(s->inputs, (x - s->inputs) / BLOCK, out);
 }
 
 /* What the embeddings of a pass add to the mixer. */
 WIDE static void embed(const Network *net, const Indices *s, const int64_t *anchors, int64_t wide) {
+    const Products *products = products_at_hand();
     int64_t block[BLOCK];
-    Lanes *x = s->lanes, *first = x + net->embed[0].inputs, *h = first + filled(net->embed[0].outputs);
-    Lanes *share = h + filled(net->hidden);
+    int32_t *x = s->lanes, *first = x + net->embed[0].words * BLOCK, *h = first + net->embed[1].words * BLOCK;
+    fill_means(&s->cells);
     for (int64_t i = 0; i < wide; i += BLOCK) {
         block_anchors(anchors, wide, i, block);
-        network_inputs(net, s, block, (float *)x);
-        linear(net->embed, x, first);
-        linear(net->embed + 1, first, h);
-        products(net->mix_embedding.weights, net->hidden, net->mixed, h, share);
-        for (int64_t r = 0; r < net->mixed; r++)
-            s->shares[i / BLOCK * net->mixed + r] = share[r] + net->mix_embedding.biases[r];
+        network_inputs(net, s, block, x);
+        products->pairs(net->embed, x, first);
+        products->pairs(net->embed + 1, first, h);
+        products->rows(&net->mix_embedding, h, s->shares + i * net->mix_embedding.rows);
     }
 }
 
-/* table[x] of integers x, the ends of the table beyond it. */
-INLINE void look_up(const float *table, Lanes *x) {
-    clamp_lanes(x, -TABLE_END, TABLE_END);
-    floor_lanes(x);
-    const IntLanes place = __builtin_convertvector(*x, IntLanes) + TABLE_END;
-    float out[BLOCK];
-    for (int j = 0; j < BLOCK; j++) out[j] = table[place[j]];
-    *x = *(const Lanes *)out;
+/* table[x], the ends of the table beyond it. */
+INLINE void look_up(const int32_t *table, int32_t *x) {
+    for (int j = 0; j < BLOCK; j++) x[j] = limited(x[j], -TABLE_END, TABLE_END) + TABLE_END;
+    for (int j = 0; j < BLOCK; j++) x[j] = table[x[j]];
 }
 
 /* Products of the input of the first recurrent layer: those of a codeword, for the token of `stage`. */
-INLINE void token_products(const Network *net, int64_t stage, const int64_t *codes, Lanes *out) {
+INLINE void token_products(const Network *net, int64_t stage, const int64_t *codes, int32_t *out) {
     const int64_t rows = GATES * net->hidden;
-    const float *table = net->gru[0].tokens[stage > 1], *biases = net->gru[0].biases + (stage - 1) * rows;
-    for (int64_t r = 0; r < rows; r++) {
-        float here[BLOCK];
-        for (int j = 0; j < BLOCK; j++) here[j] = table[codes[j] * rows + r] + biases[r];
-        out[r] = *(const Lanes *)here;
-    }
+    const int32_t *table = net->gru[0].tokens[stage > 1], *biases = net->gru[0].biases + (stage - 1) * rows;
+    for (int64_t r = 0; r < rows; r++, out += BLOCK)
+        for (int j = 0; j < BLOCK; j++) out[j] = table[codes[j] * rows + r] + biases[r];
 }
 
 /* The new state of a recurrent layer, in place; `input` are its products with the input and their biases. */
-INLINE void step_layer(const Network *net, const Recurrence *layer, Lanes *input, Lanes *state, Lanes *own) {
-    const int64_t width = net->hidden;
-    products(layer->recurrent, width, GATES * width, state, own);
-    for (int64_t u = 0; u < width; u++) {
-        Lanes z = input[u] + own[u] + layer->offsets[u];
-        Lanes r = input[width + u] + own[width + u] + layer->offsets[width + u];
-        Lanes kept = own[2 * width + u] + layer->offsets[2 * width + u], candidate = input[2 * width + u];
-        look_up(net->sigmoid, &z);
-        look_up(net->sigmoid, &r);
-        clamp_lanes(&kept, -RECURRENT_AMAX, RECURRENT_AMAX);
-        floor_lanes(&kept);
-        floor_lanes(&candidate);
-        kept = kept * r + candidate + 0.5f;
-        look_up(net->tanh, &kept);
-        state[u] = (state[u] - kept) * z + kept + 0.5f;
-        floor_lanes(state + u);
+INLINE void step_layer(const Network *net, const Products *products, const Recurrence *layer, const int32_t *input,
+                       int32_t *state, int32_t *words, int32_t *own) {
+    const int64_t width = net->hidden * BLOCK;
+    const int32_t shift = (int32_t)layer->shift, half = 1 << shift >> 1;
+    put_words(state, net->hidden, words);
+    products->rows(&layer->recurrent, words, own);
+    for (int64_t u = 0; u < width; u += BLOCK, state += BLOCK) {
+        int32_t z[BLOCK], r[BLOCK], n[BLOCK];
+        for (int j = 0; j < BLOCK; j++) z[j] = (input[u + j] + own[u + j]) >> shift;
+        for (int j = 0; j < BLOCK; j++) r[j] = (input[width + u + j] + own[width + u + j]) >> shift;
+        look_up(net->sigmoid, z);
+        look_up(net->sigmoid, r);
+        for (int j = 0; j < BLOCK; j++) {
+            const int32_t kept = limited((own[2 * width + u + j] + half) >> shift, -RECURRENT_AMAX, RECURRENT_AMAX);
+            n[j] = (input[2 * width + u + j] >> shift) + ((r[j] * kept + ONE / 2) >> 12);
+        }
+        look_up(net->tanh, n);
+        for (int j = 0; j < BLOCK; j++) state[j] = (z[j] * state[j] + (ONE - z[j]) * n[j] + ONE / 2) >> 12;
     }
 }
 
 /* The (layers, H) states of a block after the token of `stage`, in place. */
-INLINE void step_block(const Network *net, const Indices *s, int64_t stage, const int64_t *codes, Lanes *states) {
-    const int64_t width = net->hidden, rows = filled(GATES * width);
-    Lanes *input = s->lanes, *own = input + rows;
+INLINE void step_block(const Network *net, const Indices *s, int64_t stage, const int64_t *codes, int32_t *states) {
+    const Products *products = products_at_hand();
+    const int64_t width = net->hidden, rows = even(GATES * width);
+    int32_t *input = s->lanes, *own = input + rows * BLOCK, *words = own + rows * BLOCK;
     token_products(net, stage, codes, input);
     for (int64_t l = 0; l < net->layers; l++) {
         if (l) {
-            products(net->gru[l].inputs, width, GATES * width, states + (l - 1) * width, input);
-            for (int64_t r = 0; r < GATES * width; r++) input[r] += net->gru[l].biases[r];
+            put_words(states + (l - 1) * width * BLOCK, width, words);
+            products->rows(&net->gru[l].inputs, words, input);
         }
-        step_layer(net, net->gru + l, input, states + l * width, own);
+        step_layer(net, products, net->gru + l, input, states + l * width * BLOCK, words, own);
     }
 }
 
@@ -132,13 +117,11 @@ INLINE void block_codes(const Indices *s, int64_t stage, const int64_t *anchors,
 }
 
 /* `layers` states from layer `first` on of a block after the first token, from the table. */
-INLINE void first_states(const Network *net, const int64_t *codes, int64_t first, int64_t layers, Lanes *states) {
+INLINE void first_states(const Network *net, const int64_t *codes, int64_t first, int64_t layers, int32_t *states) {
     const int64_t size = net->layers * net->hidden;
-    for (int64_t r = 0; r < layers * net->hidden; r++) {
-        float here[BLOCK];
-        for (int j = 0; j < BLOCK; j++) here[j] = net->after_first[codes[j] * size + first * net->hidden + r];
-        states[r] = *(const Lanes *)here;
-    }
+    const int32_t *table = net->after_first + first * net->hidden;
+    for (int64_t r = 0; r < layers * net->hidden; r++, states += BLOCK)
+        for (int j = 0; j < BLOCK; j++) states[j] = table[codes[j] * size + r];
 }
 
 /* States of a pass after the indices of `stage`, 2 or more. */
@@ -146,7 +129,7 @@ WIDE static void advance_pass(const Network *net, const Indices *s, const int64_
                               int64_t stage) {
     int64_t block[BLOCK], codes[BLOCK];
     for (int64_t i = 0; i < wide; i += BLOCK) {
-        Lanes *states = s->states + i / BLOCK * net->layers * net->hidden;
+        int32_t *states = s->states + i * net->layers * net->hidden;
         block_anchors(anchors, wide, i, block);
         if (stage == 2) {
             block_codes(s, 1, block, codes);
@@ -157,58 +140,61 @@ WIDE static void advance_pass(const Network *net, const Indices *s, const int64_
     }
 }
 
-/* The context y of `stage` of a block, of `mixed` rows. */
-INLINE void mix(const Network *net, const Indices *s, int64_t stage, const int64_t *anchors, int64_t place, Lanes *y) {
-    const Lanes *share = s->shares + place * net->mixed;
+/* The context y of `stage` of the block of anchors that begins at `place` of its pass, in words; `sums`: scratch of as
+many rows as the mixer has, and as many as a state and its words. */
+INLINE void mix(const Network *net, const Indices *s, int64_t stage, const int64_t *anchors, int64_t place, int32_t *y,
+                int32_t *sums) {
+    const int64_t mixed = net->mix_state.rows, shift = net->mix_shift;
+    const int32_t *share = s->shares + place * mixed, amax = (int32_t)net->amax;
     int64_t codes[BLOCK];
     if (stage > 1) {
-        const Lanes *state = s->states + ((place + 1) * net->layers - 1) * net->hidden;
-        Lanes *first = y + filled(net->mixed);
+        const int32_t *state = s->states + (place * net->layers + (net->layers - 1) * BLOCK) * net->hidden;
+        int32_t *first = sums + mixed * BLOCK, *words = first + net->hidden * BLOCK;
         if (stage == 2) {
             block_codes(s, 1, anchors, codes);
             first_states(net, codes, net->layers - 1, 1, first);
             state = first;
         }
-        products(net->mix_state.weights, net->hidden, net->mixed, state, y);
+        put_words(state, net->hidden, words);
+        products_at_hand()->rows(&net->mix_state, words, sums);
     }
-    const Lanes none = {0};
-    for (int64_t r = 0; r < net->mixed; r++) {
-        if (stage == 1) y[r] = none + net->mix_start[r];
-        y[r] += share[r];
-        clamp_lanes(y + r, 0, (float)net->amax);
-        floor_lanes(y + r);
-    }
+    for (int64_t r = 0; r < mixed; r++)
+        for (int j = 0; j < BLOCK; j++) {
+            const int32_t own = stage > 1 ? sums[r * BLOCK + j] : net->mix_start[r];
+            sums[r * BLOCK + j] = limited((own + share[r * BLOCK + j]) >> shift, 0, amax);
+        }
+    put_words(sums, mixed, y);
 }
 
 /* Reads the first symbols of a stage: indices of a flat head, clusters of a two-level one, and for those what the
 second projection gives. Returns how many anchors are coded. */
 WIDE static int64_t read_first(Rans *rans, const Network *net, Indices *s, int64_t stage, const int64_t *anchors,
                                int64_t wide) {
+    const Products *products = products_at_hand();
     const Head *head = net->heads + (stage > 1);
-    const int64_t width = head->first.outputs, size = head->top.outputs;
+    const int64_t size = head->size, words = head->second.rows / 2;
     uint32_t *totals = s->weights + size * BLOCK;
     int64_t block[BLOCK], coded = 0;
     Rans local = *rans;
-    Lanes *y = s->lanes, *o = y + filled(net->mixed) + filled(net->hidden), *logits = o + filled(width);
+    int32_t *y = s->lanes, *o = y + head->first.words * BLOCK, *logits = o + head->top.words * BLOCK;
     for (int64_t i = 0; i < wide; i += BLOCK) {
         const int64_t start = coded;
         block_anchors(anchors, wide, i, block);
         for (int64_t j = 0; j < BLOCK && i + j < wide; j++)
             if (s->before[block[j]] < stage && s->after[block[j]] >= stage) s->coded[coded++] = i + j;
         if (coded == start) continue;
-        mix(net, s, stage, block, i / BLOCK, y);
-        linear(&head->first, y, o);
-        linear(&head->top, o, logits);
-        column_weights((const float *)logits, size, BLOCK, net->exp2, s->weights, totals);
+        mix(net, s, stage, block, i, y, o);
+        products->pairs(&head->first, y, o);
+        products->rows(&head->top, o, logits);
+        column_weights(logits, size, net->exp2, s->weights, totals);
         for (int64_t k = start; k < coded; k++) {
             const int64_t j = s->coded[k] - i;
             s->clusters[k] = size > 1 ? weighted(&local, s->weights + j, BLOCK, totals[j], (uint32_t)size) : 0;
         }
         if (!head->members) continue;
-        linear(&head->second, y, o);
+        products->pairs(&head->second, y, o);
         for (int64_t k = start; k < coded; k++)
-            for (int64_t r = 0; r < width; r++)
-                s->outputs[k * width + r] = ((const float *)(o + r))[s->coded[k] - i];
+            for (int64_t r = 0; r < words; r++) s->outputs[k * words + r] = o[r * BLOCK + s->coded[k] - i];
     }
     *rans = local;
     s->modelled += coded;

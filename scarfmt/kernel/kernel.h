@@ -28,6 +28,9 @@ whole unit is compiled for the widest (-march=x86-64-v4, native): there is nothi
 /* Compiled anew in each caller, for the vectors that it uses. */
 #define INLINE static inline __attribute__((always_inline))
 
+/* Rows of words are filled up to be read by four. */
+INLINE int64_t fours(int64_t words) { return (words + 3) & ~(int64_t)3; }
+
 #define ALL_READ (-1)
 void scar_rans_open(Rans *rans);
 void scar_rans_uniform(Rans *rans, uint32_t size, int64_t n, int32_t *out);

@@ -1,52 +1,48 @@
-/* Blocks: a number of each of BLOCK anchors side by side, and linear layers over them (SPEC 10.1). */
+/* Blocks: a number of each of BLOCK anchors side by side. */
 
 #ifndef SCAR_LANES_H
 #define SCAR_LANES_H
 
 #include "kernel.h"
 
-#define ROWS 5 /* rows of weights multiplied at once: sums that fit in 16 registers of AVX2 beside operands */
+typedef int32_t Four __attribute__((vector_size(16), aligned(4), may_alias));
 
-typedef int32_t IntLanes __attribute__((vector_size(4 * BLOCK), aligned(4), may_alias));
+#if defined(__clang__)
+#define MIXED(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define MIXED(a, b, ...) __builtin_shuffle(a, b, (Four){__VA_ARGS__})
+#endif
 
-/* Adds the products of ROWS rows of weights, `stride` apart, with n inputs. */
-INLINE void add_products(const float *weights, int64_t stride, const float *x, int64_t n, Lanes out[ROWS]) {
-    const Lanes *input = (const Lanes *)x;
-    Lanes a = out[0], b = out[1], c = out[2], d = out[3], e = out[4];
-    for (int64_t k = 0; k < n; k++, weights++) {
-        a += weights[0] * input[k];
-        b += weights[stride] * input[k];
-        c += weights[2 * stride] * input[k];
-        d += weights[3 * stride] * input[k];
-        e += weights[4 * stride] * input[k];
-    }
-    out[0] = a, out[1] = b, out[2] = c, out[3] = d, out[4] = e;
+/* Two activations, or two weights, in a word: the first in its lower half. */
+INLINE int32_t pair_of(int32_t first, int32_t second) {
+    return (int32_t)((uint32_t)second << 16 | ((uint32_t)first & 0xffff));
 }
 
-/* The largest integers not above numbers within +-2^24. */
-INLINE void floor_lanes(Lanes *x) {
-    const Lanes whole = __builtin_convertvector(__builtin_convertvector(*x, IntLanes), Lanes);
-    /* A comparison gives -1 where it holds. */
-    *x = whole + __builtin_convertvector(whole > *x, Lanes);
+INLINE int32_t limited(int32_t value, int32_t low, int32_t high) {
+    return value < low ? low : value > high ? high : value;
 }
-
-/* `yes` where a comparison holds, else what is there. */
-INLINE void choose(Lanes *x, const IntLanes *holds, const Lanes *yes) {
-    *x = (Lanes)((*holds & (IntLanes)*yes) | (~*holds & (IntLanes)*x));
-}
-
-INLINE void clamp_lanes(Lanes *x, float low, float high) {
-    const Lanes zero = {0}, lowest = zero + low, highest = zero + high;
-    const IntLanes below = *x < lowest, above = *x > highest;
-    choose(x, &below, &lowest);
-    choose(x, &above, &highest);
-}
-
-INLINE int64_t filled(int64_t rows) { return (rows + ROWS - 1) / ROWS * ROWS; }
 
 /* The i-th anchor of a pass of `wide` and those after it; lanes beyond the last repeat it. */
 INLINE void block_anchors(const int64_t *anchors, int64_t wide, int64_t i, int64_t *out) {
     for (int64_t j = 0; j < BLOCK; j++) out[j] = anchors[i + j < wide ? i + j : wide - 1];
+}
+
+/* Columns of four words from word `at` on of a row for each anchor. */
+INLINE void four_columns(const int32_t *const rows[BLOCK], int64_t at, int32_t out[4][BLOCK]) {
+    for (int j = 0; j < BLOCK; j += 4) {
+        const Four a = *(const Four *)(rows[j] + at), b = *(const Four *)(rows[j + 1] + at);
+        const Four c = *(const Four *)(rows[j + 2] + at), d = *(const Four *)(rows[j + 3] + at);
+        const Four ab = MIXED(a, b, 0, 4, 1, 5), cd = MIXED(c, d, 0, 4, 1, 5);
+        const Four last_ab = MIXED(a, b, 2, 6, 3, 7), last_cd = MIXED(c, d, 2, 6, 3, 7);
+        *(Four *)(out[0] + j) = MIXED(ab, cd, 0, 1, 4, 5);
+        *(Four *)(out[1] + j) = MIXED(ab, cd, 2, 3, 6, 7);
+        *(Four *)(out[2] + j) = MIXED(last_ab, last_cd, 0, 1, 4, 5);
+        *(Four *)(out[3] + j) = MIXED(last_ab, last_cd, 2, 3, 6, 7);
+    }
+}
+
+INLINE void put_pairs(const int32_t *restrict first, const int32_t *restrict second, int32_t *restrict out) {
+    for (int j = 0; j < BLOCK; j++) out[j] = pair_of(first[j], second[j]);
 }
 
 #endif

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import importlib.util
-from ctypes import POINTER, c_int64, c_uint32, c_void_p
+from ctypes import POINTER, c_char_p, c_int64, c_uint32, c_void_p
 from functools import cache
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from scarfmt.kernel.structs import (
     Frame,
     Grid,
     Indices,
+    Layer,
     Members,
     Network,
     Positions,
@@ -52,6 +53,8 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_grid": (None, [POINTER(Grid), c_void_p, c_int64, c_void_p]),
     "scar_embedding_inputs": (None, [POINTER(Embedding), POINTER(Cells), c_void_p, c_void_p, c_int64, c_void_p]),
     "scar_indices": (c_int64, [POINTER(Rans), POINTER(Network), POINTER(Indices)]),
+    "scar_products": (c_char_p, [c_int64]),
+    "scar_layer": (None, [POINTER(Layer), c_void_p, c_int64, c_void_p]),
     "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Channel), c_void_p, c_void_p, c_int64]),
     "scar_world_positions": (None, [POINTER(Frame), c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_void_p]),
     "scar_values": (None, [c_void_p, c_int64, *[c_void_p] * 2, c_int64, c_int64, c_void_p]),

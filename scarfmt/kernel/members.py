@@ -8,14 +8,14 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import F32
+from scarfmt.arrays import I64
 from scarfmt.kernel.structs import Members
+from scarfmt.kernel.words import PackedLayers, paired
+from scarfmt.neural.arithmetic import half_step
 from scarfmt.neural.tables import exp2_table
 
 LANES = 16
 """Columns of logits that are worked on together."""
-# A logit so far below all others has no weight.
-_NEVER = -float(1 << 25)
 
 
 @cache
@@ -31,19 +31,25 @@ class PackedMembers:
         sizes: (clusters,) int64 members of each.
 
     Args:
-        weights: per cluster (width, members) float32.
-        offsets: per cluster (members,) float32.
+        weights: (n, R) of the codewords, cluster after cluster.
+        biases: (n,).
+        sizes: of the clusters.
+        shift: of the logits.
     """
 
-    def __init__(self, weights: Sequence[F32], offsets: Sequence[F32]) -> None:
-        self.sizes = np.array([len(part) for part in offsets])
-        filled = -(-self.sizes // LANES) * LANES
-        self._starts, self._places = (np.concatenate(([0], np.cumsum(sizes))) for sizes in (self.sizes, filled))
-        more = filled - self.sizes
-        wide = [np.pad(part, ((0, 0), (0, fill))) for part, fill in zip(weights, more, strict=True)]
-        self._weights = np.concatenate([np.ascontiguousarray(part, np.float32).ravel() for part in wide])
-        rows = [np.pad(part, (0, fill), constant_values=_NEVER) for part, fill in zip(offsets, more, strict=True)]
-        self._offsets = np.concatenate(rows).astype(np.float32)
-        arrays = self._starts, self._places, self._weights, self._offsets
-        addresses = (array.ctypes.data for array in arrays)
-        self.struct = Members(len(self.sizes), len(weights[0]), int(filled.max()), *addresses)
+    def __init__(self, weights: I64, biases: I64, sizes: Sequence[int], shift: int) -> None:
+        self.sizes = np.array(sizes)
+        blocks = -(-self.sizes // LANES)
+        self._starts, self._places = (np.concatenate(([0], np.cumsum(counts))) for counts in (self.sizes, blocks))
+        self._memory = PackedLayers()
+        # The place of each codeword where every cluster begins with a block of its own.
+        within = np.arange(len(weights)) - np.repeat(self._starts[:-1], self.sizes)
+        place = np.repeat(self._places[:-1] * LANES, self.sizes) + within
+        words = paired(weights)
+        filled = np.zeros((int(self._places[-1]) * LANES, words.shape[1]), np.int32)
+        offsets = np.zeros(len(filled), np.int64)
+        filled[place], offsets[place] = words, biases + half_step(shift)
+        rows = filled.reshape(-1, LANES, words.shape[1]).transpose(0, 2, 1)
+        addresses = self._starts.ctypes.data, self._places.ctypes.data, self._memory.words(rows)
+        counts = len(self.sizes), words.shape[1], int(blocks.max())
+        self.struct = Members(*counts, *addresses, self._memory.words(offsets), shift)

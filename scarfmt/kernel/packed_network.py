@@ -4,178 +4,129 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from scarfmt.arrays import F32, I64
+from scarfmt.arrays import I64
 from scarfmt.kernel.members import PackedMembers, exp2_weights
 from scarfmt.kernel.memory import address
 from scarfmt.kernel.scratch import SCRATCH
-from scarfmt.kernel.structs import HEADS, Indices, Linear, Network
+from scarfmt.kernel.structs import HEADS, Indices, Layer, Network, Recurrence
+from scarfmt.kernel.words import PackedLayers
+from scarfmt.neural.arithmetic import Linear, half_step
 from scarfmt.neural.evaluator import Evaluator
-from scarfmt.neural.network import IndexNetwork
+from scarfmt.neural.network import GruLayer
 from scarfmt.neural.operations import NumpyOperations
-from scarfmt.neural.parts import GATES, Logits, Predicting, Recurrence, Rounded
+from scarfmt.neural.tables import sigmoid_table, state_table
 
-# Anchors side by side, and rows of weights that are multiplied at once.
-_BLOCK, _ROWS = 16, 5
+# Anchors side by side.
+_BLOCK = 16
 _LANE_BYTES = 4 * _BLOCK
-_UNBOUNDED = float(1 << 25)
-
-
-@dataclass(frozen=True)
-class Affine:
-    """floor(x weights + biases), clamped: (in, out) and (out,) float32, and the lowest and highest output."""
-
-    weights: F32
-    biases: F32
-    low: float = -_UNBOUNDED
-    high: float = _UNBOUNDED
-
-
-@dataclass(frozen=True)
-class Gates:
-    """One recurrent layer: columns in the order z, r, n, as the evaluator adds them up.
-
-    Attributes:
-        tokens: the first layer: per codebook (codewords, 3H) products of the input; later ones: none.
-        inputs: later layers: (H, 3H); the first: None.
-        biases: (tokens, 3H) or (1, 3H), halves of the rounding with them.
-        recurrent, offsets: (H, 3H) and (3H,).
-    """
-
-    tokens: Sequence[F32]
-    inputs: F32 | None
-    biases: F32
-    recurrent: F32
-    offsets: F32
-
-
-@dataclass(frozen=True)
-class HeadLayers:
-    """A head: its projections, logits of codewords or clusters, and in a two-level one the members of clusters."""
-
-    projections: Sequence[Affine]
-    top: Affine
-    members: PackedMembers | None
-
-
-@dataclass(frozen=True)
-class Parts:
-    """What the evaluator of a network computes with.
-
-    Attributes:
-        embed: two layers.
-        mix_embedding, mix_state: what the embedding (with the biases) and a state add to the mixer, (H, Y).
-        mix_start: (Y,) what the start state adds.
-        after_first: (codewords, layers * H) states after each coarse codeword; of no rows without tokens.
-        gru: recurrent layers.
-        tables: (511,) sigmoid, in units of 1, and new states.
-        heads: by codebook; None for one that is empty.
-    """
-
-    embed: Sequence[Affine]
-    mix_embedding: Affine
-    mix_state: Affine
-    mix_start: F32
-    after_first: F32
-    gru: Sequence[Gates]
-    tables: tuple[F32, F32]
-    heads: Sequence[HeadLayers | None]
 
 
 class PackedNetwork:
     """A network as the library reads it.
 
     Args:
-        network: valid, without attention.
-        parts: of its evaluator.
-        books: (n, d) codewords of each codebook.
+        evaluator: of a valid network, without attention.
     """
 
-    def __init__(self, network: IndexNetwork, parts: Parts, books: Sequence[I64]) -> None:
+    def __init__(self, evaluator: Evaluator) -> None:
+        self._memory = PackedLayers()
         self._kept: list[Any] = []
-        self.network, inputs = network, network.inputs
+        self.network = network = evaluator.network
+        inputs, amax = network.inputs, network.amax
         struct = self.struct = Network(
             inputs.classes, inputs.own, inputs.attributes, inputs.latents, inputs.latent_shift, inputs.grid,
-            network.amax, network.hidden, network.mixer.outputs, len(network.gru),
+            amax, network.hidden, len(network.gru),
         )  # fmt: skip
-        for number, layer in enumerate(parts.embed):
-            struct.embed[number] = self._layer(layer)
-        struct.mix_embedding, struct.mix_state = self._layer(parts.mix_embedding), self._layer(parts.mix_state)
-        struct.mix_start, struct.after_first = self._array(parts.mix_start), self._array(parts.after_first)
-        struct.sigmoid, struct.tanh = self._array(parts.tables[0]), self._array(parts.tables[1])
+        struct.embed[0] = self._layer(network.embed[0], 0)
+        struct.embed[1] = self._layer(network.embed[1], -amax)
+        self._fill_mixer(network.mixer, network.gru[-1].start)
+        states = evaluator.first.layers
+        struct.after_first = self._memory.words(np.concatenate(states, axis=1)) if states else None
+        struct.sigmoid = self._memory.words(sigmoid_table())
+        struct.tanh = self._memory.words(state_table(network.activation_bits))
         struct.exp2 = address(exp2_weights(), np.uint32)
-        for out, gates in zip(struct.gru, parts.gru, strict=False):
-            for number, table in enumerate(gates.tokens):
-                out.tokens[number] = self._array(table)
-            out.inputs = None if gates.inputs is None else self._rows(gates.inputs)
-            out.biases, out.offsets = self._array(gates.biases), self._array(gates.offsets)
-            out.recurrent = self._rows(gates.recurrent)
-        self._heads = parts.heads
-        for out, head in zip(struct.heads, parts.heads, strict=False):
-            if head is not None:
-                self._fill_head(out, head)
-
+        books = (evaluator.books.coarse, evaluator.books.residual)
+        words = [network.codewords(book) for book in books]
+        for number, layer in enumerate(network.gru):
+            self._fill_recurrence(struct.gru[number], layer, [] if number else words)
+        self._coded = [number in evaluator.heads for number in range(len(network.heads))]
+        for number in evaluator.heads:
+            self._fill_head(evaluator, number, words[number])
         for number, book in enumerate(books):
-            struct.books[number] = self._array(book[:, : inputs.latents].astype(np.float32))
-            struct.sizes[number] = len(book)
+            self._kept.append(np.ascontiguousarray(book[:, : inputs.latents], np.float32))
+            struct.books[number], struct.sizes[number] = self._kept[-1].ctypes.data, len(book)
 
-    def _fill_head(self, out: Any, head: HeadLayers) -> None:
-        out.first, out.top = self._layer(head.projections[0]), self._layer(head.top)
-        if head.members is not None:
-            out.second, out.members = self._layer(head.projections[1]), ctypes.pointer(head.members.struct)
+    def _layer(self, layer: Linear, low: int) -> Layer:
+        return self._memory.layer(layer.weights, layer.biases, layer.shift, low, self.network.amax)
 
-    def _layer(self, layer: Affine) -> Linear:
-        inputs, outputs = layer.weights.shape
-        return Linear(inputs, outputs, self._rows(layer.weights), self._array(layer.biases), layer.low, layer.high)
+    def _fill_mixer(self, mixer: Linear, start: I64) -> None:
+        """Its halves, of which one sum is rounded: the embedding's with biases, and the state's."""
+        struct, hidden = self.struct, self.network.hidden
+        none, state = np.zeros(mixer.outputs, np.int64), mixer.weights[:, hidden:]
+        rounded = mixer.biases + half_step(mixer.shift)
+        struct.mix_embedding = self._memory.layer(mixer.weights[:, :hidden], rounded)
+        struct.mix_state, struct.mix_shift = self._memory.layer(state, none), mixer.shift
+        struct.mix_start = self._memory.words(np.pad(state.astype(np.int64) @ start, (0, mixer.outputs % 2)))
 
-    def _rows(self, weights: F32) -> int:
-        """(in, out) weights turned round, and filled up with rows of zeros."""
-        inputs, outputs = weights.shape
-        rows = np.zeros((_filled(outputs), inputs), np.float32)
-        rows[:outputs] = weights.T
-        return self._array(rows)
+    def _fill_recurrence(self, out: Recurrence, layer: GruLayer, words: Sequence[I64]) -> None:
+        """`words`: the first layer: codewords of each codebook, whose products are made here."""
+        biases = layer.biases + half_step(layer.shift)
+        for number, (codewords, matrix) in enumerate(zip(words, layer.inputs, strict=False)):
+            out.tokens[number] = self._memory.words(codewords @ matrix.T.astype(np.int64))
+        if not words:
+            out.inputs = self._memory.layer(layer.inputs[0], biases[0])
+        out.biases = self._memory.words(biases)
+        out.recurrent = self._memory.layer(layer.recurrent, layer.recurrent_biases)
+        out.shift = layer.shift
 
-    def _array(self, array: F32) -> int:
-        self._kept.append(np.ascontiguousarray(array, np.float32))
-        return int(self._kept[-1].ctypes.data)
+    def _fill_head(self, evaluator: Evaluator, number: int, words: I64) -> None:
+        out, head = self.struct.heads[number], self.network.heads[number]
+        amax, memory = self.network.amax, self._memory
+        out.first, out.size = self._layer(head.projections[0], -amax), len(head.clusters or words)
+        if not head.two_level:
+            out.top = memory.layer(words, head.biases, head.shift)
+            return
+        members = evaluator.kept(packed_members, number)
+        self._kept.append(members)
+        out.top = memory.layer(head.centroids(words), head.cluster_biases, head.shift)
+        out.second, out.members = self._layer(head.projections[1], -amax), ctypes.pointer(members.struct)
 
     def codes(self, stages: int) -> bool:
         """Whether there is a head for every index of the first `stages`."""
         wanted = min(stages, HEADS)
-        return len(self._heads) >= wanted and all(head is not None for head in self._heads[:wanted])
+        return len(self._coded) >= wanted and all(self._coded[:wanted])
 
     def lend(self, struct: Indices, count: int, stages: int) -> None:
         """Lend memory for `count` anchors of which some code `stages`."""
-        network, blocks = self.network, -(-count // _BLOCK)
-        hidden, mixed = _filled(network.hidden), _filled(network.mixer.outputs)
-        heads = [head for head in self._heads if head is not None]
-        most, width = (max(_filled(head.top.weights.shape[axis]) for head in heads) for axis in (1, 0))
-        embedded = network.inputs.width + _filled(network.embed[0].outputs) + hidden + mixed
-        lanes = max(embedded, 2 * _filled(3 * network.hidden), mixed + hidden + width + most)
-        structs = [head.members.struct for head in heads if head.members is not None]
-        clusters, largest = (max((getattr(s, name) for s in structs), default=0) for name in ("clusters", "largest"))
-        states = len(network.gru) * network.hidden if stages > HEADS else 0
+        packed, blocks = self.struct, -(-count // _BLOCK)
+        hidden, mixed, width = packed.hidden, packed.mix_state.rows, self.network.inputs.width
+        heads = [head for head, coded in zip(packed.heads, self._coded, strict=False) if coded]
+        most = max(head.top.rows for head in heads)
+        words = max(head.top.words for head in heads)
+        state = hidden + (hidden + 1) // 2
+        members = [head.members.contents for head in heads if head.members]
+        clusters, largest = (max((getattr(m, name) for m in members), default=0) for name in ("clusters", "largest"))
+        states = packed.layers * hidden if stages > HEADS else 0
+        columns = self.network.inputs.attributes + self.network.inputs.latents
+        embedded = sum(layer.words for layer in packed.embed) + packed.mix_embedding.words
+        lanes = max(embedded, 2 * (3 * hidden + 1) + state, mixed + max(words + most, mixed + state))
         for name, size in {
             "chosen": 8 * count, "anchors": 8 * count, "coded": 8 * count, "clusters": 8 * count, "order": 8 * count,
-            "means": 8 * _BLOCK * (network.inputs.attributes + network.inputs.latents),
+            "means": _LANE_BYTES * (columns + 4), "inputs": _LANE_BYTES * (width + 1),
             "lanes": _LANE_BYTES * lanes,
-            "shares": _LANE_BYTES * blocks * network.mixer.outputs,
+            "shares": _LANE_BYTES * blocks * mixed,
             "states": _LANE_BYTES * blocks * states,
             "weights": _LANE_BYTES * (most + 1),
-            "outputs": 4 * count * width,
+            "outputs": 4 * count * words,
             "counts": 8 * (clusters + 1),
-            "logits": 4 * largest, "member_weights": 4 * largest,
+            "logits": _LANE_BYTES * largest, "member_weights": _LANE_BYTES * largest,
             "found": 4 * count,
         }.items():  # fmt: skip
             setattr(struct, name, SCRATCH.at(name, size))
-
-
-def _filled(rows: int) -> int:
-    return -(-rows // _ROWS) * _ROWS
 
 
 def packed_network(evaluator: Evaluator) -> PackedNetwork | None:
@@ -185,43 +136,12 @@ def packed_network(evaluator: Evaluator) -> PackedNetwork | None:
     """
     if evaluator.attend is not None or not isinstance(evaluator.operations, NumpyOperations) or not evaluator.heads:
         return None
-    network, states = evaluator.network, evaluator.first.layers
-    parts = Parts(
-        [_affine(layer) for layer in evaluator.embedding],
-        Affine(evaluator.mix_embedding, evaluator.mix_biases),
-        Affine(evaluator.mix_state, evaluator.mix_biases),
-        evaluator.mix_start[0],
-        np.concatenate(states, axis=1) if states else np.zeros((0, 0), np.float32),
-        [_gates(layer) for layer in evaluator.gru],
-        (evaluator.gru[0].sigmoid, evaluator.gru[0].tanh),
-        [_head(evaluator.heads[book]) if book in evaluator.heads else None for book in range(len(network.heads))],
-    )
-    return PackedNetwork(network, parts, (evaluator.books.coarse, evaluator.books.residual))
+    return PackedNetwork(evaluator)
 
 
-def packed_members(head: Predicting) -> PackedMembers:
-    """The members of all clusters of a two-level head, in arrays of NumPy; to be kept with it."""
-    parts = [_logits(members) for members in head.members]
-    return PackedMembers([part.weights for part in parts], [part.biases for part in parts])
-
-
-def _affine(layer: Rounded) -> Affine:
-    return Affine(layer.weights, layer.biases, layer.low, layer.high)
-
-
-def _logits(logits: Logits) -> Affine:
-    return Affine(logits.codewords.T, logits.offsets[:, 0])
-
-
-def _gates(layer: Recurrence) -> Gates:
-    tables = [np.concatenate(table, axis=1) for table in layer.tables]
-    inputs = None if tables else np.concatenate(layer.inputs[0], axis=1)
-    biases = [np.concatenate(row, axis=1) for row in layer.biases]
-    recurrent, offsets = (np.concatenate(p, axis=1) for p in (layer.recurrent, layer.recurrent_biases))
-    none = np.zeros((0, GATES * layer.width), np.float32)
-    return Gates(tables, inputs, np.concatenate([none, *biases]), recurrent, offsets[0])
-
-
-def _head(head: Predicting) -> HeadLayers:
-    members = head.kept(packed_members) if head.members else None
-    return HeadLayers([_affine(layer) for layer in head.projections], _logits(head.top), members)
+def packed_members(evaluator: Evaluator, number: int) -> PackedMembers:
+    """The members of all clusters of the two-level head of codebook `number`; to be kept with the evaluator."""
+    head = evaluator.network.heads[number]
+    book = (evaluator.books.coarse, evaluator.books.residual)[number]
+    deviations = head.deviations(evaluator.network.codewords(book))
+    return PackedMembers(deviations, head.biases, head.clusters, head.member_shift)

@@ -34,8 +34,9 @@ class PackedTables:
         self._number = np.full(components * CONTEXTS, -1, np.int32)
         for number, (place, context) in enumerate(tables):
             self._number[place * CONTEXTS + context] = number
+        self._few = _few_symbols(self._number, self._starts, self._sums, self._values)
         self._used = np.zeros(len(self._number), np.uint8)
-        arrays = (self._number, self._starts, self._sums, self._values, self._used)
+        arrays = (self._number, self._starts, self._sums, self._values, self._few, self._used)
         self.pointer = ctypes.pointer(Tables(len(self._number), *(array.ctypes.data for array in arrays)))
 
     @property
@@ -66,6 +67,24 @@ def _prefix_sums(weights: I64, sizes: I64, starts: I64) -> NDArray[np.uint32]:
     prefix = running[starts[table] + place] - base[table]
     scaled = prefix * ((1 << PRECISION) - sizes[table]) // np.diff(base)[table]
     return np.asarray(scaled + place, np.uint32)
+
+
+def _few_symbols(
+    number: NDArray[np.int32], starts: I64, sums: NDArray[np.uint32], values: NDArray[np.int32]
+) -> NDArray[np.int32]:
+    """(kinds, 8) fields of FewSymbols, zeros where a kind has no table or one of more than three symbols."""
+    sizes = np.diff(starts)
+    few = np.zeros((len(sizes) + 1, 8), np.int32)
+    chosen = np.flatnonzero(sizes <= 3)
+    first, size, last = starts[chosen], sizes[chosen], starts[chosen + 1] - 1
+    padded = np.concatenate([sums, np.zeros(2, np.uint32)]).astype(np.int64)
+    second = np.where(size > 1, padded[first + chosen + 1], 1 << PRECISION)
+    third = np.where(size > 2, padded[first + chosen + 2], 1 << PRECISION)
+    apart = third - second
+    fields = second, third, apart, apart - second, (1 << PRECISION) - third - apart
+    few[chosen] = np.stack([*fields, values[first], values[np.minimum(first + 1, last)], values[last]], axis=1)
+    # Kinds without a table have the number -1, and so the last row.
+    return few[number]
 
 
 class PackedStaticTables:

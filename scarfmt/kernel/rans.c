@@ -1,6 +1,9 @@
 /* The inner loops of rANS decoding (SPEC 8.1-8.3): what scarfmt/entropy defines. */
 
+#include "products.h"
 #include "rans.h"
+
+#define NEVER (-(1 << 25)) /* so far below all logits that there is no weight */
 
 EXPORT int64_t scar_interface(void) { return INTERFACE; }
 
@@ -17,26 +20,6 @@ EXPORT void scar_rans_table(Rans *rans, const uint32_t *c, uint32_t size, int64_
     Rans local = *rans;
     for (int64_t i = 0; i < n; i++) out[i] = (int32_t)table_symbol(&local, c, size);
     *rans = local;
-}
-
-/* The same of a table of 2 or 3 symbols, without a branch or a look into the table: symbols from `at` to `past` of those
-in `order`. Returns `past`. */
-INLINE int64_t few_symbols(Rans *rans, const uint32_t *c, uint32_t size, const int32_t *alphabet, const int32_t *order,
-                           int64_t at, int64_t past, int32_t *out) {
-    const uint32_t second = c[1], third = size > 2 ? c[2] : TOTAL;
-    /* What firsts and frequencies change by, from one symbol to the next. */
-    const uint32_t next_first = third - second, wider = next_first - second, last_wider = TOTAL - third - next_first;
-    const int32_t values[3] = {alphabet[0], alphabet[1], alphabet[size - 1]};
-    for (; at < past; at++) {
-        const uint32_t slot = (uint32_t)rans->state & SLOT_MASK;
-        const uint32_t one = -(uint32_t)(slot >= second), two = -(uint32_t)(slot >= third);
-        const uint32_t first = (one & second) + (two & next_first);
-        const uint32_t frequency = second + (one & wider) + (two & last_wider);
-        rans->state = (uint64_t)frequency * (rans->state >> PRECISION) + slot - first;
-        refill(rans);
-        out[order[at]] = values[-(int32_t)(one + two)];
-    }
-    return past;
 }
 
 /* The order of n symbols by ascending kind; counts[k] is then where kind k ends. ALL_READ, or a kind without table. */
@@ -73,10 +56,8 @@ EXPORT int64_t scar_rans_grouped(Rans *rans, const Tables *tables, const uint16_
         const uint32_t size = (uint32_t)(tables->starts[table + 1] - first);
         const uint32_t *c = tables->sums + first + table;
         const int32_t *alphabet = tables->values + first;
-        if (size == 1)
-            for (; at < past; at++) out[order[at]] = alphabet[0];
-        else if (size <= 3)
-            at = few_symbols(&local, c, size, alphabet, order, at, past, out);
+        if (size <= 3)
+            for (const FewSymbols few = tables->few[k]; at < past; at++) out[order[at]] = few_symbols(&local, &few);
         else
             for (; at < past; at++) out[order[at]] = alphabet[table_symbol(&local, c, size)];
     }
@@ -114,17 +95,15 @@ EXPORT void scar_rans_rows(Rans *rans, const double *weights, int64_t n, int64_t
     }
 }
 
-/* The same of BLOCK columns from the i-th of n on; columns beyond the last are zeros. `last` has room for them. */
+/* The weights of BLOCK columns from the i-th of n on of (size, n) logits, and their totals; columns beyond the last are
+zeros. `integers` has room for (size, BLOCK) of them. */
 WIDE static void some_weights(const float *logits, int64_t size, int64_t n, int64_t i, const uint32_t *exp2,
-                         uint32_t *weights, uint32_t *totals, float *last) {
+                              uint32_t *weights, uint32_t *totals, int32_t *integers) {
     const int64_t wide = n - i < BLOCK ? n - i : BLOCK;
-    if (wide == BLOCK) {
-        column_weights(logits + i, size, n, exp2, weights, totals);
-        return;
-    }
     for (int64_t k = 0; k < size; k++)
-        for (int64_t j = 0; j < BLOCK; j++) last[k * BLOCK + j] = j < wide ? logits[k * n + i + j] : 0;
-    column_weights(last, size, BLOCK, exp2, weights, totals);
+        for (int64_t j = 0; j < BLOCK; j++)
+            integers[k * BLOCK + j] = j < wide ? (int32_t)logits[k * n + i + j] : 0;
+    column_weights(integers, size, exp2, weights, totals);
 }
 
 /* n symbols of the tables that the columns of (size, n) integer `logits` make, size >= 2.
@@ -134,43 +113,35 @@ EXPORT void scar_rans_logits(Rans *rans, const float *logits, int64_t size, int6
                              uint32_t *scratch, int32_t *out) {
     uint32_t *weights = scratch, *totals = scratch + size * BLOCK;
     for (int64_t i = 0; i < n; i += BLOCK) {
-        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + BLOCK));
+        some_weights(logits, size, n, i, exp2, weights, totals, (int32_t *)(totals + BLOCK));
         for (int64_t j = 0; j < BLOCK && i + j < n; j++)
             out[i + j] = (int32_t)weighted(rans, weights + j, BLOCK, totals[j], (uint32_t)size);
     }
 }
 
-/* Logits of one anchor's members, as weights of their table; returns their sum. `wide`: how many, filled up. */
-INLINE uint64_t member_weights(const Members *members, int64_t place, int64_t wide, const float *o,
-                               const uint32_t *exp2, float *logits, uint32_t *weights) {
-    const float *w = members->weights + place * members->width;
-    Lanes most = {0};
-    for (int64_t m = 0; m < wide; m += BLOCK) {
-        Lanes sum = *(const Lanes *)(members->offsets + place + m);
-        for (int64_t r = 0; r < members->width; r++) sum += o[r] * *(const Lanes *)(w + r * wide + m);
-        floor_lanes(&sum);
-        if (!m) most = sum;
-        raise_lanes(&most, &sum);
-        *(Lanes *)(logits + m) = sum;
-    }
-    float top = most[0];
+/* Weights of the table of one anchor's members, from their logits; returns their sum. */
+INLINE uint64_t member_weights(const int32_t *logits, int64_t blocks, const uint32_t *exp2, uint32_t *weights) {
+    int32_t most[BLOCK];
+    memcpy(most, logits, sizeof most);
+    for (int64_t b = 1; b < blocks; b++) raise_lanes(most, logits + b * BLOCK);
+    int32_t top = most[0];
     for (int j = 1; j < BLOCK; j++) top = most[j] > top ? most[j] : top;
-    const Lanes none = {0}, largest = none + top;
-    for (int64_t m = 0; m < wide; m += BLOCK)
-        exp2_lanes(exp2, (const Lanes *)(logits + m), &largest, weights + m);
+    for (int j = 0; j < BLOCK; j++) most[j] = top;
+    for (int64_t b = 0; b < blocks; b++) exp2_lanes(exp2, logits + b * BLOCK, most, weights + b * BLOCK);
     uint64_t total = 0;
-    for (int64_t m = 0; m < wide; m++) total += weights[m];
+    for (int64_t m = 0; m < blocks * BLOCK; m++) total += weights[m];
     return total;
 }
 
 /* Members that n anchors chose in their clusters: clusters ascend, the order of anchors is kept in each, and a cluster
 of one member takes no symbol (SPEC 10.5).
 
-cluster: (n), below members->clusters. o: (n, width). counts: clusters + 1 numbers of scratch, order: n, logits and
-weights: largest each. */
-WIDE EXPORT void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const float *o,
-                                   int64_t n, const uint32_t *exp2, int64_t *counts, int64_t *order, float *logits,
+cluster: (n), below members->clusters. o: (n, words). counts: clusters + 1 numbers of scratch, order: n, logits and
+weights: largest * BLOCK each. */
+WIDE EXPORT void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const int32_t *o,
+                                   int64_t n, const uint32_t *exp2, int64_t *counts, int64_t *order, int32_t *logits,
                                    uint32_t *weights, int32_t *out) {
+    const Products *products = products_at_hand();
     Rans local = *rans;
     for (int64_t k = 0; k <= members->clusters; k++) counts[k] = 0;
     for (int64_t i = 0; i < n; i++) counts[cluster[i] + 1]++;
@@ -181,9 +152,10 @@ WIDE EXPORT void scar_rans_members(Rans *rans, const Members *members, const int
         const int64_t size = members->starts[chosen + 1] - members->starts[chosen];
         out[anchor] = 0;
         if (size < 2) continue;
-        const float *own = o + anchor * members->width;
-        const int64_t wide = members->places[chosen + 1] - place;
-        const uint64_t total = member_weights(members, place, wide, own, exp2, logits, weights);
+        const int64_t blocks = members->places[chosen + 1] - place;
+        products->members(members, place, blocks, o + anchor * members->words, logits);
+        for (int64_t m = size; m < blocks * BLOCK; m++) logits[m] = NEVER;
+        const uint64_t total = member_weights(logits, blocks, exp2, weights);
         out[anchor] = (int32_t)weighted(&local, weights, 1, total, (uint32_t)size);
     }
     *rans = local;
@@ -231,7 +203,7 @@ EXPORT void scar_spans_logits(const float *logits, const int32_t *symbol, int64_
     uint32_t *weights = scratch, *totals = scratch + size * BLOCK;
     const uint64_t spare = TOTAL - (uint64_t)size;
     for (int64_t i = 0; i < n; i += BLOCK) {
-        some_weights(logits, size, n, i, exp2, weights, totals, (float *)(totals + BLOCK));
+        some_weights(logits, size, n, i, exp2, weights, totals, (int32_t *)(totals + BLOCK));
         for (int64_t j = 0; j < BLOCK && i + j < n; j++) {
             const uint32_t chosen = (uint32_t)symbol[i + j];
             uint64_t sum = 0;

@@ -3,6 +3,8 @@
 #ifndef SCAR_RANS_H
 #define SCAR_RANS_H
 
+#include <string.h>
+
 #include "lanes.h"
 
 #define PRECISION 24
@@ -17,6 +19,19 @@ INLINE void refill(Rans *rans) {
 INLINE void advance(Rans *rans, uint32_t slot, uint32_t first, uint32_t past) {
     rans->state = (uint64_t)(past - first) * (rans->state >> PRECISION) + slot - first;
     refill(rans);
+}
+
+/* One symbol of a table of up to three, without a branch or a look into the table: the next state of the first symbol,
+and what it changes by to those of the others. */
+INLINE int32_t few_symbols(Rans *rans, const FewSymbols *few) {
+    const uint64_t upper = rans->state >> PRECISION, slot = rans->state & SLOT_MASK;
+    const uint64_t one = -(uint64_t)(slot >= few->second), two = -(uint64_t)(slot >= few->third);
+    uint64_t state = few->second * upper + slot;
+    state += one & ((uint64_t)(int64_t)few->wider * upper - few->second);
+    state += two & ((uint64_t)(int64_t)few->last_wider * upper - (uint64_t)few->next_first);
+    rans->state = state;
+    refill(rans);
+    return few->values[-(int64_t)(one + two)];
 }
 
 /* One symbol of a table of n >= 2 symbols with exclusive prefix sums c, c[n] = 2^24. */
@@ -35,28 +50,26 @@ INLINE uint32_t edge(uint64_t sum, uint64_t spare, uint64_t total, uint32_t plac
     return (uint32_t)(sum * spare / total) + place;
 }
 
-/* The weights of logits that are `apart` from the largest (SPEC 10.5). */
-INLINE void exp2_lanes(const uint32_t *exp2, const Lanes *logits, const Lanes *most, uint32_t *restrict weights) {
-    Lanes apart = *most - *logits;
-    clamp_lanes(&apart, 0, EXP2_END);
+/* The weights of logits by how far they lie below the largest (SPEC 10.5). */
+INLINE void exp2_lanes(const uint32_t *exp2, const int32_t *logits, const int32_t *most, uint32_t *restrict weights) {
     int32_t place[BLOCK];
-    *(IntLanes *)place = __builtin_convertvector(apart, IntLanes);
+    for (int j = 0; j < BLOCK; j++) place[j] = most[j] - logits[j] < EXP2_END ? most[j] - logits[j] : EXP2_END;
     for (int j = 0; j < BLOCK; j++) weights[j] = exp2[place[j]];
 }
 
-INLINE void raise_lanes(Lanes *most, const Lanes *x) {
-    const IntLanes above = *x > *most;
-    choose(most, &above, x);
+INLINE void raise_lanes(int32_t *restrict most, const int32_t *restrict x) {
+    for (int j = 0; j < BLOCK; j++) most[j] = x[j] > most[j] ? x[j] : most[j];
 }
 
-/* The weights of `size` logits of each of BLOCK columns, and their total. */
-INLINE void column_weights(const float *logits, int64_t size, int64_t stride, const uint32_t *exp2, uint32_t *weights,
+/* The weights of (size, BLOCK) logits, and their totals. */
+INLINE void column_weights(const int32_t *logits, int64_t size, const uint32_t *exp2, uint32_t *weights,
                            uint32_t *totals) {
-    Lanes most = *(const Lanes *)logits;
-    for (int64_t k = 1; k < size; k++) raise_lanes(&most, (const Lanes *)(logits + k * stride));
+    int32_t most[BLOCK];
+    memcpy(most, logits, sizeof most);
+    for (int64_t k = 1; k < size; k++) raise_lanes(most, logits + k * BLOCK);
     for (int j = 0; j < BLOCK; j++) totals[j] = 0;
     for (int64_t k = 0; k < size; k++, weights += BLOCK) {
-        exp2_lanes(exp2, (const Lanes *)(logits + k * stride), &most, weights);
+        exp2_lanes(exp2, logits + k * BLOCK, most, weights);
         for (int j = 0; j < BLOCK; j++) totals[j] += weights[j];
     }
 }
@@ -78,8 +91,8 @@ INLINE uint32_t weighted(Rans *rans, const uint32_t *weights, size_t stride, uin
     return s;
 }
 
-void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const float *o, int64_t n,
-                       const uint32_t *exp2, int64_t *counts, int64_t *order, float *logits, uint32_t *weights,
+void scar_rans_members(Rans *rans, const Members *members, const int64_t *cluster, const int32_t *o, int64_t n,
+                       const uint32_t *exp2, int64_t *counts, int64_t *order, int32_t *logits, uint32_t *weights,
                        int32_t *out);
 
 #endif

@@ -5,16 +5,27 @@
 
 #include "kernel.h"
 
-#define CLASS_INPUTS 15
 #define KINDS 256       /* contexts of a component */
 #define CLASS_KINDS 16
 #define VALUE_LIMIT 2147483647
 #define MOST_ATTRIBUTE 6 /* components of an attribute channel */
 
-/* Bytes of Channel.inputs for passes of up to `anchors` anchors. */
-INLINE int64_t channel_inputs_bytes(int64_t settled, int64_t components, int64_t depths, int64_t anchors) {
-    const int64_t width = CLASS_INPUTS + settled + components + depths * (2 * components + 1);
-    return 4 * BLOCK * width * ((anchors + BLOCK - 1) / BLOCK + 1);
+INLINE int64_t pairs_of(int64_t numbers) { return (numbers + 1) / 2; }
+
+/* Words of a row of Channel.rows, what predictors read of an anchor: its class, pairs of settled values, and its own fine
+values. */
+INLINE int64_t channel_row_words(int64_t settled, int64_t components) {
+    return fours(1 + pairs_of(settled) + components);
+}
+
+/* Words of the inputs of an anchor, of which (words, BLOCK) lie in Channel.inputs for a block: its class, pairs that all
+components share, and then those of each component. */
+INLINE int64_t shared_input_words(int64_t settled, int64_t components, int64_t depths) {
+    return pairs_of(settled) + pairs_of(components) + depths * pairs_of(components + 1);
+}
+
+INLINE int64_t channel_input_words(int64_t settled, int64_t components, int64_t depths) {
+    return 1 + shared_input_words(settled, components, depths) + components * pairs_of(depths);
 }
 
 int64_t scar_positions(Rans *rans, Positions *p, const Tables *tables);

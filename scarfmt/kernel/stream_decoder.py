@@ -15,6 +15,7 @@ from scarfmt.kernel.members import LANES, PackedMembers, exp2_weights
 from scarfmt.kernel.memory import check_symbols
 from scarfmt.kernel.packed_tables import PackedTables
 from scarfmt.kernel.structs import Rans
+from scarfmt.kernel.words import paired
 
 ALL_READ = -1
 
@@ -89,9 +90,9 @@ class KernelRansDecoder:
             o: (n, width) float32 outputs of the second projection.
         """
         out = np.empty(len(clusters), np.int32)
-        struct, rows = members.struct, np.ascontiguousarray(o, np.float32)
+        struct, rows = members.struct, paired(o.astype(np.int64))
         scratch: list[NDArray[Any]] = [np.empty(struct.clusters + 1, np.int64), np.empty(len(out), np.int64)]
-        scratch += [np.empty(struct.largest, np.float32), np.empty(struct.largest, np.uint32)]
+        scratch += [np.empty(struct.largest * LANES, np.int32), np.empty(struct.largest * LANES, np.uint32)]
         arrays = [array.ctypes.data for array in (exp2_weights(), *scratch, out)]
         chosen = np.ascontiguousarray(clusters, np.int64)
         pointers = self.pointer, byref(struct), chosen.ctypes.data, rows.ctypes.data

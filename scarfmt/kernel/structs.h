@@ -16,14 +16,20 @@ their fields lie, so that no library is used whose layout is another. */
 #define STREAM_KINDS 12 /* sub-streams are of kinds 1..11 */
 #define BLOCK 16 /* anchors worked on side by side */
 
-typedef float Lanes __attribute__((vector_size(4 * BLOCK), aligned(4), may_alias));
-
 /* A decoder's state and its words, of which the last is taken first (SPEC 8.2). */
 typedef struct {
     uint64_t state;
     uint64_t left;
     const uint32_t *words;
 } Rans;
+
+/* A table of up to three symbols, unpacked: where the second and the third begin, TOTAL for none; what first and frequency
+change by from the first to the second symbol and from that to the third. All zeros: no such table. */
+typedef struct {
+    uint32_t second, third;
+    int32_t next_first, wider, last_wider;
+    int32_t values[3];
+} FewSymbols;
 
 /* Static tables by kind: number[k] of kind k's table, -1 for none. Table t has values[starts[t]..starts[t + 1] - 1],
 and one prefix sum more, from sums[starts[t] + t] on. */
@@ -33,16 +39,18 @@ typedef struct {
     const int64_t *starts;
     const uint32_t *sums;
     const int32_t *values;
+    const FewSymbols *few; /* per kind */
     uint8_t *used; /* per kind: set to 1 where a symbol was read */
 } Tables;
 
-/* The codewords of each cluster of a two-level head, transposed: cluster k has starts[k + 1] - starts[k] = m. Filled up
-to a multiple of BLOCK, which is places[k + 1] - places[k] = w, with members that have no weight, it has the (width, w)
-weights from weights[places[k] * width] on, and w offsets from offsets[places[k]] on. */
+/* The codewords of each cluster of a two-level head: cluster k has starts[k + 1] - starts[k] = m of them, in places[k + 1] -
+places[k] blocks of BLOCK, filled up with members that have no weight. A block has (words, BLOCK) words of weights and
+BLOCK offsets, with the half of the rounding. */
 typedef struct {
-    int64_t clusters, width, largest; /* largest: w of any */
+    int64_t clusters, words, largest; /* largest: blocks of any */
     const int64_t *starts, *places;
-    const float *weights, *offsets;
+    const int32_t *weights, *offsets;
+    int64_t shift;
 } Members;
 
 /* Sums over the anchors of each cell, up to MOST_DEPTHS depths, coarse first. */
@@ -51,15 +59,25 @@ typedef struct {
     const int32_t *cell[MOST_DEPTHS]; /* per anchor (n), its cell at each depth */
     double *sums[MOST_DEPTHS];        /* (cells, columns + 1): sums, and in the last column the count */
     int64_t sizes[MOST_DEPTHS];       /* cells */
+    int32_t *means[MOST_DEPTHS];      /* scratch: (cells, columns + 1 filled up to a multiple of 4) */
 } Cells;
 
-/* One component's part of a step. */
+/* clamp((W x + b) >> shift) over words, in each of which lie two inputs, or two weights: the first in the lower half. */
 typedef struct {
-    int64_t units, rows;             /* hidden units; rows of `weights`: units + 2, filled up to a multiple of ROWS */
-    const float *weights, *biases;   /* (rows, shared + depths): hidden units, then the two direct rows; (units) */
-    const float *output;             /* (2, units) */
-    float output_biases[2];
-    float last[2];                   /* buckets - 1 */
+    int64_t rows, words;            /* rows are filled up to be even */
+    const int32_t *weights, *biases; /* (rows, words), (rows) with the half of the rounding */
+    int32_t shift, low, high, unused;
+} Layer;
+
+/* One component's part of a step. Rows: the two of the output that look at inputs, then hidden units, filled up to be
+even. Classes are no inputs, but where the sums start. */
+typedef struct {
+    int64_t rows, shared, own; /* words of inputs: shared by the components, and of this one alone */
+    const int32_t *starts;     /* (rows, CLASS_STARTS), biases and halves of the roundings with them */
+    const int32_t *weights;    /* (rows, shared + own) */
+    const int32_t *output;     /* (2, hidden units / 2) */
+    int32_t shift, output_shift;
+    int32_t last[2];           /* buckets - 1 */
 } Predictor;
 
 /* Where a symbol's context comes from while there is no predictor (SPEC 8.4). */
@@ -80,7 +98,9 @@ typedef struct {
     const int32_t *settled;          /* (n, settled_stride) fine values, the first settled_columns are inputs */
     int64_t settled_columns, settled_stride;
     Cells cells;                     /* sums: scratch */
-    float *inputs;                   /* scratch: (BLOCKs of the widest pass, width, BLOCK); one block beyond step 1 */
+    int32_t *rows;                   /* scratch: (n, row_words of channel.c) */
+    int64_t rows_step;               /* the step after which `rows` hold fine values, 0 for none: none on entry */
+    int32_t *inputs;                 /* scratch: (BLOCKs of the widest pass, width, BLOCK); one block beyond step 1 */
     uint16_t *kind;                  /* scratch: (components, widest pass) */
     int32_t *symbols, *order;        /* scratch, reading: as many each */
     int64_t *counts;                 /* scratch, reading: kinds + 1 of the tables of most kinds */
@@ -142,40 +162,35 @@ typedef struct {
     const int16_t *features;     /* (n, grid) */
 } Embedding;
 
-/* floor(W x + b), clamped; rows of weights are filled up to a multiple of ROWS. */
+/* One recurrent layer. Rows are in the order z, r, n; biases of the input hold the half of the rounding. */
 typedef struct {
-    int64_t inputs, outputs;
-    const float *weights, *biases;
-    float low, high;
-} Linear;
-
-/* One recurrent layer. Rows are in the order z, r, n; biases hold the halves of the rounding. */
-typedef struct {
-    const float *tokens[MOST_HEADS]; /* the first: (codewords, 3H) products of the input */
-    const float *inputs;             /* later ones: (3H filled up, H) */
-    const float *biases;             /* (tokens, 3H), later ones (1, 3H) */
-    const float *recurrent;          /* (3H filled up, H) */
-    const float *offsets;            /* (3H) */
+    const int32_t *tokens[MOST_HEADS]; /* the first: (codewords, 3H) products of the input */
+    Layer inputs;                      /* later ones */
+    const int32_t *biases;             /* the first: (tokens, 3H) */
+    Layer recurrent;                   /* products with the state, not rounded */
+    int64_t shift;
 } Recurrence;
 
 typedef struct {
-    Linear first, second;            /* projections; the second of a two-level head */
-    Linear top;                      /* logits of codewords or clusters, not clamped */
-    const Members *members;          /* NULL: a flat head */
+    Layer first, second;    /* projections; the second of a two-level head */
+    Layer top;              /* logits of codewords or clusters, not clamped */
+    int64_t size;           /* how many logits */
+    const Members *members; /* NULL: a flat head */
 } Head;
 
 typedef struct {
     int64_t classes, own, attributes, latents, latent_shift, grid; /* columns of the input */
-    int64_t amax, hidden, mixed, layers;
-    Linear embed[2];
-    Linear mix_embedding, mix_state; /* h's share, with the biases, and the state's; neither rounded nor clamped */
-    const float *mix_start;          /* (mixed) the state's share before the first token */
-    const float *after_first;        /* (codewords, layers, H) states after each coarse codeword */
-    const float *sigmoid, *tanh;
+    int64_t amax, hidden, layers;
+    Layer embed[2];
+    Layer mix_embedding, mix_state; /* h's share, with the biases, and the state's; neither rounded nor clamped */
+    int64_t mix_shift;
+    const int32_t *mix_start;       /* (rows of mix_state) the state's share before the first token */
+    const int32_t *after_first;     /* (codewords, layers, H) states after each coarse codeword */
+    const int32_t *sigmoid, *tanh;
     const uint32_t *exp2;
     Recurrence gru[MOST_LAYERS];
     Head heads[MOST_HEADS];
-    const float *books[MOST_HEADS];  /* (sizes[b], latents) leading dimensions of codewords */
+    const float *books[MOST_HEADS]; /* (sizes[b], latents) leading dimensions of codewords */
     int64_t sizes[MOST_HEADS];
 } Network;
 
@@ -191,14 +206,14 @@ typedef struct {
     int64_t passes_log2;
     Cells cells;                     /* of attributes, then latents; sums: scratch */
     int64_t *chosen, *anchors;       /* scratch: (count) each */
-    double *means;                   /* scratch: (columns, BLOCK) */
-    Lanes *lanes;                    /* scratch of a block */
-    Lanes *shares, *states;          /* scratch of a pass: (blocks, mixed), and (blocks, layers, H) beyond two stages */
+    int32_t *means, *inputs;         /* scratch: (columns + 4, BLOCK), and of all inputs (columns + 1, BLOCK) */
+    int32_t *lanes;                  /* scratch of a block, network_lanes of packed_network.py times BLOCK */
+    int32_t *shares, *states;        /* scratch of a pass: (blocks, mixed), and (blocks, layers, H) beyond two stages */
     uint32_t *weights;               /* scratch: (most logits + 1, BLOCK) */
     int64_t *coded, *clusters;       /* scratch: (count) places in the pass and clusters of the anchors of a stage */
-    float *outputs;                  /* scratch: (count, width of the members) */
+    int32_t *outputs;                /* scratch: (count, words of the members) */
     int64_t *counts, *order;         /* scratch of scar_rans_members, as what follows */
-    float *logits;
+    int32_t *logits;
     uint32_t *member_weights;
     int32_t *found;
     int64_t modelled;                /* symbols read */

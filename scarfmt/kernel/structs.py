@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctypes import POINTER, Structure, c_double, c_float, c_int64, c_uint64, c_void_p
+from ctypes import POINTER, Structure, c_double, c_int32, c_int64, c_uint64, c_void_p
 
 DEPTHS, HEADS, GRU_LAYERS = 4, 2, 4
 CHANNELS, STAGES, STEPS, CLASS_ROOM, STREAM_KINDS = 8, 8, 20, 16, 12
@@ -23,6 +23,7 @@ class Tables(Structure):
         ("starts", c_void_p),
         ("sums", c_void_p),
         ("values", c_void_p),
+        ("few", c_void_p),
         ("used", c_void_p),
     )
 
@@ -31,8 +32,9 @@ class Members(Structure):
     """Codewords of the clusters of a two-level head."""
 
     _fields_ = (
-        *((name, c_int64) for name in ("clusters", "width", "largest")),
+        *((name, c_int64) for name in ("clusters", "words", "largest")),
         *((name, c_void_p) for name in ("starts", "places", "weights", "offsets")),
+        ("shift", c_int64),
     )
 
 
@@ -45,6 +47,17 @@ class Cells(Structure):
         ("cell", c_void_p * DEPTHS),
         ("sums", c_void_p * DEPTHS),
         ("sizes", c_int64 * DEPTHS),
+        ("means", c_void_p * DEPTHS),
+    )
+
+
+class Layer(Structure):
+    """One linear layer in integers."""
+
+    _fields_ = (
+        *((name, c_int64) for name in ("rows", "words")),
+        *((name, c_void_p) for name in ("weights", "biases")),
+        *((name, c_int32) for name in ("shift", "low", "high", "unused")),
     )
 
 
@@ -52,13 +65,10 @@ class Predictor(Structure):
     """One component's predictor."""
 
     _fields_ = (
-        ("units", c_int64),
-        ("rows", c_int64),
-        ("weights", c_void_p),
-        ("biases", c_void_p),
-        ("output", c_void_p),
-        ("output_biases", c_float * 2),
-        ("last", c_float * 2),
+        *((name, c_int64) for name in ("rows", "shared", "own")),
+        *((name, c_void_p) for name in ("starts", "weights", "output")),
+        *((name, c_int32) for name in ("shift", "output_shift")),
+        ("last", c_int32 * 2),
     )
 
 
@@ -78,6 +88,8 @@ class Channel(Structure):
         ("settled_columns", c_int64),
         ("settled_stride", c_int64),
         ("cells", Cells),
+        ("rows", c_void_p),
+        ("rows_step", c_int64),
         *((name, c_void_p) for name in ("inputs", "kind", "symbols", "order", "counts")),
         ("step", c_int64),
         *((name, c_void_p) for name in ("predictors", "tables", "given", "kinds_out", "symbols_out")),
@@ -150,32 +162,28 @@ class Embedding(Structure):
     )
 
 
-class Linear(Structure):
-    """One rounded layer of the index network."""
-
-    _fields_ = (
-        ("inputs", c_int64),
-        ("outputs", c_int64),
-        ("weights", c_void_p),
-        ("biases", c_void_p),
-        ("low", c_float),
-        ("high", c_float),
-    )
-
-
 class Recurrence(Structure):
     """One recurrent layer of the index network."""
 
     _fields_ = (
         ("tokens", c_void_p * HEADS),
-        *((name, c_void_p) for name in ("inputs", "biases", "recurrent", "offsets")),
+        ("inputs", Layer),
+        ("biases", c_void_p),
+        ("recurrent", Layer),
+        ("shift", c_int64),
     )
 
 
 class Head(Structure):
     """The head of one codebook."""
 
-    _fields_ = (("first", Linear), ("second", Linear), ("top", Linear), ("members", POINTER(Members)))
+    _fields_ = (
+        ("first", Layer),
+        ("second", Layer),
+        ("top", Layer),
+        ("size", c_int64),
+        ("members", POINTER(Members)),
+    )
 
 
 class Network(Structure):
@@ -183,10 +191,11 @@ class Network(Structure):
 
     _fields_ = (
         *((name, c_int64) for name in ("classes", "own", "attributes", "latents", "latent_shift", "grid")),
-        *((name, c_int64) for name in ("amax", "hidden", "mixed", "layers")),
-        ("embed", Linear * 2),
-        ("mix_embedding", Linear),
-        ("mix_state", Linear),
+        *((name, c_int64) for name in ("amax", "hidden", "layers")),
+        ("embed", Layer * 2),
+        ("mix_embedding", Layer),
+        ("mix_state", Layer),
+        ("mix_shift", c_int64),
         *((name, c_void_p) for name in ("mix_start", "after_first", "sigmoid", "tanh", "exp2")),
         ("gru", Recurrence * GRU_LAYERS),
         ("heads", Head * HEADS),
@@ -204,7 +213,10 @@ class Indices(Structure):
         *((name, c_void_p) for name in ("classes", "settled", "features", "indices", "before", "after", "by_code")),
         ("passes_log2", c_int64),
         ("cells", Cells),
-        *((name, c_void_p) for name in ("chosen", "anchors", "means", "lanes", "shares", "states", "weights")),
+        *(
+            (name, c_void_p)
+            for name in ("chosen", "anchors", "means", "inputs", "lanes", "shares", "states", "weights")
+        ),
         *((name, c_void_p) for name in ("coded", "clusters", "outputs", "counts", "order", "logits")),
         *((name, c_void_p) for name in ("member_weights", "found")),
         ("modelled", c_int64),

@@ -35,13 +35,13 @@ typedef struct {
     CrcTable crc;
     uint32_t *words;
     int64_t *by_code, *merged, *steps, *before, *after, *chosen64, *anchors64, *counts;
-    int32_t *plain, *first, *settled, *chosen, *order, *symbols, *cell[MOST_DEPTHS];
+    int32_t *plain, *first, *settled, *chosen, *order, *symbols, *cell[MOST_DEPTHS], *means[MOST_DEPTHS];
     int64_t settled_columns;
     double *sums[MOST_DEPTHS];
     int64_t sizes[MOST_DEPTHS], named;
     uint16_t *kind16;
     uint8_t *kind, *open;
-    void *inputs;
+    int32_t *rows, *inputs;
     int64_t *nodes[8];
 } Work;
 
@@ -56,7 +56,8 @@ static int64_t lay_out(Work *w, const TileModel *model, int64_t total, int64_t l
     int64_t used = 0, most = 1, attributes = model->attributes;
     for (int64_t c = 0; c < model->channels; c++)
         most = model->channel[c].components > most ? model->channel[c].components : most;
-    const int64_t inputs = channel_inputs_bytes(model->attributes, MOST_ATTRIBUTE, model->depths, total);
+    const int64_t blocks = (total + BLOCK - 1) / BLOCK, row = channel_row_words(attributes, MOST_ATTRIBUTE);
+    const int64_t inputs = blocks * BLOCK * channel_input_words(attributes, MOST_ATTRIBUTE, model->depths);
     const int64_t numbers = total * most;
     w->words = carved(base, &used, longest + 4);
     w->by_code = carved(base, &used, 8 * total), w->merged = carved(base, &used, 8 * total);
@@ -72,10 +73,11 @@ static int64_t lay_out(Work *w, const TileModel *model, int64_t total, int64_t l
     for (int64_t d = 0; d < model->depths; d++) {
         w->cell[d] = carved(base, &used, 4 * total);
         w->sums[d] = carved(base, &used, 8 * total * (MOST_ATTRIBUTE + 1));
+        w->means[d] = carved(base, &used, 4 * total * fours(MOST_ATTRIBUTE + 1));
     }
     w->kind16 = carved(base, &used, 2 * numbers);
     w->kind = carved(base, &used, total), w->open = carved(base, &used, total);
-    w->inputs = carved(base, &used, inputs);
+    w->rows = carved(base, &used, 4 * total * row), w->inputs = carved(base, &used, 4 * inputs);
     for (int k = 0; k < 8; k++) w->nodes[k] = carved(base, &used, 8 * total);
     return used;
 }
@@ -417,11 +419,12 @@ static int64_t read_predicted(Work *w, int64_t number, Step *s, const int64_t *b
                  .values = w->plain, .first = first ? first : w->first, .steps = w->steps, .rules = channel->rules,
                  .sources = (const int32_t *const *)w->tile->first, .settled = w->settled,
                  .settled_columns = w->settled_columns, .settled_stride = w->model->attributes,
-                 .inputs = w->inputs, .kind = w->kind16, .symbols = w->symbols, .order = w->order,
+                 .rows = w->rows, .inputs = w->inputs, .kind = w->kind16, .symbols = w->symbols, .order = w->order,
                  .counts = w->counts};
     c.cells.depths = w->model->depths, c.cells.columns = channel->components;
     for (int64_t d = 0; d < w->model->depths; d++)
-        c.cells.cell[d] = w->cell[d], c.cells.sums[d] = w->sums[d], c.cells.sizes[d] = w->sizes[d];
+        c.cells.cell[d] = w->cell[d], c.cells.sums[d] = w->sums[d], c.cells.sizes[d] = w->sizes[d],
+        c.cells.means[d] = w->means[d];
     const ChannelLayer l = {.start = layer->start[s->channel], .stop = layer->stop[s->channel], .before = w->before,
                             .after = w->after, .by_code = w->by_code, .passes_log2 = w->model->passes_log2,
                             .tables = layer->tables[s->channel], .predictors = layer->predictors[s->channel],

@@ -87,7 +87,8 @@ class KernelTiles:
             out.tables[index] = ctypes.addressof(packed.array)
             self._kept.append(packed)
             if any(predictors.step(channel.stream, step) for step in coded):
-                steps = predictors.kept(PackedPredictorSet).steps(channel.stream, coded, channel.components)
+                kept = predictors.kept(PackedPredictorSet)
+                steps = kept.steps(channel.stream, coded, channel.components, self._struct.depths)
                 out.predictors[index], out.predicted = ctypes.addressof(steps.array), True
                 self._kept.append(steps)
         out.positions, out.classes = (_table(tables, key) for key in (positions.KEY, _CLASSES))

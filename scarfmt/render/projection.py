@@ -29,9 +29,10 @@ _UP, _DOWN = 1 + 1e-6, 1 - 1e-6
 # Columns of a splat row.
 MEAN_X, MEAN_Y, CONIC_A, CONIC_B, CONIC_C, OPACITY, RED, GREEN, BLUE, HALF_X, HALF_Y = range(11)
 SPLAT_COLUMNS = 11
+# Columns of a shape row, after nine of the axes.
+_OPACITY, _REACH = 9, 10
+_SHAPE_COLUMNS = 11
 _BLOCK = 512
-_DIGIT_BITS = 11
-_DIGIT_MASK = np.uint32((1 << _DIGIT_BITS) - 1)
 
 _C0 = 0.28209479177387814
 _C1 = 0.4886025119029199
@@ -70,8 +71,8 @@ def _sh_basis(x: float, y: float, z: float, degree: int, basis: F64) -> None:
 
 
 @device
-def _axes(rotation: F32, log_scale: F32, axes: F64) -> None:
-    """Fill `axes` (3, 3) with R diag(exp(log_scale)); a zero quaternion stands for no rotation."""
+def _axes(rotation: F32, log_scale: F32, shape: F64) -> None:
+    """Fill the start of `shape` with the rows of R diag(exp(log_scale)); a zero quaternion stands for no rotation."""
     # numba's float() would leave these float32.
     w, x, y, z = np.float64(rotation[0]), np.float64(rotation[1]), np.float64(rotation[2]), np.float64(rotation[3])
     largest = max(max(abs(w), abs(x)), max(abs(y), abs(z)))
@@ -82,15 +83,15 @@ def _axes(rotation: F32, log_scale: F32, axes: F64) -> None:
     else:
         w = np.float64(1.0)
     s0, s1, s2 = np.exp(np.float64(log_scale[0])), np.exp(np.float64(log_scale[1])), np.exp(np.float64(log_scale[2]))
-    axes[0, 0] = (1.0 - 2.0 * (y * y + z * z)) * s0
-    axes[0, 1] = 2.0 * (x * y - w * z) * s1
-    axes[0, 2] = 2.0 * (x * z + w * y) * s2
-    axes[1, 0] = 2.0 * (x * y + w * z) * s0
-    axes[1, 1] = (1.0 - 2.0 * (x * x + z * z)) * s1
-    axes[1, 2] = 2.0 * (y * z - w * x) * s2
-    axes[2, 0] = 2.0 * (x * z - w * y) * s0
-    axes[2, 1] = 2.0 * (y * z + w * x) * s1
-    axes[2, 2] = (1.0 - 2.0 * (x * x + y * y)) * s2
+    shape[0] = (1.0 - 2.0 * (y * y + z * z)) * s0
+    shape[1] = 2.0 * (x * y - w * z) * s1
+    shape[2] = 2.0 * (x * z + w * y) * s2
+    shape[3] = 2.0 * (x * y + w * z) * s0
+    shape[4] = (1.0 - 2.0 * (x * x + z * z)) * s1
+    shape[5] = 2.0 * (y * z - w * x) * s2
+    shape[6] = 2.0 * (x * z - w * y) * s0
+    shape[7] = 2.0 * (y * z + w * x) * s1
+    shape[8] = (1.0 - 2.0 * (x * x + y * y)) * s2
 
 
 @device
@@ -101,8 +102,8 @@ def _touches(mean: float, half: float, size: float) -> bool:
 
 
 @device
-def _ellipse(x: float, y: float, z: float, axes: F64, pose: F64, lens: F64, splat: F64) -> bool:
-    """Fill centre, conic and half extents of a splat whose opacity is set; False where nothing can be seen."""
+def _ellipse(x: float, y: float, z: float, shape: F64, pose: F64, lens: F64, splat: F64) -> bool:
+    """Fill centre, conic and half extents of a splat of the given `shape`; False where nothing can be seen."""
     fx, fy, cx, cy, width, height, dilation = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[7]
     limit_x, limit_y = FRUSTUM_MARGIN * width / (2.0 * fx), FRUSTUM_MARGIN * height / (2.0 * fy)
     tx = min(limit_x, max(-limit_x, x / z))
@@ -111,8 +112,8 @@ def _ellipse(x: float, y: float, z: float, axes: F64, pose: F64, lens: F64, spla
     for k in range(3):
         jx = fx / z * (pose[0, k] - tx * pose[2, k])
         jy = fy / z * (pose[1, k] - ty * pose[2, k])
-        a0, a1, a2 = a0 + jx * axes[k, 0], a1 + jx * axes[k, 1], a2 + jx * axes[k, 2]
-        b0, b1, b2 = b0 + jy * axes[k, 0], b1 + jy * axes[k, 1], b2 + jy * axes[k, 2]
+        a0, a1, a2 = a0 + jx * shape[3 * k], a1 + jx * shape[3 * k + 1], a2 + jx * shape[3 * k + 2]
+        b0, b1, b2 = b0 + jy * shape[3 * k], b1 + jy * shape[3 * k + 1], b2 + jy * shape[3 * k + 2]
     cov_xx, cov_xy, cov_yy = a0 * a0 + a1 * a1 + a2 * a2, a0 * b0 + a1 * b1 + a2 * b2, b0 * b0 + b1 * b1 + b2 * b2
     # |a x b|^2 is the undilated determinant (Cauchy-Binet), free of the cancellation of xx * yy - xy^2.
     n0, n1, n2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
@@ -123,7 +124,7 @@ def _ellipse(x: float, y: float, z: float, axes: F64, pose: F64, lens: F64, spla
         return False
     splat[MEAN_X], splat[MEAN_Y] = fx * x / z + cx, fy * y / z + cy
     splat[CONIC_A], splat[CONIC_B], splat[CONIC_C] = cov_yy / determinant, -cov_xy / determinant, cov_xx / determinant
-    reach = 2.0 * math.log(splat[OPACITY] / MIN_ALPHA)
+    reach = shape[_REACH]
     splat[HALF_X], splat[HALF_Y] = math.sqrt(reach * cov_xx) + _BOUND_SLACK, math.sqrt(reach * cov_yy) + _BOUND_SLACK
     return _touches(splat[MEAN_X], splat[HALF_X], width) and _touches(splat[MEAN_Y], splat[HALF_Y], height)
 
@@ -142,19 +143,21 @@ def _colour(direction: F64, sh: F32, degree: int, basis: F64, splat: F64) -> Non
 
 
 @kernel
-def _find_bounds(log_scales: F32, logits: F32, bounds: F32) -> None:
-    """Fill the bounds (N, 2) of a :class:`Drawable`."""
+def _find_shapes(log_scales: F32, rotations: F32, logits: F32, shapes: F64, bounds: F32) -> None:
+    """Fill the shapes (N, 11) and bounds (N, 2) of a :class:`Drawable`."""
     for i in prange(len(logits)):
         opacity = 1.0 / (1.0 + np.exp(-np.float64(logits[i])))
         largest = max(max(log_scales[i, 0], log_scales[i, 1]), log_scales[i, 2])
-        bounds[i, 0] = _UP * np.exp(2.0 * np.float64(largest))
         # Written so that a NaN counts as unseen.
-        bounds[i, 1] = _UP * 2.0 * math.log(opacity / MIN_ALPHA) if opacity >= MIN_ALPHA else -1.0
+        reach = 2.0 * math.log(opacity / MIN_ALPHA) if opacity >= MIN_ALPHA else -1.0
+        bounds[i, 0], bounds[i, 1] = _UP * np.exp(2.0 * np.float64(largest)), _UP * reach
+        _axes(rotations[i], log_scales[i], shapes[i])
+        shapes[i, _OPACITY], shapes[i, _REACH] = opacity, reach
 
 
 @device
 def _misses(centre: float, slope: float, focal: float, size: float, variance: float, reach: float, blur: float) -> bool:
-    """Whether no ellipse of a Gaussian can touch the picture along one axis.
+    """Whether no ellipse of a Gaussian can touch the centre of a pixel along one axis.
 
     Args:
         centre: of the Gaussian, pixels from the picture's first edge.
@@ -164,7 +167,9 @@ def _misses(centre: float, slope: float, focal: float, size: float, variance: fl
         variance, reach: its bounds.
         blur: of the camera, pixels^2.
     """
-    beyond = max(-centre, centre - size) - _BOUND_SLACK
+    # How far the next centre of a pixel of the picture is: samples of a sparse picture lie between most splats.
+    nearest = min(max(np.floor(centre), 0.0), size - 1.0) + 0.5
+    beyond = abs(centre - nearest) - 2 * _BOUND_SLACK
     return bool(beyond > 0.0 and beyond * beyond > reach * (focal * focal * (1.0 + slope * slope) * variance + blur))
 
 
@@ -212,9 +217,7 @@ def _joined(found: NDArray[np.int32], counts: NDArray[np.int64]) -> NDArray[np.i
 def _project(
     drawn: NDArray[np.int32],
     positions: F64,
-    log_scales: F32,
-    rotations: F32,
-    logits: F32,
+    shapes: F64,
     sh: F32,
     colours: F64,
     degree: int,
@@ -227,21 +230,19 @@ def _project(
     """Fill `splats` and `depths` (inf where culled); work goes by blocks, so that scratch is allocated per block."""
     count = len(drawn)
     for block in prange((count + _BLOCK - 1) // _BLOCK):
-        axes, basis, local = np.empty((3, 3)), np.empty(16), np.empty(3)
+        basis, local = np.empty(16), np.empty(3)
         for row in range(block * _BLOCK, min(count, (block + 1) * _BLOCK)):
             i = drawn[row]
             depths[row] = np.inf
-            opacity = 1.0 / (1.0 + np.exp(-np.float64(logits[i])))
             for k in range(3):
                 local[k] = pose[k, 3]
                 for axis in range(3):
                     local[k] += pose[k, axis] * positions[i, axis]
             # Written so that a NaN is culled too.
-            if not (local[2] > lens[6] and local[2] < np.inf and opacity >= MIN_ALPHA):
+            if not (local[2] > lens[6] and local[2] < np.inf and shapes[i, _REACH] >= 0.0):
                 continue
-            _axes(rotations[i], log_scales[i], axes)
-            splats[row, OPACITY] = opacity
-            if not _ellipse(local[0], local[1], local[2], axes, pose, lens, splats[row]):
+            splats[row, OPACITY] = shapes[i, _OPACITY]
+            if not _ellipse(local[0], local[1], local[2], shapes[i], pose, lens, splats[row]):
                 continue
             depths[row] = local[2]
             if len(colours) > 0:
@@ -252,49 +253,20 @@ def _project(
                 _colour(local, sh[i], degree, basis, splats[row])
 
 
-@device
-def _nearest_first(depths: F32) -> NDArray[np.int64]:
-    """Indices of the finite entries of `depths` (N,) in increasing order, ties by index.
-
-    A radix sort of the bits, which for positive floats order like their values; three times as fast as
-    numpy's stable sort, which is otherwise a third of the time of a picture.
-    """
-    count = 0
-    for i in range(len(depths)):
-        count += depths[i] < np.inf
-    order, spare = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
-    keys = depths.view(np.uint32)
-    fill = 0
-    for i in range(len(depths)):
-        if depths[i] < np.inf:
-            order[fill] = i
-            fill += 1
-    for digit in range(3):
-        shift = np.uint32(digit * _DIGIT_BITS)
-        starts = np.zeros((1 << _DIGIT_BITS) + 1, dtype=np.int64)
-        for i in range(count):
-            starts[((keys[order[i]] >> shift) & _DIGIT_MASK) + 1] += 1
-        for value in range(1 << _DIGIT_BITS):
-            starts[value + 1] += starts[value]
-        for i in range(count):
-            value = (keys[order[i]] >> shift) & _DIGIT_MASK
-            spare[starts[value]] = order[i]
-            starts[value] += 1
-        order, spare = spare, order
-    return order
-
-
 @dataclass(frozen=True)
 class Drawable:
     """A scene made ready to be drawn from many views: what does not depend on the camera is computed once.
 
     Attributes:
         scene: N Gaussians in contiguous arrays.
+        shapes: (N, 11) float64 axes by rows, world units; opacity; how far the ellipse reaches, deviations^2, negative
+            where nothing can be seen.
         bounds: (N, 2) float32 variance of the longest axis, world units^2, and how far the ellipse reaches,
-            deviations^2, both rounded up; the second is negative where nothing can be seen.
+            deviations^2, both rounded up: what looking for them in a picture goes through.
     """
 
     scene: GaussianScene
+    shapes: F64
     bounds: F32
 
     @staticmethod
@@ -309,9 +281,9 @@ class Drawable:
             np.ascontiguousarray(scene.opacity_logits, dtype=np.float32),
             np.ascontiguousarray(scene.sh, dtype=np.float32),
         )
-        bounds = np.empty((len(ready), 2), dtype=np.float32)
-        _find_bounds(ready.log_scales, ready.opacity_logits, bounds)
-        return Drawable(ready, bounds)
+        shapes, bounds = np.empty((len(ready), _SHAPE_COLUMNS)), np.empty((len(ready), 2), dtype=np.float32)
+        _find_shapes(ready.log_scales, ready.rotations, ready.opacity_logits, shapes, bounds)
+        return Drawable(ready, shapes, bounds)
 
     def near_picture(self, pose: F64, lens: F64) -> NDArray[np.int32]:
         """(V,) int32 rising: the Gaussians whose ellipses may touch the picture; some of them do not."""
@@ -323,8 +295,8 @@ class Drawable:
 
 def project(
     scene: GaussianScene | Drawable, camera: Camera, sh_degree: int | None = None, colours: F64 | None = None
-) -> tuple[F64, NDArray[np.int64], NDArray[np.int32]]:
-    """The splats that touch a pixel's centre, and which is nearest.
+) -> tuple[F64, F32, NDArray[np.int32]]:
+    """The splats of a picture, and how far away they are.
 
     Args:
         scene: the N Gaussians.
@@ -333,9 +305,9 @@ def project(
         colours: (N, 3) float64 colours to use instead of the spherical harmonics, unclamped.
 
     Returns:
-        (V, 11) float64 splats (columns `MEAN_X` .. `HALF_Y`; pixels, 1/pixels^2 and colour units), of which some
-        touch nothing; (S,) int64 rows of those that do, nearest first with ties by index; and (V,) int32 rising,
-        which Gaussian each splat is.
+        (V, 11) float64 splats (columns `MEAN_X` .. `HALF_Y`; pixels, 1/pixels^2 and colour units); (V,) float32
+        depths, infinite where nothing of a splat touches a pixel's centre; and (V,) int32 rising, which Gaussian each
+        splat is.
     """
     drawable = Drawable.of(scene)
     ready = drawable.scene
@@ -350,9 +322,7 @@ def project(
     _project(
         drawn,
         ready.positions,
-        ready.log_scales,
-        ready.rotations,
-        ready.opacity_logits,
+        drawable.shapes,
         ready.sh,
         np.zeros((0, 3)) if colours is None else np.ascontiguousarray(colours, dtype=np.float64),
         degree,
@@ -363,4 +333,4 @@ def project(
         depths,
     )
     # Depth is compared as float32, as INRIA's sort keys do.
-    return splats, _nearest_first(depths), drawn
+    return splats, depths, drawn

@@ -52,7 +52,9 @@ _SPAN = TILE // 2
 _NARROW = 3
 # Splats between two looks at whether any pixel of the tile is still open.
 _CHECK_EVERY = 16
-
+# Splats of a tile are sorted by digits of their depths, few of them by comparison.
+_FEW, _DIGIT_BITS = 512, 11
+_DIGIT_MASK, _NUMBER_MASK, _KEY_SHIFT = np.uint64((1 << _DIGIT_BITS) - 1), np.uint64((1 << 32) - 1), np.uint64(32)
 
 
 @dataclass(frozen=True)
@@ -77,17 +79,12 @@ class Contributions:
 
 
 @device
-def _bin_splats(
-    splats: F64, order: NDArray[np.int64], columns: int, rows: int
-) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Splat numbers per tile in depth order: (tiles + 1,) offsets into the (intersections,) list."""
+def _bin_splats(splats: F64, depths: F32, columns: int, rows: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Splat numbers per tile, rising: (tiles + 1,) offsets into the (intersections,) list."""
     offsets = np.zeros(columns * rows + 1, dtype=np.int64)
     spans = np.empty((len(splats), 4), dtype=np.int16)
-    shown = np.zeros(len(splats), dtype=np.bool_)
-    for k in range(len(order)):
-        shown[order[k]] = True
     for i in range(len(splats)):
-        if not shown[i]:
+        if depths[i] == np.inf:
             continue
         splat = splats[i]
         spans[i, 0] = int(max(0.0, (splat[MEAN_X] - splat[HALF_X]) / TILE))
@@ -101,14 +98,55 @@ def _bin_splats(
         offsets[tile + 1] += offsets[tile]
     fill = offsets[:-1].copy()
     members = np.empty(offsets[-1], dtype=np.int32)
-    for k in range(len(order)):
-        i = order[k]
+    for i in range(len(splats)):
+        if depths[i] == np.inf:
+            continue
         for row in range(spans[i, 2], spans[i, 3] + 1):
             for column in range(spans[i, 0], spans[i, 1] + 1):
                 tile = row * columns + column
                 members[fill[tile]] = i
                 fill[tile] += 1
     return offsets, members
+
+
+@device
+def _gathered(splats: F64, members: NDArray[np.int32]) -> F64:
+    """Copies of the splats of a tile side by side: what is drawn in order of depth is better not far apart."""
+    gathered = np.empty((len(members), SPLAT_COLUMNS))
+    for k in range(len(members)):
+        source, target = splats[members[k]], gathered[k]
+        for column in range(SPLAT_COLUMNS):
+            target[column] = source[column]
+    return gathered
+
+
+@device
+def _nearest_first(depths: F32, members: NDArray[np.int32]) -> NDArray[np.uint64]:
+    """Which of the `members` of a tile is nearest, which is next, and so on; of two as near, the first.
+
+    Sorted by the bits of depths, which for positive floats order like their values: those of many members by digits,
+    three times as fast.
+    """
+    keys = depths.view(np.uint32)
+    entries = np.empty(len(members), dtype=np.uint64)
+    for k in range(len(members)):
+        entries[k] = (np.uint64(keys[members[k]]) << _KEY_SHIFT) | np.uint64(k)
+    if len(members) < _FEW:
+        return np.sort(entries) & _NUMBER_MASK
+    spare = np.empty(len(members), dtype=np.uint64)
+    for digit in range(3):
+        shift = _KEY_SHIFT + np.uint64(digit * _DIGIT_BITS)
+        starts = np.zeros((1 << _DIGIT_BITS) + 1, dtype=np.int64)
+        for k in range(len(entries)):
+            starts[((entries[k] >> shift) & _DIGIT_MASK) + np.uint64(1)] += 1
+        for value in range(1 << _DIGIT_BITS):
+            starts[value + 1] += starts[value]
+        for k in range(len(entries)):
+            value = (entries[k] >> shift) & _DIGIT_MASK
+            spare[starts[value]] = entries[k]
+            starts[value] += 1
+        entries, spare = spare, entries
+    return entries & _NUMBER_MASK
 
 
 @device
@@ -253,35 +291,21 @@ def _blend(state: F64, splat: F64, left: float, top: float) -> None:
 
 @device
 def _composite_tile(
-    state: F64,
-    splats: F64,
-    members: NDArray[np.int32],
-    first: int,
-    last: int,
-    left: float,
-    top: float,
-    wide: int,
-    high: int,
-    blended: F64,
+    state: F64, splats: F64, order: NDArray[np.uint64], left: float, top: float, wide: int, high: int
 ) -> int:
-    """Blend the tile's splats until all pixels are closed; the number after the last intersection blended.
-
-    Copies them to `blended`, as far as that reaches: the next reader finds them side by side.
-    """
+    """Blend the tile's splats in `order` until all pixels are closed; how many were blended."""
     _open_tile(state, wide, high)
-    for k in range(first, last):
-        if (k - first) % _CHECK_EVERY == 0 and not _tile_is_open(state):
+    for k in range(len(order)):
+        if k % _CHECK_EVERY == 0 and not _tile_is_open(state):
             return k
-        splat = splats[members[k]]
-        if k - first < len(blended):
-            blended[k - first] = splat
-        _blend(state, splat, left, top)
-    return last
+        _blend(state, splats[order[k]], left, top)
+    return len(order)
 
 
 @kernel
 def _render_tiles(
     splats: F64,
+    depths: F32,
     offsets: NDArray[np.int64],
     members: NDArray[np.int32],
     tiles: NDArray[np.int64],
@@ -293,9 +317,9 @@ def _render_tiles(
         tile = tiles[k]
         row, column = tile // columns, tile % columns
         wide, high = min(TILE, image.shape[1] - column * TILE), min(TILE, image.shape[0] - row * TILE)
-        state, unread = np.empty(_STATE), np.empty((0, SPLAT_COLUMNS))
-        left, top = float(column * TILE), float(row * TILE)
-        _composite_tile(state, splats, members, offsets[tile], offsets[tile + 1], left, top, wide, high, unread)
+        here, state = members[offsets[tile] : offsets[tile + 1]], np.empty(_STATE)
+        order = _nearest_first(depths, here)
+        _composite_tile(state, _gathered(splats, here), order, float(column * TILE), float(row * TILE), wide, high)
         for y in range(high):
             for x in range(wide):
                 pixel = y * TILE + x
@@ -362,6 +386,7 @@ def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
 @kernel
 def _measure_tiles(
     splats: F64,
+    depths: F32,
     offsets: NDArray[np.int64],
     members: NDArray[np.int32],
     tiles: NDArray[np.int64],
@@ -377,16 +402,18 @@ def _measure_tiles(
         left, top = float(column * TILE), float(row * TILE)
         wide, high = min(TILE, size[0] - column * TILE), min(TILE, size[1] - row * TILE)
         first, last = offsets[tile], offsets[tile + 1]
-        state, blended = np.empty(_STATE), np.empty((last - first, SPLAT_COLUMNS))
-        seen = _composite_tile(state, splats, members, first, last, left, top, wide, high, blended)
+        here, state = members[first:last], np.empty(_STATE)
+        order, gathered = _nearest_first(depths, here), _gathered(splats, here)
+        seen = _composite_tile(state, gathered, order, left, top, wide, high)
         for channel in range(3):
             for pixel in range(_PIXELS):
                 colour = state[_COLOUR + channel * _PIXELS + pixel]
                 state[_FINAL + channel * _PIXELS + pixel] = colour + state[_TRANSMITTANCE + pixel] * background[channel]
         _open_tile(state, wide, high)
-        for j in range(first, seen):
-            _measure(state, blended[j - first], left, top, measures[j])
-        measures[seen:last] = 0.0
+        for k in range(seen):
+            _measure(state, gathered[order[k]], left, top, measures[first + order[k]])
+        for k in range(seen, len(order)):
+            measures[first + order[k]] = 0.0
 
 
 @device
@@ -438,10 +465,10 @@ def render(
     fixed = _check(drawable.scene, colours)
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
     image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
-    splats, order, _ = project(drawable, camera, sh_degree, fixed)
-    offsets, members = _bin_splats(splats, order, columns, rows)
+    splats, depths, _ = project(drawable, camera, sh_degree, fixed)
+    offsets, members = _bin_splats(splats, depths, columns, rows)
     behind = np.asarray(background, dtype=np.float64)
-    _render_tiles(splats, offsets, members, _spread(columns * rows), columns, behind, image)
+    _render_tiles(splats, depths, offsets, members, _spread(columns * rows), columns, behind, image)
     return image
 
 
@@ -480,10 +507,10 @@ def contributions_by_view(
     def contributed(camera: Camera) -> ViewContributions:
         columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
         size = np.array([camera.width, camera.height], dtype=np.int64)
-        splats, order, index = project(drawable, camera, sh_degree, fixed)
-        offsets, members = _bin_splats(splats, order, columns, rows)
+        splats, depths, index = project(drawable, camera, sh_degree, fixed)
+        offsets, members = _bin_splats(splats, depths, columns, rows)
         measures = np.empty((len(members), 4))
-        _measure_tiles(splats, offsets, members, _spread(columns * rows), columns, size, behind, measures)
+        _measure_tiles(splats, depths, offsets, members, _spread(columns * rows), columns, size, behind, measures)
         sums = _gather(measures, members, len(splats))
         seen = np.flatnonzero(sums[:, 3] > 0)
         weight_sum, weight_sq, contrast_sq, weight_max = sums[seen].T

@@ -52,6 +52,8 @@ class Codebooks:
         for stage in range(indices.shape[1]):
             chosen = np.flatnonzero(stages > stage)
             book = (self.residual if stage else self.coarse)[:, : z.shape[1]]
-            if len(chosen):
+            if len(chosen) == len(z):
+                z += book.take(indices[:, stage], axis=0)
+            elif len(chosen):
                 z[chosen] += book.take(indices[chosen, stage], axis=0)
         return z

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from reference_encoder.decide.rdo import choose_values
@@ -14,6 +14,7 @@ def _case(seed: int, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return draw.laplace(0, 2, (count, 3)), draw.uniform(0, 1, (count, 3)), draw.integers(0, 4, count)
 
 
+@settings(deadline=None)  # the first one compiles
 @given(st.integers(0, 10**6), st.integers(0, 60), st.floats(0, 1))
 def test_a_neighbour_of_each_value_in_its_own_place(seed: int, count: int, lambda_: float) -> None:
     """Whatever order classes and components are worked on in; without a price, the nearest."""
