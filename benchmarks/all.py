@@ -31,6 +31,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "rivals_run": (SHORT, FULL),
     "scaling": (SHORT, FULL),
     "survey_time": (SHORT, FULL),
+    "decoder_costs": (SHORT, FULL),
     "regions": (SHORT, FULL),
     "stability": (SHORT, FULL),
     "entropy_speed": (SHORT, ("--full",)),

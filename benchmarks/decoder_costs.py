@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 import scarfmt
-from benchmarks.report import table
+from benchmarks.report import add_arguments, table
 from benchmarks.scenes import chosen
 from reference_encoder.networks.affordable import Bounds
 from reference_encoder.networks.candidates import with_neural_layers
@@ -199,7 +199,7 @@ def variants_of(source: GaussianScene, base: scarfmt.EncodeOptions) -> dict[str,
 def main() -> None:
     """Measure, and print the constants beside those that are declared."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--short", action="store_true", help="the example scene of this repository")
+    add_arguments(parser, scenes=False)
     given = parser.parse_args()
     scene = chosen([SHORT_SCENE if given.short else SCENE])[0]
     source, _ = clean(load(scene.path), drop_invalid=True)
