@@ -17,8 +17,9 @@ from reference_decoder.decoded import Decoded, joined, tile_part
 from reference_decoder.dequantise import tile_boxes
 from reference_decoder.request import DecodeRequest, RequestFields, requested
 from scarfmt.arrays import I64
-from scarfmt.coding.reader import ALL_STREAMS, SceneReader
+from scarfmt.coding.reader import ALL_STREAMS, Act, SceneReader
 from scarfmt.coding.tile import TileContent
+from scarfmt.container.directory import tile_frame
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import ByteSource, Origin, opened
 from scarfmt.counters import Counters, transfers
@@ -72,6 +73,20 @@ def iter_tiles(
         yield from _Decoding(stream, wanted, counters).parts()
 
 
+def iter_made(
+    source: Origin,
+    request: DecodeRequest,
+    make: Callable[[Decoded, Counters | None], T],
+    counters: Counters | None = None,
+) -> Iterator[T]:
+    """What `make` makes of each part of :func:`iter_tiles` and the counters of its work, in the thread that decoded it.
+
+    It never makes None.
+    """
+    with opened(source) as stream, transfers(stream, counters):
+        yield from _Decoding(stream, request, counters).made(make)
+
+
 def decode_scene(
     source: Origin,
     request: DecodeRequest | None = None,
@@ -112,7 +127,7 @@ class _Decoding:
             allow_truncated=request.allow_truncated,
             engine=engine_of(request.backend),
         )
-        self.threads = request.threads
+        self.threads = request.workers
         self.counters = counters
         self.models = self.reader.models(request.layers, counters)
         self.tiles = self._chosen(request.tiles)
@@ -163,11 +178,22 @@ class _Decoding:
             if len(part):
                 yield part
 
-    def each(self, act: Callable[[int, TileContent], T]) -> Iterator[tuple[int, T]]:
+    def each(self, act: Act[T]) -> Iterator[tuple[int, T]]:
         """What `act` makes of each tile asked for, on as many threads as were asked for."""
         return self.reader.each_tile(self.models, act, self.tiles, self.streams, self.threads, self.counters)
 
-    def _chosen_part(self, tile: int, content: TileContent) -> Decoded:
+    def made(self, make: Callable[[Decoded, Counters | None], T]) -> Iterator[T]:
+        """What `make` makes of each part that is not empty, in the thread that decoded it."""
+
+        def act(tile: int, content: TileContent, counters: Counters | None) -> T | None:
+            part = self._chosen_part(tile, content, counters)
+            return make(part, counters) if len(part) else None
+
+        for _, found in self.each(act):
+            if found is not None:
+                yield found
+
+    def _chosen_part(self, tile: int, content: TileContent, _counters: Counters | None) -> Decoded:
         part = self._part(tile, content)
         if self.box is None or part.positions is None:
             return part
@@ -184,16 +210,18 @@ class _Decoding:
         degree = self.reader.header.fields.sh_degree
         out = explicit.empty_scene(int(counts.sum()), degree)
 
-        def put(tile: int, content: TileContent) -> None:
-            part = self._part(tile, content)
-            # On threads of their own: each has a counter, and a list takes them in whatever order.
-            own = None if self.counters is None else Counters()
-            part.put_scene(out.rows(rows[tile]), own)
-            made.append(own)
+        activation = self.reader.engine.activation(self.models)
 
-        made: list[Counters | None] = []
+        def put(tile: int, content: TileContent, counters: Counters | None) -> None:
+            here = out.rows(rows[tile])
+            if activation is None:
+                made = self._part(tile, content).activated(counters=counters)
+                assert isinstance(made, GaussianScene)
+                here.assign(made)
+            elif len(content):
+                frame = tile_frame(self.reader.header.fields, self.reader.container.tiles[tile])
+                activation.put_tile(here, self.reader.lattice, frame, content)
+                explicit.count_decoder(self.models, len(content), counters)
+
         deque(self.each(put), maxlen=0)
-        for own in made:
-            if self.counters is not None and own is not None:
-                self.counters.add(own)
         return out

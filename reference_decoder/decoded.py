@@ -114,22 +114,6 @@ class Decoded:
             at, self.values, self.models, degree, indices, self.stages, dtype, counters, activation
         )
 
-    def put_scene(self, out: GaussianScene, counters: Counters | None = None) -> None:
-        """Put the Gaussians of the explicit profile into `out`, float32 rows of a larger scene.
-
-        Args:
-            out: room for as many as there are anchors.
-            counters: the latent decoder's multiply-adds are added to them.
-        """
-        activation = self.engine.activation(self.models)
-        if activation is None:
-            scene = self.activated(counters=counters)
-            for name, rows in vars(out).items():
-                rows[...] = getattr(scene, name)
-            return
-        at, indices = self._decoded("positions", self.positions), self._decoded("latents", self.indices)
-        explicit.fill(out, at, self.values, self.models, indices, self.stages, activation, counters)
-
     def _decoded(self, name: str, values: NDArray[Any] | None) -> NDArray[Any]:
         if values is None:
             raise InvalidInput("input-attributes", f"{name} were left out of this decode", field="attributes")
@@ -208,7 +192,7 @@ def tile_part(
         content.classes.astype(np.uint8),
         _positions(reader, tile, content, residuals) if "positions" in attributes else None,
         values,
-        content.indices if "latents" in attributes else None,
+        content.indices.copy() if "latents" in attributes else None,
         content.slot_layers > 0,
         reader.engine,
     )

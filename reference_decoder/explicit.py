@@ -54,7 +54,9 @@ def gaussians(
     count = len(positions)
     if activation is not None:
         out = empty_scene(count, sh_degree)
-        fill(out, positions, values, models, indices, stages, activation, counters)
+        out.positions[:], out.log_scales[:] = positions, values[Stream.SCALE]
+        activation.fill(out, values, indices, stages)
+        count_decoder(models, count, counters)
         return out
     rotations: NDArray[Any] = np.zeros((count, 4), dtype)
     logits: NDArray[Any] = np.zeros(count, dtype)
@@ -77,21 +79,10 @@ def empty_scene(count: int, sh_degree: int) -> GaussianScene:
     return GaussianScene(np.empty((count, 3)), *rows)
 
 
-def fill(
-    out: GaussianScene,
-    positions: F64,
-    values: Mapping[Stream, F32],
-    models: SceneModels,
-    indices: I16,
-    stages: I64,
-    activation: Activation,
-    counters: Counters | None = None,
-) -> None:
-    """Put the Gaussians of n anchors into `out`, perhaps rows of a larger scene; arguments of :func:`gaussians`."""
-    out.positions[:], out.log_scales[:] = positions, values[Stream.SCALE]
-    activation.fill(out, values, indices, stages)
+def count_decoder(models: SceneModels, count: int, counters: Counters | None) -> None:
+    """Count the multiply-adds of the latent decoder for `count` anchors."""
     if counters is not None and models.decoder is not None:
-        counters.multiply(Part.LATENT_DECODER, len(out), sum(layer.weights.size for layer in models.decoder.layers))
+        counters.multiply(Part.LATENT_DECODER, count, sum(layer.weights.size for layer in models.decoder.layers))
 
 
 def network_outputs(
@@ -105,9 +96,7 @@ def network_outputs(
 ) -> Floats:
     """(n, outputs) of the latent decoder for `rows`, computed in `dtype`; the latents themselves are exact."""
     assert models.decoder is not None
-    if counters is not None:
-        products = sum(layer.weights.size for layer in models.decoder.layers)
-        counters.multiply(Part.LATENT_DECODER, len(indices[rows]), products)
+    count_decoder(models, len(indices[rows]), counters)
     refined = None if refinements is None else refinements[rows]
     z = latents(models.codebooks, indices[rows], stages[rows], refined, models.decoder.inputs)
     with np.errstate(over="ignore", invalid="ignore"):  # weights may be any finite number: not a reason to warn

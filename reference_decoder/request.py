@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import TypedDict
@@ -28,7 +29,8 @@ class DecodeRequest:
         attributes: names of `scarfmt.scene.streams.ATTRIBUTES`; None for all. Classes and lattice positions are
             always read.
         limits: what to accept of the file (SPEC §13).
-        threads: tiles decoded side by side, 1 or more; the result does not depend on it.
+        threads: tiles decoded side by side, 1 or more; the result does not depend on it. None for as many as the
+            process may use processors.
         allow_truncated: use the whole layers of a file cut short instead of refusing it.
         backend: the engine, one of `reference_decoder.backends.BACKENDS`; the result does not
             depend on it.
@@ -39,9 +41,14 @@ class DecodeRequest:
     box: Box | None = None
     attributes: Collection[str] | None = None
     limits: Limits = DEFAULT_LIMITS
-    threads: int = 1
+    threads: int | None = None
     allow_truncated: bool = False
     backend: str = "auto"
+
+    @property
+    def workers(self) -> int:
+        """How many tiles are decoded side by side."""
+        return processors() if self.threads is None else self.threads
 
     def names(self) -> frozenset[str]:
         """The attributes to decode: a box needs positions, whatever else is asked for.
@@ -77,9 +84,15 @@ class RequestFields(TypedDict, total=False):
     box: Box | None
     attributes: Collection[str] | None
     limits: Limits
-    threads: int
+    threads: int | None
     allow_truncated: bool
     backend: str
+
+
+def processors() -> int:
+    """How many processors this process may use, where the system says so."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity is not None else os.cpu_count() or 1
 
 
 def requested(request: DecodeRequest | None, fields: RequestFields) -> DecodeRequest:

@@ -14,10 +14,10 @@ import numpy as np
 
 from reference_decoder.bake import bake, default_eyes
 from reference_decoder.bake import comments as bake_comments
-from reference_decoder.decode import iter_tiles
+from reference_decoder.decode import iter_made, iter_tiles
 from reference_decoder.decoded import Decoded
 from reference_decoder.request import DecodeRequest, RequestFields, requested
-from scarfmt.arrays import F64
+from scarfmt.arrays import F32, F64
 from scarfmt.atomic import atomic_write
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.header import HeaderFields
@@ -25,8 +25,10 @@ from scarfmt.container.schema import Profile
 from scarfmt.container.source import Origin, opened
 from scarfmt.counters import Counters, transfers
 from scarfmt.formats.export_ply import ply_header, ply_rows, property_names
-from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
+Rows = tuple[F32, tuple[str, ...]]
+"""Rows of a PLY, (n, properties) float32, and the comments that belong to them."""
 _SPOOL_BYTES = 1 << 26
 _EYE_SAMPLE = 1 << 16
 
@@ -72,13 +74,13 @@ def export_ply(
     header, anchors = _facts(source, wanted, counters)
     explicit = header.profile == Profile.EXPLICIT
     names = property_names(((header.sh_degree if explicit else bake_degree) + 1) ** 2 - 1)
-    scenes = _scenes(parts, eyes, bake_degree, counters)
+    rows = _rows(source, wanted, counters) if explicit else _baked(parts, eyes, bake_degree, counters)
     with _target(destination, force) as target:
         if not explicit or wanted.tiles is not None or wanted.box is not None:
-            return _write_counting(scenes, target, names, comments)
+            return _write_counting(rows, target, names, comments)
         target.write(ply_header(anchors, names, comments))
-        for scene, _ in scenes:
-            target.write(ply_rows(scene).data)
+        for table, _ in rows:
+            target.write(table.data)
         return anchors
 
 
@@ -89,38 +91,45 @@ def _facts(source: Origin, request: DecodeRequest, counters: Counters | None) ->
         return reader.header.fields, reader.header.layers[reader.layer_number(request.layers) - 1].anchor_count
 
 
-def _write_counting(
-    scenes: Iterator[tuple[GaussianScene, tuple[str, ...]]], target: BinaryIO, names: list[str], comments: Sequence[str]
-) -> int:
+def _write_counting(rows: Iterator[Rows], target: BinaryIO, names: list[str], comments: Sequence[str]) -> int:
     """Rows go aside until their number is known, which the header must state first."""
     count = 0
     notes: tuple[str, ...] = ()
-    with tempfile.SpooledTemporaryFile(_SPOOL_BYTES) as rows:
-        for scene, scene_notes in scenes:
-            notes = scene_notes
-            rows.write(ply_rows(scene).data)
-            count += len(scene)
+    with tempfile.SpooledTemporaryFile(_SPOOL_BYTES) as aside:
+        for table, table_notes in rows:
+            notes = table_notes
+            aside.write(table.data)
+            count += len(table)
         target.write(ply_header(count, names, [*notes, *comments]))
-        rows.seek(0)
-        shutil.copyfileobj(rows, target, 1 << 20)
+        aside.seek(0)
+        shutil.copyfileobj(aside, target, 1 << 20)
     return count
 
 
-def _scenes(
+def _rows(source: Origin, request: DecodeRequest, counters: Counters | None) -> Iterator[Rows]:
+    """The Gaussians of each tile, made where it is decoded."""
+
+    def made(part: Decoded, own: Counters | None) -> Rows:
+        scene = part.activated(counters=own)
+        assert isinstance(scene, GaussianScene)
+        return ply_rows(scene), ()
+
+    return iter_made(source, request, made, counters)
+
+
+def _baked(
     parts: Callable[[frozenset[str] | None], Iterator[Decoded]],
     eyes: F64 | None,
     degree: int,
     counters: Counters | None,
-) -> Iterator[tuple[GaussianScene, tuple[str, ...]]]:
-    """The Gaussians of each tile, and the comments that belong to them."""
+) -> Iterator[Rows]:
+    """The Gaussians that the anchors of each tile are baked into."""
     for part in parts(None):
         scene = part.activated(counters=counters)
-        if isinstance(scene, GaussianScene):
-            yield scene, ()
-            continue
+        assert isinstance(scene, AnchorModel)
         if eyes is None:
             eyes = default_eyes(_sample(parts(frozenset({"positions"}))))
-        yield bake(scene, eyes, degree, counters), bake_comments(len(eyes), degree)
+        yield ply_rows(bake(scene, eyes, degree, counters)), bake_comments(len(eyes), degree)
 
 
 def _sample(parts: Iterator[Decoded]) -> F64:

@@ -3,7 +3,8 @@
     import scarfmt
 
     scarfmt.encode("scene.ply")                      # bytes of a file
-    scarfmt.decode("scene.scar", layers=2).scene     # Gaussians of its first two layers
+    scarfmt.decode_scene("scene.scar", layers=2)     # Gaussians of its first two layers
+    scarfmt.decode("scene.scar").values              # exact values, as every decoder has them
     with scarfmt.open("scene.scar") as file: ...     # more than one question to one file
 
 Importing the package costs nothing: the names below are loaded when they are first used.
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
     from reference_decoder.request import DecodeRequest
     from reference_encoder.options import EncodeOptions
-    from scarfmt.api import ScarFile, decode, encode, inspect, open, truncate, validate
+    from scarfmt.api import ScarFile, decode, decode_scene, encode, inspect, open, truncate, validate
     from scarfmt.errors import InputWarning, ScarError
     from scarfmt.render.capture import load_cameras
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
@@ -35,6 +36,7 @@ __all__ = [
     "ScarFile",
     "__version__",
     "decode",
+    "decode_scene",
     "encode",
     "inspect",
     "load_cameras",

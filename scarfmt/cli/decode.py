@@ -80,7 +80,7 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians, for .ply; loses quality.")
 @click.option("--cameras", type=click.Path(exists=True), help=f"Cameras to --bake for: {CAMERAS_HELP}.")
 @click.option("--allow-truncated", is_flag=True, help="Decode the complete layers of a truncated file.")
-@click.option("--threads", type=click.IntRange(1, 256), default=1, show_default=True, help="Tiles decoded at once.")
+@click.option("--threads", type=click.IntRange(1, 256), help="Tiles decoded at once [default: one a processor].")
 @click.option(
     "--backend",
     type=click.Choice(["auto", "kernel", "numpy", "torch", "cuda"]),
@@ -181,21 +181,20 @@ def _write_npz(source: ByteSource, target: BinaryIO, request: DecodeRequest, cou
     """Write the arrays of a scene, or of some attributes; returns what was written, for people."""
     import numpy as np
 
-    from reference_decoder.decode import decode
+    from reference_decoder.decode import decode, decode_scene
     from scarfmt.formats import save_anchor_npz
     from scarfmt.scene.gaussians import AnchorModel
 
-    decoded = decode(source, request, counters=counters)
-    done = f"{len(decoded):,} anchors of {decoded.layers} layers"
-    if decoded.attributes != frozenset(ATTRIBUTES):
+    if request.names() != frozenset(ATTRIBUTES):
+        decoded = decode(source, request, counters=counters)
         np.savez(target, **_attribute_arrays(decoded))
-        return done
-    scene = decoded.activated(counters=counters)
+        return f"{len(decoded):,} anchors of {decoded.layers} layers"
+    scene = decode_scene(source, request, counters=counters)
     if isinstance(scene, AnchorModel):
         save_anchor_npz(scene, target)
-    else:
-        np.savez(target, **vars(scene))
-    return done
+        return f"{len(scene):,} anchors"
+    np.savez(target, **vars(scene))
+    return f"{len(scene):,} Gaussians"
 
 
 def _attribute_arrays(decoded: Decoded) -> dict[str, Any]:

@@ -37,7 +37,7 @@ class WholeTiles(Protocol):
     """Reads all layers of a tile at once. Threads may share one."""
 
     def read(
-        self, frame: TileFrame, blocks: Sequence[tuple[int, bytes | None]], counters: Counters | None, *, first: bool
+        self, frame: TileFrame, blocks: Sequence[tuple[int, bytes | None]], counters: Counters | None, *, brief: bool
     ) -> TileContent | None:
         """The content of a tile after the last layer; None where it must be read layer by layer to say what is wrong.
 
@@ -45,7 +45,8 @@ class WholeTiles(Protocol):
             frame: of the tile.
             blocks: per layer, the anchors that appear and the block, if there is one, its checksum right.
             counters: of symbols and multiply-adds.
-            first: whether first-step values are wanted where no rule looks at them.
+            brief: whether the content is looked at only until the thread's next tile, and first-step values only where
+                a rule looks at them.
         """
 
 
@@ -60,6 +61,9 @@ class Activation(Protocol):
             indices: (n, M) int16 codeword numbers.
             stages: (n,) int64 stages received.
         """
+
+    def put_tile(self, out: GaussianScene, lattice: Lattice, frame: TileFrame, content: TileContent) -> None:
+        """Fill in all of `out`, float32 but for positions, from the integers of a tile."""
 
 
 class Engine(ContextOperations, Protocol):

@@ -40,6 +40,7 @@ PREFETCH_BYTES = COALESCE_BYTES
 """Tiles are read ahead, all their layers, up to this size: few requests, and bounded memory."""
 
 T = TypeVar("T")
+Act = Callable[[int, TileContent, Counters | None], T]
 # Per layer, a tile's block, if it has one, and its bytes, if they were read ahead.
 TileBlocks = Sequence[tuple[Entry | None, bytes | None]]
 
@@ -53,10 +54,10 @@ class _Wanted:
     streams: frozenset[Stream]
     observe: Observe | None
     counters: Counters | None
-    first: bool = True
+    brief: bool = False
 
 
-def _content(_tile: int, content: TileContent) -> TileContent:
+def _content(_tile: int, content: TileContent, _counters: Counters | None) -> TileContent:
     return content
 
 
@@ -162,17 +163,19 @@ class SceneReader:
     def each_tile(
         self,
         models: SceneModels,
-        act: Callable[[int, TileContent], T],
+        act: Act[T],
         tiles: Sequence[int] | None = None,
         streams: Collection[Stream] = ALL_STREAMS,
         threads: int = 1,
         counters: Counters | None = None,
     ) -> Iterator[tuple[int, T]]:
-        """What `act` makes of (tile index, content), in the thread that decoded it; the rest as for :meth:`tiles`.
+        """What `act` makes of each tile, in the thread that decoded it; the rest as for :meth:`tiles`.
 
-        First-step values of the contents may be left out where no context looks at them.
+        Args:
+            act: is given the tile's index, its content and the counters of its work, if there are any. The content
+                may change once it returns, and lack first-step values where no context looks at them.
         """
-        wanted = _Wanted(models, self.check_tiles(tiles), frozenset(streams), None, counters, first=False)
+        wanted = _Wanted(models, self.check_tiles(tiles), frozenset(streams), None, counters, brief=True)
         return self._decoded(wanted, threads, act)
 
     def check_tiles(self, tiles: Sequence[int] | None) -> list[int]:
@@ -187,7 +190,7 @@ class SceneReader:
             raise InvalidInput("input-tiles", f"tile indices must be below {count}", field="tiles")
         return chosen
 
-    def _decoded(self, wanted: _Wanted, threads: int, act: Callable[[int, TileContent], T]) -> Iterator[tuple[int, T]]:
+    def _decoded(self, wanted: _Wanted, threads: int, act: Act[T]) -> Iterator[tuple[int, T]]:
         models, streams, counters = wanted.models, wanted.streams, wanted.counters
         neural = self._neural(models, Stream.INDICES in streams, counters)
         whole = self._whole_tiles(models, neural) if wanted.observe is None and streams >= ALL_STREAMS else None
@@ -199,14 +202,14 @@ class SceneReader:
             # A table of a few bytes can list many tiles of which nothing else is said.
             if not any(entry for entry, _ in blocks):
                 return empty
-            content = self._whole_tile(whole, tile, blocks, own, wanted.first) if whole is not None else None
+            content = self._whole_tile(whole, tile, blocks, own, wanted.brief) if whole is not None else None
             if content is not None:
                 return content
             return self._tile(models, neural, tile, blocks, needed, wanted.observe, own)
 
         def one(tile: int, blocks: TileBlocks) -> tuple[T, Counters | None]:
             own = None if counters is None else Counters()
-            return act(tile, read(tile, blocks, own)), own
+            return act(tile, read(tile, blocks, own), own), own
 
         def added(made: T, own: Counters | None) -> T:
             if counters is not None and own is not None:
@@ -251,14 +254,14 @@ class SceneReader:
         return self._whole[1]
 
     def _whole_tile(
-        self, whole: WholeTiles, tile: int, blocks: TileBlocks, counters: Counters | None, first: bool
+        self, whole: WholeTiles, tile: int, blocks: TileBlocks, counters: Counters | None, brief: bool
     ) -> TileContent | None:
         """A tile read at once; None where something is wrong with it, which reading layer by layer will tell."""
         if any(entry and (payload is None or zlib.crc32(payload) != entry.crc32) for entry, payload in blocks):
             return None
         frame = tile_frame(self.header.fields, self.container.tiles[tile])
         given = [(entry.count if entry else 0, payload) for entry, payload in blocks]
-        content = whole.read(frame, given, counters, first=first)
+        content = whole.read(frame, given, counters, brief=brief)
         if content is not None and counters is not None:
             present = [entry is not None for entry, _ in blocks]
             counters.tile_blocks += sum(present)

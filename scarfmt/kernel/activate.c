@@ -51,16 +51,18 @@ UNFUSED EXPORT void scar_world_positions(const Frame *frame, const uint64_t *cod
         }
 }
 
-/* Sine and cosine by their series, and by the library where the angle is too large for them. */
+/* Sine and cosine by their series, to 2e-9, and by the library where the angle is too large for them. */
 INLINE void turn(const Numbers angle, Numbers sine, Numbers cosine) {
     int far = 0;
     for (int j = 0; j < BLOCK; j++) {
         const double x = angle[j], xx = x * x;
-        sine[j] = x * (1 - xx / 6 * (1 - xx / 20 * (1 - xx / 42 * (1 - xx / 72 * (1 - xx / 110)))));
-        cosine[j] = 1 - xx / 2 * (1 - xx / 12 * (1 - xx / 30 * (1 - xx / 56 * (1 - xx / 90 * (1 - xx / 132)))));
+        sine[j] = x * (1 + xx * (-1. / 6 + xx * (1. / 120 + xx * (-1. / 5040 + xx * (1. / 362880)))));
+        cosine[j] = 1 + xx * (-1. / 2 + xx * (1. / 24 + xx * (-1. / 720 + xx * (1. / 40320 - xx * (1. / 3628800)))));
         far |= x > SERIES_REACH || x < -SERIES_REACH;
     }
-    for (int j = 0; far && j < BLOCK; j++) sine[j] = sin(angle[j]), cosine[j] = cos(angle[j]);
+    /* Each by itself: an anchor's numbers do not depend on those beside it. */
+    for (int j = 0; far && j < BLOCK; j++)
+        if (angle[j] > SERIES_REACH || angle[j] < -SERIES_REACH) sine[j] = sin(angle[j]), cosine[j] = cos(angle[j]);
 }
 
 static const float NO_ROTATIONS[3 * BLOCK] = {0};

@@ -16,12 +16,13 @@ from scarfmt.container.schema import Stream
 from scarfmt.kernel import structs
 from scarfmt.kernel.memory import address, shaped
 from scarfmt.kernel.scratch import SCRATCH
-from scarfmt.kernel.values import planes
+from scarfmt.kernel.values import kernel_values, planes
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.model import Channel, Lattice
 
 if TYPE_CHECKING:
     from scarfmt.coding.models import SceneModels
+    from scarfmt.coding.tile import TileContent
 
 _BLOCK = 16
 # Of no columns: as many as the latent has.
@@ -44,7 +45,7 @@ class KernelActivation:
     """
 
     def __init__(self, models: SceneModels, library: ctypes.CDLL) -> None:
-        self._library, self._kept = library, list[NDArray[Any]]()
+        self._library, self._model, self._kept = library, models.model, list[NDArray[Any]]()
         self._struct = struct = structs.Activation()
         decoder, books = models.decoder, models.codebooks
         layers = decoder.layers if decoder is not None else ()
@@ -55,6 +56,22 @@ class KernelActivation:
             out.weights, out.biases = self._array(layer.matrix, np.float64), self._array(layer.biases, np.float64)
         for number, book in enumerate((books.coarse, books.residual) if books is not None else ()):
             struct.books[number] = self._array(book, np.float32)
+
+    def put_tile(self, out: GaussianScene, lattice: Lattice, frame: TileFrame, content: TileContent) -> None:
+        """Fill in all of `out`, float32 but for positions, from the integers of a tile (SPEC §9.1-9.5)."""
+        model, residuals = self._model, None
+        values: dict[Stream, F32] = {}
+        for index, channel in enumerate(model.channels):
+            steps, integers = model.steps(len(model.layers), index, content.classes), content.values[index]
+            if channel.stream == Stream.POSITION_RESIDUAL:
+                residuals = channel, integers, steps
+                continue
+            scales = channel.stream == Stream.SCALE
+            rows = out.log_scales if scales else SCRATCH.array(channel.stream.name, integers.shape, np.float32)
+            kernel_values(self._library, integers, steps, width_table(channel.first_width), rows)
+            values[channel.stream] = rows
+        world_positions(self._library, lattice, frame, content.codes, residuals, out.positions)
+        self.fill(out, values, content.indices, model.stages(len(model.layers), content.classes))
 
     def _array(self, array: NDArray[Any], dtype: type) -> int:
         self._kept.append(np.ascontiguousarray(array, dtype))

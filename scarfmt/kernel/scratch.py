@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import threading
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 
 class Scratch(threading.local):
@@ -21,6 +23,12 @@ class Scratch(threading.local):
             fresh = np.empty(size + size // 8 + 64, np.uint8)
             held = self._held[name] = fresh, int(fresh.ctypes.data)
         return held[1]
+
+    def array(self, name: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+        """An array in the memory of this name: the same validity."""
+        size = math.prod(shape) * np.dtype(dtype).itemsize
+        self.at(name, size)
+        return self._held[name][0][:size].view(dtype).reshape(shape)
 
 
 SCRATCH = Scratch()

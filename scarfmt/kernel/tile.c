@@ -30,6 +30,7 @@ typedef struct {
     const TileModel *model;
     const Tile *tile;
     int64_t known, new; /* anchors after the layer; of these, the last `new` appear in it */
+    int64_t taken, taken_count; /* classes that `chosen` holds, a bit each, and how many anchors that is */
     int64_t kinds;      /* static contexts that occur in it are below */
     Part parts[STREAM_KINDS];
     CrcTable crc;
@@ -188,16 +189,19 @@ static void merge_codes(Work *w) {
 /* Channels with static contexts (SPEC 7.5, 8.4). */
 
 typedef struct {
-    int64_t channel, step, taken; /* taken: classes that receive the step, a bit each */
-    int64_t count;                /* anchors that do: chosen[0..count - 1] */
+    int64_t channel, step;
+    int64_t count; /* anchors that receive the step: chosen[0..count - 1] */
     Rans rans;
 } Step;
 
-/* Fills in which anchors receive the step; those of the step before stay where the classes are the same. */
+/* Finds which anchors receive the step; those found last stay where the classes are the same. */
 static void choose_anchors(Work *w, const int64_t *before, const int64_t *after, Step *s) {
     int64_t taken = 0;
     for (int64_t k = 0; k < CLASS_ROOM; k++) taken |= (int64_t)(before[k] < s->step && after[k] >= s->step) << k;
-    if (taken == s->taken) return;
+    if (taken == w->taken) {
+        s->count = w->taken_count;
+        return;
+    }
     const int64_t *classes = w->tile->classes;
     int32_t *chosen = w->chosen;
     int64_t count = 0;
@@ -205,7 +209,7 @@ static void choose_anchors(Work *w, const int64_t *before, const int64_t *after,
         chosen[count] = (int32_t)i;
         count += taken >> classes[i] & 1;
     }
-    s->taken = taken, s->count = count;
+    w->taken = taken, w->taken_count = s->count = count;
 }
 
 /* Context numbers of a component's symbols; whether its values leave room for one more trit. */
@@ -367,7 +371,6 @@ INLINE int64_t *received(const Work *w, int64_t layer, int64_t channel) {
 static int64_t read_static(Work *w, int64_t number, Step *s, const int64_t *before) {
     const TileLayer *layer = w->model->layer + number;
     const int64_t c = s->channel;
-    s->taken = -1;
     for (s->step = layer->start[c]; s->step < layer->stop[c]; s->step++) {
         choose_anchors(w, before, layer->steps[c], s);
         if (!s->count) continue;
@@ -514,7 +517,7 @@ static int64_t read_layer(Work *w, int64_t number) {
     const TileBlock *block = w->tile->blocks + number;
     const TileLayer *layer = w->model->layer + number;
     w->new = block->count, w->known += block->count, w->settled_columns = 0;
-    w->kinds = CLASS_KINDS * layer->past_class;
+    w->kinds = CLASS_KINDS * layer->past_class, w->taken = -1;
     if (!block->bytes && !w->known) return TILE_READ;
     if (find_parts(w, block)) return NOT_READ;
     if (w->new && (read_positions(w, layer) || read_classes(w, layer))) return NOT_READ;

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
-from scarfmt.arrays import I64
+from scarfmt.arrays import I32, I64
 from scarfmt.codecs import positions
 from scarfmt.codecs.channels import width_table
 from scarfmt.codecs.classes import KEY as CLASSES
@@ -96,7 +97,7 @@ class KernelTiles:
             out.indices[stage - 1] = _table(tables, StepKey(Stream.INDICES, (stage,), 0))
 
     def read(
-        self, frame: TileFrame, blocks: Blocks, counters: Counters | None = None, *, first: bool = True
+        self, frame: TileFrame, blocks: Blocks, counters: Counters | None = None, *, brief: bool = False
     ) -> TileContent | None:
         """The content of a tile after the last layer; None where it breaks a rule, or is too large for one call.
 
@@ -104,10 +105,11 @@ class KernelTiles:
             frame: of the tile.
             blocks: a layer each, their checksums right.
             counters: of symbols and of the predictors' multiply-adds.
-            first: whether first-step values are wanted of channels that are nobody's context.
+            brief: whether the content is looked at only until the thread's next tile, and first-step values only of
+                channels that are context.
         """
         model, total = self._model, sum(count for count, _ in blocks)
-        content, planes = _empty(model, total, {*self._sources} if not first else {*range(len(model.channels))})
+        content, planes = _empty(model, total, brief, self._sources)
         tile = structs.Tile(total, frame.bits, (structs.TileBlock * len(blocks))())
         longest = 0
         for out, (count, payload) in zip(tile.blocks, blocks, strict=False):
@@ -157,14 +159,22 @@ def _table(tables: PackedStaticTables, key: StepKey) -> int:
     return ctypes.addressof(tables.step(key).pointer.contents)
 
 
-def _empty(model: SceneModel, total: int, first: set[int]) -> tuple[TileContent, list[Any]]:
-    """Room for a tile, and the planes, (components, total) int32, that its values are views of."""
-    planes = [np.empty((channel.components, total), np.int32) for channel in model.channels]
-    rows = [
-        np.empty((total, channel.components if index in first else 0), np.int32)
-        for index, channel in enumerate(model.channels)
-    ]
-    indices = np.empty((total, model.max_stages), np.int16)
-    codes, classes = np.empty(total, np.uint64), np.empty(total, np.int64)
-    values = [plane.T for plane in planes]
-    return TileContent(codes, classes, values, rows, indices, np.zeros((total, 0), np.int64)), planes
+def _empty(model: SceneModel, total: int, brief: bool, looked_at: set[int]) -> tuple[TileContent, list[I32]]:
+    """Room for a tile, and the planes, (components, total) int32, that its values are views of.
+
+    Args:
+        brief: in memory that the thread's next tile takes, and with first values of the channels `looked_at` alone.
+    """
+    empty = SCRATCH.array if brief else _fresh
+    channels = list(enumerate(model.channels))
+    planes = [empty(f"plane {k}", (channel.components, total), np.int32) for k, channel in channels]
+    columns = [channel.components if k in looked_at or not brief else 0 for k, channel in channels]
+    first = [empty(f"first {k}", (total, width), np.int32) for k, width in enumerate(columns)]
+    indices = empty("indices", (total, model.max_stages), np.int16)
+    codes, classes = empty("codes", (total,), np.uint64), empty("classes", (total,), np.int64)
+    slots = np.zeros((total, 0), np.int64)
+    return TileContent(codes, classes, [plane.T for plane in planes], first, indices, slots), planes
+
+
+def _fresh(_name: str, shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
+    return np.empty(shape, dtype)

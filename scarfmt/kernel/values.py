@@ -7,11 +7,14 @@ import ctypes
 import numpy as np
 
 from scarfmt.arrays import F32, F64, I32, I64
-from scarfmt.kernel.memory import address
+from scarfmt.kernel.memory import address, shaped
 
 
-def kernel_values(library: ctypes.CDLL, values: I32, steps: I64, widths: F64) -> F32:
+def kernel_values(library: ctypes.CDLL, values: I32, steps: I64, widths: F64, out: F32 | None = None) -> F32:
     """(n, components) float32 values of (n, components) `values` at (n,) `steps`, rows of (steps, components) `widths`.
+
+    Args:
+        out: where to put them; None for an array of their own.
 
     Raises:
         IndexError: a step has no row.
@@ -21,10 +24,10 @@ def kernel_values(library: ctypes.CDLL, values: I32, steps: I64, widths: F64) ->
         raise TypeError(f"values {values.shape}, steps {steps.shape} and widths {widths.shape} do not fit")
     if len(steps) and not 0 <= int(steps.min()) <= int(steps.max()) < len(widths):
         raise IndexError(f"steps beyond 0..{len(widths) - 1}")
-    out, apart = np.empty(values.shape, np.float32), planes(values)
+    made, apart = np.empty(values.shape, np.float32) if out is None else out, planes(values)
     arrays = len(values), address(steps, np.int64), address(widths, np.float64)
-    library.scar_values(address(apart, np.int32), *arrays, *values.shape, out.ctypes.data)
-    return out
+    library.scar_values(address(apart, np.int32), *arrays, *values.shape, shaped(made, np.float32, values.shape))
+    return made
 
 
 def planes(values: I32) -> I32:

@@ -77,6 +77,11 @@ class GaussianScene:
             self.positions[part], self.log_scales[part], self.rotations[part], self.opacity_logits[part], self.sh[part]
         )
 
+    def assign(self, other: GaussianScene) -> None:
+        """Take the numbers of another scene of as many Gaussians and the same degree."""
+        for name, array in vars(self).items():
+            array[...] = getattr(other, name)
+
     def with_sh_degree(self, degree: int) -> GaussianScene:
         """A copy of the scene with bands above `degree` dropped."""
         return replace(self, sh=np.ascontiguousarray(self.sh[:, : (degree + 1) ** 2]))

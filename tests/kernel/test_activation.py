@@ -26,6 +26,7 @@ from tests.kernel.samples import SEEDS, library, needs_kernel, same
 
 pytestmark = needs_kernel
 TOLERANCE = 1e-5
+NOTHING = np.zeros((1, 0), np.int16), np.zeros(1, np.int64)
 
 
 @settings(deadline=None, max_examples=60)
@@ -80,6 +81,23 @@ def test_rotations_of_any_size(exponent: int, seed: int) -> None:
     assert (np.abs(out.rotations - quaternions) <= TOLERANCE).all()
     assert (np.abs(out.opacity_logits - logits) <= TOLERANCE * np.maximum(1, np.abs(logits))).all()
     assert not out.sh.any()
+
+
+def test_neighbours_do_not_matter() -> None:
+    """An anchor's Gaussian is the same by itself, in a block of others, and beside one whose twist is large."""
+    rng = np.random.default_rng(5)
+    models = replace(decode(write_scene(random_scene(2))).models, codebooks=None, decoder=None)
+    activation, count = KernelActivation(models, library()), 40
+    values = {stream: rng.normal(0, 1, (count, n)).astype(np.float32) for stream, n in
+              ((Stream.ROTATION, 3), (Stream.OPACITY, 1), (Stream.COLOUR, 3))}  # fmt: skip
+    values[Stream.OPACITY] = -np.abs(values[Stream.OPACITY])
+    whole = empty_scene(count, 1)
+    activation.fill(whole, values, np.zeros((count, 0), np.int16), np.zeros(count, np.int64))
+    for i in range(count):
+        alone = empty_scene(1, 1)
+        activation.fill(alone, {k: v[i : i + 1] for k, v in values.items()}, *NOTHING)
+        for name in ("rotations", "opacity_logits", "sh"):
+            assert same(getattr(alone, name)[0], getattr(whole, name)[i]), name
 
 
 def test_arrays_that_do_not_fit_are_refused() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from typing import Any
 
 import numpy as np
@@ -64,14 +65,18 @@ def test_damage_is_found(seed: int, place: float, change: int) -> None:
     """A bit of a block that is not as it was: the tile is not read whole, and read by layers it is refused."""
     data = bytearray(write_scene(random_scene(seed % 5, anchors=200)))
     reader = SceneReader(BytesSource(bytes(data)))
-    start = min(entry.offset for row in range(reader.header.tile_count) for entry in _entries(reader, row))
-    data[start + int(place * (len(data) - start))] ^= change
+    places = [at for row in range(reader.header.tile_count) for entry in _entries(reader, row) for at in _bytes(entry)]
+    data[places[int(place * len(places))]] ^= change
     with pytest.raises(ScarError):
         contents(bytes(data))
 
 
 def _entries(reader: SceneReader, tile: int) -> list[Any]:
     return [entry for entry in reader.container.tile_entries(tile, reader.layers) if entry is not None]
+
+
+def _bytes(entry: Any) -> range:
+    return range(entry.offset, entry.offset + entry.length)
 
 
 @settings(deadline=None, max_examples=15)
@@ -81,7 +86,7 @@ def test_first_values_may_be_left_out(seed: int) -> None:
     data = write_scene(random_scene(seed % 50, anchors=150))
     reader = SceneReader(BytesSource(data), engine=KernelEngine(library()))
     models = reader.models()
-    spare = dict(reader.each_tile(models, lambda _, content: content))
+    spare = dict(reader.each_tile(models, lambda _, content, __: deepcopy(content)))
     looked_at = {rule.source_channel for channel in models.model.channels for rule in channel.rules}
     for tile, content in reader.tiles(models):
         assert same(spare[tile].values, content.values)

@@ -51,7 +51,7 @@ def test_tiles_are_written_before_the_next_is_decoded(monkeypatch: pytest.Monkey
             return super().write(rows)  # type: ignore[arg-type]
 
     monkeypatch.setattr(decode_module._Decoding, "_part", noted)
-    export_ply(data, Target())
+    export_ply(data, Target(), threads=1)
     tiles = [event for event in events if event == "decode"]
     assert events[1:] == ["decode", "write"] * len(tiles)
 
