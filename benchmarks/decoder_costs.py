@@ -3,7 +3,7 @@
     python -m benchmarks.decoder_costs             flowers, some minutes; prints the constants and where they come from
     python -m benchmarks.decoder_costs --short     the example scene, under a minute: small tiles, so less exact
 
-One scene is written in variants that differ in one thing: a step more, predictors of more units or more contexts,
+One scene is written in variants that differ in one thing: more steps, predictors of more units or more contexts,
 smaller tiles, an index network. All are decoded in turn. What a unit costs is the difference of processor times over
 the difference of counts. Nothing is written: a person puts the numbers where they are declared, with date and machine.
 """
@@ -48,7 +48,8 @@ SCENE, SHORT_SCENE = "flowers", "plush-toys"
 QUALITY = 41.0
 RUNS, SHORT_RUNS = 7, 3
 FINER = (Stream.ROTATION, Stream.COLOUR)
-"""Channels that get a step more, of random trits."""
+"""Channels that get steps more, of random trits."""
+MORE_STEPS = 4
 WIDTHS = (0, 14)
 """Hidden units of the predictors compared."""
 BUCKETS = (16, 8)
@@ -104,18 +105,20 @@ def _predicted(scene: QuantisedScene) -> int:
 
 
 def finer(scene: QuantisedScene) -> QuantisedScene:
-    """The scene with a step more of `FINER` channels in the last layer, of trits that nothing tells."""
+    """The scene with `MORE_STEPS` of `FINER` channels more in the last layer, of trits that nothing tells."""
     draw, model = np.random.default_rng(0), scene.model
     places = [index for index in (model.channel_index(stream) for stream in FINER) if index is not None]
     last = model.layers[-1]
-    steps = tuple(tuple(n + (i in places and n > 0) for i, n in enumerate(row)) for row in last.steps)
+    steps = tuple(tuple(n + MORE_STEPS * (i in places and n > 0) for i, n in enumerate(row)) for row in last.steps)
     model = replace(model, layers=(*model.layers[:-1], replace(last, steps=steps)))
     contents = []
     for content in scene.contents:
         values = list(content.values)
         for index in places:
             there = np.array([row[index] > 0 for row in last.steps])[content.classes, None]
-            values[index] = ((3 * values[index] + draw.integers(-1, 2, values[index].shape)) * there).astype(np.int32)
+            for _ in range(MORE_STEPS):
+                values[index] = 3 * values[index] + draw.integers(-1, 2, values[index].shape, np.int32)
+            values[index] *= there
         changed = replace(content, values=values)
         changed.first = first_values(model, changed)
         contents.append(changed)
