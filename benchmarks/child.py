@@ -1,6 +1,6 @@
 """One job in a process of its own, so that its peak memory is its own: prints a JSON object on stdout.
 
-    python -m benchmarks.child '{"job": "encode", "scene": "flowers", "quality": 45, "effort": 2, "out": "f.scar"}'
+    python -m benchmarks.child '{"job": "encode", "scene": "flowers", "options": {"quality": 45}, "out": "f.scar"}'
     python -m benchmarks.child '{"job": "decode", "file": "f.scar", "threads": 2}'
 
 A job called MODULE:FUNCTION is that function, given the whole job.
@@ -100,7 +100,7 @@ def _encode(job: Job) -> dict[str, Any]:
 
     scene = chosen([job["scene"]])[0]
     source, _ = clean(load(scene.path), drop_invalid=True)
-    options = scene.options(quality=job["quality"], effort=job["effort"])
+    options = scene.options(**job["options"])
     start = time.perf_counter()
     data = encode(source, options)
     report = {"seconds": time.perf_counter() - start, "bytes": len(data)}

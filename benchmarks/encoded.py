@@ -85,19 +85,26 @@ def kept_path(scene: Scene, what: str, suffix: str = ".scar") -> Path:
     return SCRATCH / f"{stem}-{short}-{key_of([*scene_parts(scene), what])}{suffix}"
 
 
-def encoded_path(scene: Scene, quality: float, effort: int) -> Path:
+def encoded_path(scene: Scene, quality: float, effort: int, **more: Any) -> Path:
     """Where the encoded file of `scene` is, or would be: another path as soon as the encoder's source changes."""
-    return kept_path(scene, f"q{quality:g}-e{effort}")
+    return kept_path(scene, "-".join([f"q{quality:g}-e{effort}", *(f"{name}-{more[name]}" for name in sorted(more))]))
 
 
-def encoded(scene: Scene, quality: float, effort: int) -> dict[str, Any]:
+def encoded(scene: Scene, quality: float, effort: int, **more: Any) -> dict[str, Any]:
     """The file of a scene, encoded in a process of its own unless it is there.
+
+    Args:
+        scene: what is encoded.
+        quality: asked for, dB.
+        effort: of the encoder.
+        more: other options of the encoder.
 
     Returns:
         ``path``, ``bytes``, ``seconds`` and ``peak_bytes`` of making it.
     """
-    path = encoded_path(scene, quality, effort)
+    path = encoded_path(scene, quality, effort, **more)
     note = note_path(path)
     if not (path.exists() and note.exists()):
-        child.run(job="encode", scene=scene.name, quality=quality, effort=effort, out=str(path))
+        options = {"quality": quality, "effort": effort, **more}
+        child.run(job="encode", scene=scene.name, options=options, out=str(path))
     return {"path": str(path), **json.loads(note.read_text(encoding="utf-8"))}

@@ -86,7 +86,7 @@ def hardly_trained() -> Iterator[None]:
 def make(job: dict[str, Any]) -> dict[str, Any]:
     """Child job: write the files of a scene that are missing, and how long each kind took to make beside them."""
     scene = chosen([job["scene"]])[0]
-    options = scene.options(quality=job["quality"], effort=job["effort"])
+    options = scene.options(quality=job["quality"], effort=job["effort"], archive=True)
     with hardly_trained() if job["effort"] == 1 else nullcontext():
         plain = quantised(scene, options)
         began = time.perf_counter()

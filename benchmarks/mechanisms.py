@@ -190,8 +190,8 @@ def judged_cameras(scene: GaussianScene, up: str) -> list[Camera]:
     return [camera.sampled(_SAMPLED) for camera in every]
 
 
-def _nearest(scaled: F64, _weight: F64, _classes: I64, _lambda: float) -> I64:
-    return np.rint(scaled).astype(np.int64)
+def _nearest(values: F64, _weight: F64, classes: I64, _lambda: float, units: F64 | None = None) -> I64:
+    return np.rint(values if units is None else values / units[classes]).astype(np.int64)
 
 
 def _unaligned(caps: tuple[float, ...], *_: Any) -> tuple[float, ...]:

@@ -48,6 +48,7 @@ def _of(name: str, page: str, *sections: str, parts: bool = False) -> list[Shown
     return [Shown(page, section, path, f"{section}/" if parts else "") for section in sections or (name,)]
 
 
+_PICTURES = _of("time-to-picture", "docs/time-to-picture.md", "picture-crossings", "picture-times", "picture-start-up")
 SHOWN: tuple[Shown, ...] = (
     *_of("quality", "README.md", "results"),
     *_of("quality", "docs/benchmarks.md"),
@@ -64,8 +65,8 @@ SHOWN: tuple[Shown, ...] = (
     *_of("ablation", "docs/ablations.md", *STUDIES, parts=True),
     *_of("mechanisms", "docs/mechanisms.md", *mechanisms.STUDIES, parts=True),
     *_of("time-error", "docs/time-and-error.md", *SECTIONS, parts=True),
-    # Run by hand; nothing is shown until it was.
-    *(shown for shown in _of("portability", "docs/stability.md") if shown.results.exists()),
+    # Nothing is shown until it was measured.
+    *(shown for shown in (*_of("portability", "docs/stability.md"), *_PICTURES) if shown.results.exists()),
     *(Shown("docs/fuzzing.md", "campaigns", path) for path in sorted(CAMPAIGNS.glob("*.json"))),
 )
 """Every section that a benchmark or a campaign writes."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -20,22 +21,28 @@ _GSPLY_READS = {".spz": "read_spz", ".sog": "sogread", ".ply": "plyread"}
 
 def reading_cost(path: Path, scale: float) -> dict[str, Any]:
     """The faster of the two readers: ``seconds`` (the least of some runs), ``peak_bytes`` and ``reader``."""
-    readers = [OURS]
-    if path.suffix in _GSPLY_READS and (PYTHON / "gsply").exists():
-        readers.append(GSPLY)
     job = {"job": "benchmarks.rivals_read:read_job", "file": str(path), "scale": scale}
-    found = [{**child.run(child.ENVIRONMENT, **job, reader=reader), "reader": reader} for reader in readers]
+    found = [{**child.run(child.ENVIRONMENT, **job, reader=reader), "reader": reader} for reader in readers(path)]
     best = min(found, key=lambda report: float(report["seconds"]))
     return {key: best[key] for key in ("seconds", "peak_bytes", "reader")}
 
 
+def readers(path: Path) -> list[str]:
+    """Those that there are here for a file."""
+    return [OURS, *([GSPLY] if path.suffix in _GSPLY_READS and (PYTHON / "gsply").exists() else [])]
+
+
 def read_job(job: dict[str, Any]) -> dict[str, Any]:
     """Job of `benchmarks.child`: time one reader; what it compiles at first use is not counted."""
-    path = Path(job["file"])
-    if job["reader"] == OURS:
-        return child.timed(lambda: read(path, job["scale"]))
+    return child.timed(reading(Path(job["file"]), job["scale"], job["reader"]))
+
+
+def reading(path: Path, scale: float, reader: str) -> Callable[[], object]:
+    """What reads a file once, by `OURS` or `GSPLY`."""
+    if reader == OURS:
+        return lambda: read(path, scale)
     sys.path.insert(0, str(PYTHON))
     gsply: Any = importlib.import_module("gsply")
     gsply.use_backend("auto")
-    reader = getattr(gsply, _GSPLY_READS[path.suffix])
-    return child.timed(lambda: reader(str(path)))
+    act = getattr(gsply, _GSPLY_READS[path.suffix])
+    return lambda: act(str(path))

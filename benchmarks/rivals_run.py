@@ -112,7 +112,7 @@ def _stem(name: str) -> str:
 
 
 def _rival(scene: Scene, judge: Judge, source: Path, rival: Format, fresh: bool) -> dict[str, Any]:
-    path, cost = _written(scene, source, rival, fresh)
+    path, cost = written(scene, source, rival, fresh)
     reading = reading_cost(path, rival.scale)
     return {
         "name": rival.name,
@@ -127,7 +127,7 @@ def _rival(scene: Scene, judge: Judge, source: Path, rival: Format, fresh: bool)
     }
 
 
-def _written(scene: Scene, source: Path, rival: Format, fresh: bool) -> tuple[Path, dict[str, Any]]:
+def written(scene: Scene, source: Path, rival: Format, fresh: bool) -> tuple[Path, dict[str, Any]]:
     """The rival's file, and what writing it took when it was written."""
     path = kept_file(scene, source, rival)
     note = path.with_name(path.name + ".json")

@@ -23,7 +23,7 @@ from benchmarks import child
 from benchmarks.encoded import encoded
 from benchmarks.scenes import Scene
 from reference_decoder import explicit
-from reference_decoder.decode import decode
+from reference_decoder.decode import decode, decode_scene
 from reference_decoder.decoded import Decoded
 from scarfmt.coding import engine
 from scarfmt.engines import absence, best_engine
@@ -35,16 +35,24 @@ from scarfmt.scene.gaussians import GaussianScene
 
 _ENGINE = type(best_engine())
 STAGES = {
-    "models": ("scarfmt.coding.reader", "SceneReader.models"),
-    "positions": (_ENGINE.__module__, f"{_ENGINE.__name__}.get_positions"),
-    "classes": ("scarfmt.coding.tile", "get_classes"),
-    "channel values": (_ENGINE.__module__, f"{_ENGINE.__name__}.get_channel"),
-    "indices, static": ("scarfmt.coding.tile", "get_indices"),
-    "indices, network": (_ENGINE.__module__, f"{_ENGINE.__name__}.get_neural_indices"),
-    "to world units": ("reference_decoder.decode", "tile_part"),
-    "activation": ("reference_decoder.decoded", "Decoded.activated"),
+    "models": (
+        ("scarfmt.coding.reader", "SceneReader.models"),
+        ("scarfmt.coding.reader", "SceneReader._neural"),
+        ("scarfmt.coding.reader", "SceneReader._whole_tiles"),
+    ),
+    "whole tiles": (("scarfmt.kernel.tiles", "KernelTiles.read"),),
+    "positions": ((_ENGINE.__module__, f"{_ENGINE.__name__}.get_positions"),),
+    "classes": (("scarfmt.coding.tile", "get_classes"),),
+    "channel values": ((_ENGINE.__module__, f"{_ENGINE.__name__}.get_channel"),),
+    "indices, static": (("scarfmt.coding.tile", "get_indices"),),
+    "indices, network": ((_ENGINE.__module__, f"{_ENGINE.__name__}.get_neural_indices"),),
+    "to world units": (("reference_decoder.decode", "tile_part"),),
+    "activation": (("reference_decoder.decoded", "Decoded.put_scene"),),
 }
-"""Functions whose time is told, by what they do: module and name. None of them calls another."""
+"""Functions whose time is told, by what they do: module and name. None of them calls another.
+
+With the kernel, files without an index network are read tile by tile, all streams in one call; else stream by stream.
+"""
 PARTS = ("products", "rANS", "arrays written")
 RUNS = 3
 _OTHER = "reading, checks, joining tiles"
@@ -66,7 +74,7 @@ def stage_clock(seconds: defaultdict[str, float]) -> Iterator[None]:
         return wrapped
 
     with ExitStack() as stack:
-        for name, (module, path) in STAGES.items():
+        for name, module, path in ((name, *place) for name, places in STAGES.items() for place in places):
             *owners, attribute = path.split(".")
             owner = import_module(module)
             for part in owners:
@@ -82,7 +90,7 @@ def stages(job: Record) -> Record:
         seconds: defaultdict[str, float] = defaultdict(float)
         began = time.perf_counter()
         with stage_clock(seconds):
-            scene = decode(job["file"]).scene
+            scene = decode_scene(job["file"], threads=1)
         whole = time.perf_counter() - began
         del scene
         if not best or whole < best["whole"]:
@@ -146,7 +154,7 @@ def record(path: str) -> Recording:
         mock.patch.object(PredictorGroup, "contexts", counted_contexts),
         mock.patch.object(engine, "RansDecoder", Reading),
     ):
-        decoded = decode(path, backend="numpy")
+        decoded = decode(path, backend="numpy", threads=1)
     kept.arrays += [(array.shape, array.dtype) for array in _results(decoded)]
     network = decoded.models.decoder
     if network is not None:

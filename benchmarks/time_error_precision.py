@@ -26,8 +26,7 @@ from benchmarks.scenes import Scene, chosen
 from reference_decoder.decode import decode
 from reference_encoder.decide import lattice
 from reference_encoder.encode import encode
-from reference_encoder.networks import candidates as neural
-from reference_encoder.networks import defaults
+from reference_encoder.networks import affordable, defaults
 from reference_encoder.networks.candidates import with_index_network
 from reference_encoder.networks.file_costs import index_bytes
 from reference_encoder.networks.shape import NetworkShape
@@ -66,7 +65,7 @@ def network_bits(weight: int | None = None, activation: int | None = None) -> It
         made.append(shape if activation is None else replace(shape, activation_bits=activation))
         return made[-1]
 
-    with mock.patch.object(neural, "shape_for", shape_for):
+    with mock.patch.object(affordable, "shape_for", shape_for):
         yield made
 
 
@@ -80,7 +79,7 @@ def position_bits(more: int) -> Iterator[None]:
 def networks(job: Record) -> Record:
     """Child job: bytes of a scene's indices and seconds of training by bits of weights, then of activations."""
     scene = chosen([job["scene"]])[0]
-    options = scene.options(quality=QUALITY, effort=job["effort"])
+    options = scene.options(quality=QUALITY, effort=job["effort"], archive=True)
     plain = quantised(scene, options)
     rows: list[Row] = []
     variants = [(bits, None) for bits in job["weight_bits"]] + [(None, bits) for bits in job["activation_bits"]]

@@ -50,6 +50,7 @@ from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
 from reference_encoder.tuning import FIRST_CAP_DB, PROMISED_DB, WORST_BELOW_DB
 from scarfmt.coding.decoder_model import MECHANISMS
+from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, Report, silent, write_scene
 from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput, missing_package
@@ -246,6 +247,7 @@ class Loop:
         start = options.quality if options.worst is None else options.worst + WORST_BELOW_DB
         self.search = Search(options.asked_db, allowed_corrections(options), start)
         self.layering: Layering | None = None
+        self._judged: tuple[Sequence[TileContent], float] | None = None
 
     @cached_property
     def judge(self) -> Tries[Any]:
@@ -264,9 +266,11 @@ class Loop:
         return self.profile.shows_layers and self.profile.options.layers > 1
 
     def found(self, scene: QuantisedScene) -> float:
-        """What pictures of a file have of what was asked for, dB."""
-        self.profile.report("quality", 0.0)
-        return self.judge.found_db(self.profile.finished(scene))
+        """What pictures of a file have of what was asked for, dB. Values that were judged last are not drawn again."""
+        if self._judged is None or self._judged[0] is not scene.contents:
+            self.profile.report("quality", 0.0)
+            self._judged = scene.contents, self.judge.found_db(self.profile.finished(scene))
+        return self._judged[1]
 
     def laid_out(self) -> Attempt:
         """The attempt before any network that is as good as asked, layers in place."""

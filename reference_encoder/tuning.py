@@ -70,9 +70,9 @@ JUDGED_SAMPLES = 4800
 """Pixels looked at of each of these views: 80 x 60 of 640 x 480 [0025]."""
 LEAST_JUDGED_VIEWS = 16
 """Of each kind, however large the scene [0025]."""
-VIEWS_A_COMPARED, FEWEST_COMPARED = 4, 6
+VIEWS_A_COMPARED, FEWEST_COMPARED = 2, 6
 """Of how many views of a kind one tells what a later try changes, and how many do at least [0031]."""
-MOST_MOVED_DB = 1.5
+MOST_MOVED_DB = 0.5
 """Farther from the last try that all views have judged, all of them judge again [0031]."""
 CLOSE_PART, CLOSE_DEG = 0.02, 2.0
 """How far beside given cameras views are that stand for them: eyes by this part of the scene's radius, directions by so

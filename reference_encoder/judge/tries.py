@@ -1,7 +1,7 @@
 """Judging one try after another: the later ones by what they change in some of the pictures (encoder only).
 
 From view to view PSNR differs by 5 to 10 dB, but what a change of lambda does to it differs by tenths: differences in
-a quarter of the views tell as much as all of them (docs/decisions/0031-encoder-time.md).
+half of the views tell as much as all of them (docs/decisions/0031-encoder-time.md).
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@
 #if WIDE_PRODUCTS
 
 #define TARGET target("avx2")
-#define MOST_ROWS 6
+#define MOST_ROWS 4
 #define DOT(sums, x, weight) _mm256_add_epi32(sums, _mm256_madd_epi16(x, weight))
 #define PRODUCTS products_avx2
 #define NAME "AVX2"

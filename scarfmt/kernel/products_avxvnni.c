@@ -5,7 +5,7 @@
 #if WIDE_PRODUCTS
 
 #define TARGET target("avx2,avxvnni")
-#define MOST_ROWS 6
+#define MOST_ROWS 4
 #define DOT(sums, x, weight) _mm256_dpwssd_avx_epi32(sums, x, weight)
 #define PRODUCTS products_avxvnni
 #define NAME "AVX-VNNI"

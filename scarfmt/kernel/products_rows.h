@@ -39,9 +39,9 @@ PART void predictor_rows(const Predictor *p, int64_t first, int rows, const int3
     }
 }
 
-/* How many rows to do of those that are left, an even number; 8 of 8 in halves where not all fit. */
+/* How many rows to do of those that are left, an even number. */
 PART int64_t at_once(int64_t left) {
-    if (left >= MOST_ROWS && !(MOST_ROWS == 6 && left == 8)) return MOST_ROWS;
+    if (left >= MOST_ROWS) return MOST_ROWS;
     return MOST_ROWS > 8 && left >= 8 ? 8 : MOST_ROWS > 6 && left >= 6 ? 6 : left >= 4 ? 4 : 2;
 }
 

@@ -262,38 +262,14 @@ static __attribute__((noinline)) void sort_chosen(const Work *w, const Step *s, 
     for (i = 0; i < s->count; i++) order[past[kind[i]]++] = chosen[i];
 }
 
-/* A table of 2 or 3 symbols: its second and third prefix sum, and by how much a state and a value differ from one symbol
-to the next, so that both come without a branch or a look into the table. */
-typedef struct {
-    uint64_t second, third;
-    uint64_t frequency, wider, last_wider; /* the first symbol's, and what the second's and the third's are more */
-    int32_t value, next, last;
-} Few;
-
-INLINE Few few_of(const uint32_t *c, uint32_t size, const int32_t *alphabet) {
-    const uint64_t second = c[1], third = size > 2 ? c[2] : TOTAL;
-    const int32_t next = alphabet[1] - alphabet[0], last = alphabet[size - 1] - alphabet[1];
-    return (Few){second, third, second, third - 2 * second, TOTAL + second - 2 * third, alphabet[0], next, last};
-}
-
-/* The next value; all that two multiplications can say is known before it is clear which symbol it is. */
-INLINE int32_t few_value(Rans *rans, const Few *few) {
-    const uint64_t slot = rans->state & SLOT_MASK, high = rans->state >> PRECISION;
-    const uint64_t one = -(uint64_t)(slot >= few->second), two = -(uint64_t)(slot >= few->third);
-    const uint64_t more = high * few->wider - few->second, most = high * few->last_wider + few->second - few->third;
-    rans->state = high * few->frequency + slot + (more & one) + (most & two);
-    refill(rans);
-    return few->value + (few->next & (int32_t)one) + (few->last & (int32_t)two);
-}
-
 /* One symbol more for each of m anchors of a plane: factor * value + symbol. Not inlined, for registers of its own. */
-static __attribute__((noinline)) void take_few(Rans *rans, const Few *table, const int32_t *order, int64_t m,
+static __attribute__((noinline)) void take_few(Rans *rans, const FewSymbols *table, const int32_t *order, int64_t m,
                                                int32_t factor, int32_t *plane) {
-    const Few few = *table;
+    const FewSymbols few = *table;
     Rans local = *rans;
     for (int64_t i = 0; i < m; i++) {
         int32_t *value = plane + order[i];
-        *value = factor * *value + few_value(&local, &few);
+        *value = factor * *value + few_symbols(&local, &few);
     }
     *rans = local;
 }
@@ -308,19 +284,14 @@ static __attribute__((noinline)) void take_many(Rans *rans, const uint32_t *c, u
     *rans = local;
 }
 
-static void take_group(Rans *rans, const Tables *tables, int64_t table, const int32_t *order, int64_t m,
+static void take_group(Rans *rans, const Tables *tables, int64_t kind, const int32_t *order, int64_t m,
                        int32_t factor, int32_t *plane) {
-    const int64_t first = tables->starts[table];
-    const uint32_t size = (uint32_t)(tables->starts[table + 1] - first), *c = tables->sums + first + table;
-    const int32_t *alphabet = tables->values + first;
-    if (size == 1) {
-        for (int64_t i = 0; i < m; i++) plane[order[i]] = factor * plane[order[i]] + alphabet[0];
-    } else if (size <= 3) {
-        const Few few = few_of(c, size, alphabet);
-        take_few(rans, &few, order, m, factor, plane);
-    } else {
-        take_many(rans, c, size, alphabet, order, m, factor, plane);
-    }
+    const int64_t table = tables->number[kind], first = tables->starts[table];
+    const uint32_t size = (uint32_t)(tables->starts[table + 1] - first);
+    if (tables->few[kind].third)
+        take_few(rans, tables->few + kind, order, m, factor, plane);
+    else
+        take_many(rans, tables->sums + first + table, size, tables->values + first, order, m, factor, plane);
 }
 
 static int trits_alone(const Tables *tables, int64_t table) {
@@ -337,7 +308,7 @@ static int64_t read_component(Work *w, Step *s, const Tables *tables, int64_t co
         const int64_t number = component * KINDS + k, table = tables->number[number];
         if (table < 0 || (s->step > 1 && !trits_alone(tables, table))) return NOT_READ;
         tables->used[number] = 1;
-        take_group(&s->rans, tables, table, w->order + at, past[k] - at, s->step > 1 ? 3 : 0, plane);
+        take_group(&s->rans, tables, number, w->order + at, past[k] - at, s->step > 1 ? 3 : 0, plane);
     }
     return TILE_READ;
 }

@@ -23,12 +23,13 @@ MIN_TRANSMITTANCE = 1e-4
 FRUSTUM_MARGIN = 1.3
 # The bounds of an ellipse are widened by this much of a pixel, so that rounding never drops a pixel.
 _BOUND_SLACK = 1e-3
+_POWER_SLACK = 1e-6
 # Bounds are rounded to binary32 and away from what they bound.
 _UP, _DOWN = 1 + 1e-6, 1 - 1e-6
 
 # Columns of a splat row.
-MEAN_X, MEAN_Y, CONIC_A, CONIC_B, CONIC_C, OPACITY, RED, GREEN, BLUE, HALF_X, HALF_Y = range(11)
-SPLAT_COLUMNS = 11
+MEAN_X, MEAN_Y, CONIC_A, CONIC_B, CONIC_C, OPACITY, RED, GREEN, BLUE, HALF_X, HALF_Y, FAINTEST = range(12)
+SPLAT_COLUMNS = 12
 # Columns of a shape row, after nine of the axes.
 _OPACITY, _REACH = 9, 10
 _SHAPE_COLUMNS = 11
@@ -125,6 +126,8 @@ def _ellipse(x: float, y: float, z: float, shape: F64, pose: F64, lens: F64, spl
     splat[MEAN_X], splat[MEAN_Y] = fx * x / z + cx, fy * y / z + cy
     splat[CONIC_A], splat[CONIC_B], splat[CONIC_C] = cov_yy / determinant, -cov_xy / determinant, cov_xx / determinant
     reach = shape[_REACH]
+    # Rounding must not drop what the rules keep: they compare alphas.
+    splat[FAINTEST] = -0.5 * reach - _POWER_SLACK
     splat[HALF_X], splat[HALF_Y] = math.sqrt(reach * cov_xx) + _BOUND_SLACK, math.sqrt(reach * cov_yy) + _BOUND_SLACK
     return _touches(splat[MEAN_X], splat[HALF_X], width) and _touches(splat[MEAN_Y], splat[HALF_Y], height)
 
@@ -305,7 +308,8 @@ def project(
         colours: (N, 3) float64 colours to use instead of the spherical harmonics, unclamped.
 
     Returns:
-        (V, 11) float64 splats (columns `MEAN_X` .. `HALF_Y`; pixels, 1/pixels^2 and colour units); (V,) float32
+        (V, 12) float64 splats (columns `MEAN_X` .. `FAINTEST`; pixels, 1/pixels^2, colour units and the exponent
+        below which nothing shows); (V,) float32
         depths, infinite where nothing of a splat touches a pixel's centre; and (V,) int32 rising, which Gaussian each
         splat is.
     """

@@ -23,6 +23,7 @@ from scarfmt.render.projection import (
     CONIC_A,
     CONIC_B,
     CONIC_C,
+    FAINTEST,
     GREEN,
     HALF_X,
     HALF_Y,
@@ -266,11 +267,13 @@ def _blend(state: F64, splat: F64, left: float, top: float) -> None:
     first_row, last_row = _first_row(splat, top), _last_row(splat, top)
     first, last = _columns(splat, left)
     if last - first < _NARROW:
+        faintest = splat[FAINTEST]
         for row in range(first_row, last_row + 1):
             dy = top + row + 0.5 - splat[MEAN_Y]
             for column in range(first, last + 1):
                 dx = dx0 + column
-                alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
+                power = a * dx * dx + b * dx * dy + c * dy * dy
+                alpha = _alpha(opacity, power) if power > faintest else 0.0
                 if alpha > 0.0:
                     _shade(state, row * TILE + column, alpha, red, green, blue)
         return
@@ -341,12 +344,14 @@ def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
     first_row, last_row = _first_row(splat, top), _last_row(splat, top)
     first, last = _columns(splat, left)
     if last - first < _NARROW:
+        faintest = splat[FAINTEST]
         weight_sum, weight_sq, contrast_sq, weight_max = 0.0, 0.0, 0.0, 0.0
         for row in range(first_row, last_row + 1):
             dy = top + row + 0.5 - splat[MEAN_Y]
             for column in range(first, last + 1):
                 dx = dx0 + column
-                alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
+                power = a * dx * dx + b * dx * dy + c * dy * dy
+                alpha = _alpha(opacity, power) if power > faintest else 0.0
                 if alpha > 0.0:
                     weight, contrast = _contrast(state, row * TILE + column, alpha, red, green, blue)
                     weight_sum += weight

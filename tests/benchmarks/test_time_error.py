@@ -15,10 +15,11 @@ from benchmarks.time_error import PAGE, SECTIONS, texts
 from benchmarks.time_error_decoding import ways
 from benchmarks.time_error_files import at_equal_error
 from fuzz.testing.neural_scenes import neural_scene
-from reference_decoder.decode import decode
+from fuzz.testing.scenes import random_scene
+from reference_decoder.decode import decode, decode_scene
 from reference_encoder.decide import lattice
+from reference_encoder.networks import affordable, defaults
 from reference_encoder.networks import candidates as neural
-from reference_encoder.networks import defaults
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.counters import Coding, Counters, Part
@@ -67,12 +68,12 @@ def test_flat_heads_leave_codewords_as_they_are() -> None:
 
 def test_bits_are_changed_inside_only() -> None:
     with time_error_precision.network_bits(weight=8), gain.hardly_trained():
-        assert neural.shape_for(10**6, 24).weight_bits == 8
+        assert affordable.shape_for(10**6, 24).weight_bits == 8
         assert neural.training_for(10**5, 2, 0).epochs == 1
     with time_error_precision.network_bits(activation=12) as made:
-        assert neural.shape_for(10**6, 24).top == (1 << 11) - 1
+        assert affordable.shape_for(10**6, 24).top == (1 << 11) - 1
     assert made[0].weight_bits == defaults.shape_for(10**6, 24).weight_bits
-    assert neural.shape_for(10**6, 24) == defaults.shape_for(10**6, 24)
+    assert affordable.shape_for(10**6, 24) == defaults.shape_for(10**6, 24)
 
 
 def test_more_bits_of_positions_make_cells_smaller() -> None:
@@ -90,15 +91,26 @@ def test_stages_are_parts_of_the_whole(file: Path) -> None:
     """Every name is one that a decode calls, and what they took fits into the whole."""
     seconds: defaultdict[str, float] = defaultdict(float)
     with time_error_limit.stage_clock(seconds):
-        assert len(decode(file).scene)
-    # In this file the network codes all indices.
-    assert set(seconds) == set(time_error_limit.STAGES) - {"indices, static"}
+        assert len(decode_scene(file, threads=1))
+    # In this file the network codes all indices, so that tiles are read stream by stream.
+    assert set(seconds) == set(time_error_limit.STAGES) - {"indices, static", "whole tiles"}
     report = time_error_limit.stages({"file": str(file)})["stages"]
     assert math.isclose(sum(report.values()), 2 * report["whole"])
     named = [report[name] for name in seconds]
     assert min(named) > 0
     # Stages within stages would count twice, and what is left for the rest be negative.
     assert sum(named) < report["whole"]
+
+
+@pytest.mark.skipif(absence() is not None, reason="no kernel")
+def test_a_stage_is_told_of_tiles_that_the_kernel_reads_at_once(tmp_path: Path) -> None:
+    """Static files: else all of their time would count as reading and checks."""
+    path = tmp_path / "static.scar"
+    path.write_bytes(write_scene(random_scene(3, Profile.EXPLICIT)))
+    seconds: defaultdict[str, float] = defaultdict(float)
+    with time_error_limit.stage_clock(seconds):
+        decode_scene(path, threads=1)
+    assert set(seconds) == {"models", "whole tiles", "to world units", "activation"}
 
 
 def test_what_a_decode_cannot_leave_out_is_what_its_counters_count(file: Path) -> None:
