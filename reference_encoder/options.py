@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from scarfmt.blocks.metadata import pack_metadata
-from scarfmt.coding.decoder_model import DECODER
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS
 
@@ -46,8 +45,8 @@ class EncodeOptions:
         latent: "linear" (a weighted Karhunen-Loève basis, the default as measured) or "learned" (the paper's
             RVQ-VAE).
         estimator: gradient through the learned latent's quantiser: "rotation" or "straight-through".
-        mbit: the bandwidth that files are made for, megabits per second, 0.01..100000; None for 20. A network or a
-            finer step is kept where transfer and decoding together (`scarfmt.coding.decoder_model`) get shorter.
+        mbit: the bandwidth that files are made for, megabits per second, 0.01..100000; None for 20. A network is
+            kept where transfer and decoding together (`scarfmt.coding.decoder_model`) get shorter.
         archive: bytes alone count, whatever decoding takes; excludes `mbit`.
         decode_budget: most multiply-adds of integer networks an anchor may cost a decoder; 0 for static tables alone,
             None for no bound beside `mbit`.
@@ -86,11 +85,6 @@ class EncodeOptions:
     def bits_per_ns(self) -> float:
         """Bits that a nanosecond of decoding is worth: what is transferred meanwhile, 0 where bytes alone count."""
         return 0.0 if self.archive else (DEFAULT_MBIT if self.mbit is None else self.mbit) / 1000
-
-    @property
-    def symbol_bits(self) -> float:
-        """Bits that decoding a symbol is worth."""
-        return self.bits_per_ns * DECODER.symbol
 
     @property
     def trains_networks(self) -> bool:

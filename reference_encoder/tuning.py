@@ -121,8 +121,6 @@ PLANNED_ANCHORS = 12_000
 COARSEST_COLOUR = 0.42
 """No layer has wider cells of colour, in coefficients of degree 0: neighbours that all round to grey make a grey meadow
 [0026]."""
-MOST_MERGED = 2
-"""Steps by which a latent's first one may be finer, for fewer symbols, where time counts [0030]."""
 STAGGER = 3.0**0.5
 """Factor of lambda, up or down, by which channels and classes refine in different layers [0007]."""
 CONTEXT_ANCHORS = 200_000

@@ -295,10 +295,10 @@ def increment(
 
 def _pick(plan: ChannelPlan, klass: int, lambda_: float) -> int:
     best = hull_choice(plan.bits[klass], plan.error[klass], lambda_)
-    return min(max(best, least_steps(plan)), MAX_STEPS)
+    return min(max(best, _least_steps(plan)), MAX_STEPS)
 
 
-def least_steps(plan: ChannelPlan) -> int:
+def _least_steps(plan: ChannelPlan) -> int:
     """Steps of an anchor that shows: far from the truth the model of errors is too kind.
 
     It has at least a coarse shape and opacity, and a colour that is not another one.

@@ -125,13 +125,11 @@ class Budget:
         lambda_: of the last layer, squared picture error per bit.
         lost: squared picture error of what was dropped for good.
         base_share: share of the bits that the first layer takes.
-        symbol_bits: what decoding a symbol is worth; 0 where bytes alone count.
     """
 
     lambda_: float
     lost: float
     base_share: float
-    symbol_bits: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

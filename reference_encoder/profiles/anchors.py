@@ -124,9 +124,7 @@ class AnchorProfile:
             channels=Channels(values=values, weights=weights, coarsest=ANCHOR_COARSEST),
             fitted=self._fitted(kept),
             classes=kept.presence(),
-            budget=Budget(
-                lambda_=kept.lambda_, lost=kept.lost, base_share=ANCHOR_BASE_SHARE, symbol_bits=self.options.symbol_bits
-            ),
+            budget=Budget(lambda_=kept.lambda_, lost=kept.lost, base_share=ANCHOR_BASE_SHARE),
         )
 
     def _kept(self, lambda_: float) -> _Kept:

@@ -128,12 +128,7 @@ class ExplicitProfile:
                 standing=standing(attributes.positions, classes, _log_extent(values)),
                 presence_bits=lambda _: fixed,
             ),
-            budget=Budget(
-                lambda_=lambda_,
-                lost=float(absence[every < 0].sum()),
-                base_share=GAUSSIAN_BASE_SHARE,
-                symbol_bits=self.options.symbol_bits,
-            ),
+            budget=Budget(lambda_=lambda_, lost=float(absence[every < 0].sum()), base_share=GAUSSIAN_BASE_SHARE),
         )
 
     def _geometry(self, attributes: Attributes, placement: Placement) -> Geometry:
