@@ -45,8 +45,8 @@ class EncodeOptions:
         latent: "linear" (a weighted Karhunen-Loève basis, the default as measured) or "learned" (the paper's
             RVQ-VAE).
         estimator: gradient through the learned latent's quantiser: "rotation" or "straight-through".
-        mbit: the bandwidth that files are made for, megabits per second, 0.01..100000; None for 20. A network or a
-            finer step is kept where transfer and decoding together (`scarfmt.coding.decoder_model`) get shorter.
+        mbit: the bandwidth that files are made for, megabits per second, 0.01..100000; None for 20. A network is
+            kept where transfer and decoding together (`scarfmt.coding.decoder_model`) get shorter.
         archive: bytes alone count, whatever decoding takes; excludes `mbit`.
         decode_budget: most multiply-adds of integer networks an anchor may cost a decoder; 0 for static tables alone,
             None for no bound beside `mbit`.

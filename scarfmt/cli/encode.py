@@ -136,7 +136,7 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
     "--mbit",
     type=click.FloatRange(MIN_MBIT, MAX_MBIT),
     metavar="MBIT",
-    help="Bandwidth the file is made for, in megabits per second: a network or a finer step is used where transfer and"
+    help="Bandwidth the file is made for, in megabits per second: a network is used where transfer and"
     f" decoding together get shorter. Less: smaller files that decode slower [default: {DEFAULT_MBIT:g}].",
 )
 @click.option("--archive", is_flag=True, help="The smallest file, whatever decoding takes. Excludes --mbit.")

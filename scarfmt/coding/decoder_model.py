@@ -45,14 +45,14 @@ class DecoderModel:
 
 DECODER = DecoderModel(
     date="2026-11-22",
-    machine="one thread of 2 cores of AMD EPYC (AVX2, no AVX-512)",
-    symbol=6.0,
+    machine="one thread of 2 cores of AMD EPYC (AVX2, no AVX-512), shared with others",
+    symbol=12.0,
     group=100.0,
-    tile_layer=50_000.0,
-    predicted=40.0,
-    predictor_multiply_add=0.05,
-    index_row=400.0,
-    index_multiply_add=0.05,
+    tile_layer=100_000.0,
+    predicted=180.0,
+    predictor_multiply_add=0.02,
+    index_row=2100.0,
+    index_multiply_add=0.035,
 )
 """The decoder that the encoder decides for (decision 0030)."""
 
