@@ -48,7 +48,7 @@ from reference_encoder.networks.file_costs import index_bytes, latent_cost, mech
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
-from reference_encoder.tuning import FIRST_CAP_DB, PROMISED_DB, WORST_BELOW_DB
+from reference_encoder.tuning import FIRST_CAP_DB, PROMISED_DB, TOLERANCE_DB, WORST_BELOW_DB
 from scarfmt.coding.decoder_model import MECHANISMS
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, Report, silent, write_scene
@@ -99,6 +99,11 @@ class Written:
     data: bytes
     scene: QuantisedScene
     mechanisms: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def has_networks(self) -> bool:
+        """Whether any predictor or index network is in it."""
+        return self.scene.network is not None or any(self.scene.predictors.values())
 
 
 class Encoded(bytes):
@@ -299,7 +304,10 @@ class Loop:
         # Networks are what takes longest: they are trained again for what was promised, not for less.
         self.search.left = min(self.search.left, 1)
         return self.search.settled(
-            written, lambda aim: write(self.attempt(aim)), lambda made: self.found(made.scene), tolerance=PROMISED_DB
+            written,
+            lambda aim: write(self.attempt(aim)),
+            lambda made: self.found(made.scene),
+            tolerance=PROMISED_DB if written.has_networks else TOLERANCE_DB,
         )
 
     def reported(self, written: Written) -> Quality:

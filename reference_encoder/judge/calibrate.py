@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TypeVar
 
-from reference_encoder.tuning import GREATEST_SLOPE, LEAST_SLOPE, MOST_DOWN_DB, MOST_UP_DB, TOLERANCE_DB
+from reference_encoder.tuning import BELOW_WEIGHT, GREATEST_SLOPE, LEAST_SLOPE, MOST_DOWN_DB, MOST_UP_DB, TOLERANCE_DB
 
 T = TypeVar("T")
 
@@ -48,7 +49,7 @@ class Search:
         spare: int = 0,
         tolerance: float = TOLERANCE_DB,
     ) -> T:
-        """Of `made` and what corrections make of it, what is closest to what was asked; all are judged.
+        """Of `made` and what corrections make of it, what misses what was asked by least; all are judged.
 
         Args:
             made: for the present aim.
@@ -59,6 +60,7 @@ class Search:
         """
         if self.left <= spare:
             return made
+        missed = partial(missed_db, self.asked, tolerance)
         tried: list[tuple[float, float]] = [(self.aim, judged(made))]
         closest, aim = made, self.aim
         while self.left > spare:
@@ -68,10 +70,19 @@ class Search:
             self.left -= 1
             made = make(better)
             tried.append((better, judged(made)))
-            if abs(tried[-1][1] - self.asked) <= min(abs(found - self.asked) for _, found in tried):
+            if missed(tried[-1][1]) <= min(missed(found) for _, found in tried):
                 closest, aim = made, better
         self.aim = aim
         return closest
+
+
+def missed_db(asked: float, tolerance: float, found: float) -> float:
+    """By how much pictures miss what was asked, dB; beyond `tolerance`, what is missing counts `BELOW_WEIGHT` times.
+
+    Where what is found jumps over what was asked, as codebooks and steps do, the file on the good side is wanted.
+    """
+    missing = asked - found
+    return missing * BELOW_WEIGHT if missing > tolerance else abs(missing)
 
 
 def next_aim(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,34 @@ from scarfmt.entropy.rans import PRECISION
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.kernel.structs import Tables
 
+_COMPONENTS = 256
+"""Components that a key can name."""
+
+
+class TableArrays:
+    """The numbers of some tables, side by side.
+
+    Args:
+        tables: any number of them.
+
+    Attributes:
+        starts: (n + 1,) int64 where each table's values begin, and where the last one's end.
+        values: int32 alphabets, one after the other.
+        sums: uint32 cumulative frequencies, each table's with its 2^24 at the end.
+        few: (n + 1, 8) int32 fields of FewSymbols; zeros for a table of more than three symbols, and in the last row.
+    """
+
+    def __init__(self, tables: Collection[SymbolTable]) -> None:
+        sizes = np.array([len(table.alphabet) for table in tables], np.int64)
+        none = [np.zeros(0, np.int64)]
+        self.starts = np.concatenate(([0], np.cumsum(sizes)))
+        self.values = np.concatenate(none + [table.alphabet for table in tables]).astype(np.int32)
+        self.sums = _prefix_sums(np.concatenate(none + [table.weights for table in tables]), sizes, self.starts)
+        self.few = _few_symbols(self.starts, self.sums, self.values)
+
 
 class PackedTables:
-    """The tables of some kinds of symbols, side by side.
+    """The tables of some kinds of symbols.
 
     Args:
         tables: by (component's place, context).
@@ -24,20 +50,25 @@ class PackedTables:
     """
 
     def __init__(self, tables: Mapping[tuple[int, int], SymbolTable], components: int) -> None:
-        entries = list(tables.values())
-        sizes = np.array([len(entry.alphabet) for entry in entries], np.int64)
-        self._starts = np.concatenate(([0], np.cumsum(sizes)))
-        weights = np.concatenate([entry.weights for entry in entries]) if entries else np.zeros(0, np.int64)
-        alphabet = np.concatenate([entry.alphabet for entry in entries]) if entries else weights
-        self._values = alphabet.astype(np.int32)
-        self._sums = _prefix_sums(weights, sizes, self._starts)
+        kinds = np.array([place * CONTEXTS + context for place, context in tables], np.int64)
+        self._take(TableArrays(tables.values()), kinds, np.arange(len(kinds)), components)
+
+    @classmethod
+    def of(cls, arrays: TableArrays, kinds: I64, numbers: I64, components: int) -> PackedTables:
+        """Some of the tables of `arrays`: (n,) their kinds and (n,) their numbers there."""
+        made = cls.__new__(cls)
+        made._take(arrays, kinds, numbers, components)
+        return made
+
+    def _take(self, arrays: TableArrays, kinds: I64, numbers: I64, components: int) -> None:
+        self._arrays = arrays
         self._number = np.full(components * CONTEXTS, -1, np.int32)
-        for number, (place, context) in enumerate(tables):
-            self._number[place * CONTEXTS + context] = number
-        self._few = _few_symbols(self._number, self._starts, self._sums, self._values)
+        self._number[kinds] = numbers
+        # Kinds without a table have the number -1, and so the last row.
+        self._few = arrays.few[self._number]
         self._used = np.zeros(len(self._number), np.uint8)
-        arrays = (self._number, self._starts, self._sums, self._values, self._few, self._used)
-        self.pointer = ctypes.pointer(Tables(len(self._number), *(array.ctypes.data for array in arrays)))
+        held = (self._number, arrays.starts, arrays.sums, arrays.values, self._few, self._used)
+        self.pointer = ctypes.pointer(Tables(len(self._number), *(array.ctypes.data for array in held)))
 
     @property
     def kinds(self) -> int:
@@ -69,10 +100,8 @@ def _prefix_sums(weights: I64, sizes: I64, starts: I64) -> NDArray[np.uint32]:
     return np.asarray(scaled + place, np.uint32)
 
 
-def _few_symbols(
-    number: NDArray[np.int32], starts: I64, sums: NDArray[np.uint32], values: NDArray[np.int32]
-) -> NDArray[np.int32]:
-    """(kinds, 8) fields of FewSymbols, zeros where a kind has no table or one of more than three symbols."""
+def _few_symbols(starts: I64, sums: NDArray[np.uint32], values: NDArray[np.int32]) -> NDArray[np.int32]:
+    """(tables + 1, 8) fields of FewSymbols: of :class:`TableArrays`."""
     sizes = np.diff(starts)
     few = np.zeros((len(sizes) + 1, 8), np.int32)
     chosen = np.flatnonzero(sizes <= 3)
@@ -83,8 +112,7 @@ def _few_symbols(
     apart = third - second
     fields = second, third, apart, apart - second, (1 << PRECISION) - third - apart
     few[chosen] = np.stack([*fields, values[first], values[np.minimum(first + 1, last)], values[last]], axis=1)
-    # Kinds without a table have the number -1, and so the last row.
-    return few[number]
+    return few
 
 
 class PackedStaticTables:
@@ -98,14 +126,29 @@ class PackedStaticTables:
         self._packed: dict[StepKey, PackedTables] = {}
         self._steps: dict[tuple[int, int, range], PackedSteps] = {}
 
+    @cached_property
+    def _arrays(self) -> TableArrays:
+        """All of them: packing some at a time would take longer."""
+        return TableArrays(self._tables.values())
+
+    @cached_property
+    def _places(self) -> dict[tuple[int, int], tuple[I64, I64, I64]]:
+        """By stream and step: component, context and number of the tables."""
+        found: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
+        for number, (stream, component, step, context) in enumerate(self._tables):
+            found.setdefault((stream, step), []).append((component, context, number))
+        return {key: tuple(np.array(rows, np.int64).T) for key, rows in found.items()}
+
     def step(self, key: StepKey) -> PackedTables:
         """The tables of one step of some components."""
         if key not in self._packed:
-            found = {}
-            for place, component in enumerate(key.components):
-                for context in self._tables.contexts(key.stream, component, key.step):
-                    found[place, context] = self._tables[TableKey(key.stream, component, key.step, context)]
-            self._packed[key] = PackedTables(found, len(key.components))
+            none = np.zeros(0, np.int64)
+            component, context, number = self._places.get((key.stream, key.step), (none, none, none))
+            place = np.full(_COMPONENTS, -1)
+            place[list(key.components)] = np.arange(len(key.components))
+            chosen = np.flatnonzero(place[component] >= 0)
+            kinds = place[component[chosen]] * CONTEXTS + context[chosen]
+            self._packed[key] = PackedTables.of(self._arrays, kinds, number[chosen], len(key.components))
         return self._packed[key]
 
     def steps(self, stream: int, components: int, steps: range) -> PackedSteps:

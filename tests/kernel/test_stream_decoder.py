@@ -148,7 +148,7 @@ def test_prefix_sums_are_those_of_the_tables(seed: int, sizes: list[int], top: i
     tables = [SymbolTable(np.arange(size), random_weights(rng, size, top)) for size in sizes]
     packed = PackedTables({(0, number): table for number, table in enumerate(tables)}, 1)
     wanted = np.concatenate([table.table.cumulative for table in tables])
-    assert np.array_equal(packed._sums, wanted)
+    assert np.array_equal(packed._arrays.sums, wanted)
 
 
 @settings(deadline=None, max_examples=80)

@@ -24,6 +24,14 @@ def test_corrections_reach_what_was_asked(asked: float, offset: float, slope: fl
     assert abs(gives(found) - asked) <= TOLERANCE_DB
 
 
+def test_of_two_misses_the_one_above_is_taken() -> None:
+    """PSNR jumps where codebooks change: 0.3 dB less than asked is worse than 0.5 dB more, and 0.7 dB more is not."""
+    for above, taken in ((40.5, 41.0), (40.7, 40.0)):
+        found = {40.0: 39.7, 41.0: above}
+        search = Search(40.0, 1, 40.0)
+        assert search.settled(40.0, lambda _: 41.0, lambda aim, found=found: found[aim]) == taken  # type: ignore[misc]
+
+
 def test_no_more_attempts_than_corrections() -> None:
     """Each correction is one more attempt; all are judged, and the closest is taken, be it not the last."""
     attempts: list[float] = []
