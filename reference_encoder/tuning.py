@@ -63,7 +63,7 @@ INVISIBLE_WEIGHT = 1 / 255
 TOLERANCE_DB = 0.25
 """Close enough, dB: as many views from elsewhere differ by as much [0025]."""
 BELOW_WEIGHT = 2.0
-"""What is missing of what was asked counts so many times as much as what is beyond it [0031]."""
+"""What is missing counts so many times as much as what is beyond what was asked by `PROMISED_DB` at most [0031]."""
 PROMISED_DB = 0.5
 """How far off what was asked the finished file may be before networks are trained again, once [0025]."""
 LOOP_SEED, REPORT_SEED = 2025, 2027

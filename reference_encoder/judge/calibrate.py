@@ -14,7 +14,15 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TypeVar
 
-from reference_encoder.tuning import BELOW_WEIGHT, GREATEST_SLOPE, LEAST_SLOPE, MOST_DOWN_DB, MOST_UP_DB, TOLERANCE_DB
+from reference_encoder.tuning import (
+    BELOW_WEIGHT,
+    GREATEST_SLOPE,
+    LEAST_SLOPE,
+    MOST_DOWN_DB,
+    MOST_UP_DB,
+    PROMISED_DB,
+    TOLERANCE_DB,
+)
 
 T = TypeVar("T")
 
@@ -77,12 +85,12 @@ class Search:
 
 
 def missed_db(asked: float, tolerance: float, found: float) -> float:
-    """By how much pictures miss what was asked, dB; beyond `tolerance`, what is missing counts `BELOW_WEIGHT` times.
+    """By how much pictures miss what was asked, dB; what is a little beyond it counts less, but more than `tolerance`.
 
     Where what is found jumps over what was asked, as codebooks and steps do, the file on the good side is wanted.
     """
-    missing = asked - found
-    return missing * BELOW_WEIGHT if missing > tolerance else abs(missing)
+    beyond = found - asked
+    return max(tolerance, beyond / BELOW_WEIGHT) if tolerance < beyond <= PROMISED_DB else abs(beyond)
 
 
 def next_aim(
