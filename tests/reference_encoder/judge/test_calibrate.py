@@ -29,7 +29,7 @@ def test_of_two_misses_the_one_above_is_taken() -> None:
     for above, taken in ((40.5, 41.0), (40.7, 40.0)):
         found = {40.0: 39.7, 41.0: above}
         search = Search(40.0, 1, 40.0)
-        assert search.settled(40.0, lambda _: 41.0, lambda aim, found=found: found[aim]) == taken  # type: ignore[misc]
+        assert search.settled(40.0, lambda _: 41.0, found.__getitem__) == taken
 
 
 def test_no_more_attempts_than_corrections() -> None:
