@@ -1,0 +1,1 @@
+"""Training from photos: anchors, networks, quantiser and entropy model together, towards one progressive file."""
