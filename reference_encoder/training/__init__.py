@@ -1,1 +1,1 @@
-"""Training from photos: anchors, networks, quantiser and entropy model together, towards one progressive file."""
+"""From photos to a file: a capture read, an anchor scene trained jointly with what codes it, and the bytes written."""
