@@ -94,7 +94,7 @@ class Codebook(nn.Module):
         # With sums = mass * word before and after, this is the average of sums and masses, in terms of words alone:
         # steps that a gradient takes in between last.
         towards = sums - counts[:, None] * self.words
-        self.words += towards * (gain / self.mass.clamp_min(1e-30))[:, None]
+        self.words.add_(towards * (gain / self.mass.clamp_min(1e-30))[:, None])
         stale = self.mass < LEARNED_STALE_SHARE
         stale[0] = False
         self._restart(stale, x, generator)
