@@ -1,4 +1,1 @@
-"""Training: anchors, entropy model and quantisation together, from photos.
-
-raster  differentiable rasteriser: the picture of Gaussians, and its gradient
-"""
+"""From photos to a file: a capture read, an anchor scene trained jointly with what codes it, and the bytes written."""

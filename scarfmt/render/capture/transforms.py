@@ -25,6 +25,7 @@ import numpy as np
 from scarfmt.arrays import F64
 from scarfmt.errors import InputWarning
 from scarfmt.render.camera import Camera
+from scarfmt.render.capture.points import Points
 from scarfmt.render.capture.record import MAX_PIXELS_WIDE, Record, focal_of_angle, inverted
 
 DATAPARSER = "dataparser_transforms.json"
@@ -66,6 +67,17 @@ def transforms_cameras(file: str, document: Mapping[str, Any], frames: list[Any]
         message = f"{file} names no size of pictures: {_BLENDER_PIXELS}x{_BLENDER_PIXELS} is assumed"
         warnings.warn(message, InputWarning, stacklevel=3)
     return cameras
+
+
+def transforms_points(file: str, document: Mapping[str, Any], dataparser: Any, points: Points) -> Points:
+    """Points of the file's world where :func:`transforms_cameras` places the cameras.
+
+    Raises:
+        InvalidInput: ``input-cameras``.
+    """
+    placed = _Placement.of(file, document, dataparser)
+    turned = points.positions @ placed.transform[:3, :3].T + placed.transform[:3, 3]
+    return Points(placed.scale * turned, points.colours)
 
 
 class _Placement:
