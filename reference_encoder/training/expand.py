@@ -21,14 +21,14 @@ class Values:
 
     Attributes:
         positions: (n, 3) world units.
-        latent: (n, d).
+        features: (n, D).
         scaling: (n, 6) natural logs.
         offsets: (n, K, 3).
         gates: (n, K) 1 for slots that are on, else 0.
     """
 
     positions: Tensor
-    latent: Tensor
+    features: Tensor
     scaling: Tensor
     offsets: Tensor
     gates: Tensor
@@ -70,7 +70,7 @@ def expanded(values: Values, networks: SceneNetworks, camera: Camera, bits: int 
         bits: of the networks' weights as the file has them; None for weights as they are.
     """
     eye = torch.from_numpy(camera.centre).to(values.positions)
-    inputs = outlook(networks.features(values.latent, bits), values.positions, eye, networks.with_distance)
+    inputs = outlook(values.features, values.positions, eye, networks.with_distance)
     opacity = torch.tanh(networks.run("opacity", inputs, bits))
     shown = (opacity >= MIN_ALPHA) & (values.gates > 0.5)
     rows, slots = shown.nonzero(as_tuple=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from reference_encoder.training.curriculum import Moment
 from reference_encoder.training.expand import Values, expanded, in_view
 from reference_encoder.training.raster import Picture, rasterise
 from reference_encoder.training.rate import Rate, rate
@@ -27,15 +28,13 @@ class Mode:
 
     Attributes:
         layer: 0-based.
-        noise: values have noise of a cell.
-        hard: values are rounded instead.
+        now: what is on.
         counts: what growth is decided by is counted.
         price: loss a bit; 0 while rate does not count.
     """
 
     layer: int
-    noise: bool
-    hard: bool
+    now: Moment
     counts: bool
     price: float
 
@@ -55,39 +54,39 @@ class Outcome:
     bits: float | None
 
 
-def layer_values(state: State, rows: Tensor, mode: Mode) -> Values:
+def _values(state: State, rows: Tensor, mode: Mode) -> Values:
     """Values of anchors `rows` in an iteration."""
-    if not (mode.noise or mode.hard):
+    if not (mode.now.noisy or mode.now.rounded):
         return state.exact(rows)
-    return state.of_layer(rows, mode.layer, mode.hard)[0]
+    return state.of_layer(rows, mode.layer, mode.now)
 
 
 def iterate(state: State, camera: Camera, target: Target, mode: Mode, background: Tensor) -> Outcome:
     """Find gradients for one photo; the step is the caller's."""
     anchors = state.anchors
     rows = in_view(state.frame.world(anchors.lattice), anchors.scaling, anchors.offsets, camera)
-    made = expanded(
-        layer_values(state, rows, mode), state.networks, camera, WEIGHT_BITS if mode.hard else None
-    )
+    bits_a_weight = WEIGHT_BITS if mode.now.rounded else None
+    made = expanded(_values(state, rows, mode), state.networks, camera, bits_a_weight)
     picture = rasterise(made.gaussians, camera, background)
     loss = dissimilarity(picture.image, target)
     total = loss + _VOLUME_WEIGHT * made.gaussians.scales.prod(dim=1).mean()
+    if state.vectors is not None and state.vectors.loss is not None:
+        total = total + state.vectors.loss
     bits = None
     if mode.price > 0:
         part = torch.randperm(len(anchors), generator=state.generator)[: max(1, len(anchors) // _RATE_PART)]
         whole = priced(state, part, mode).total * (len(anchors) / len(part))
         total = total + mode.price * whole
         bits = float(whole.detach())
-    total.backward()
+    total.backward()  # type: ignore[no-untyped-call]
     _count(state, rows, made.rows, made.slots, picture, made.gaussians.opacities.detach(), mode)
     return Outcome(float(loss.detach()), len(made.rows), bits)
 
 
 def priced(state: State, rows: Tensor, mode: Mode) -> Rate:
     """Bits of anchors `rows` in the layer of an iteration."""
-    values, logits, widths, offset_widths = state.of_layer(rows, mode.layer, mode.hard)
-    both = torch.cat([values.scaling, values.latent], dim=1)
-    return rate(state.context, both, values.offsets, logits, widths, offset_widths)
+    index_bits = 0.0 if state.vectors is None else state.vectors.index_bits(mode.layer)
+    return rate(state.context, state.priced(rows, mode.layer, mode.now.rounded), index_bits)
 
 
 @torch.no_grad()

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import MAX_LAYERS
 
-PRESETS = ("default", "paper")
+PRESETS = ("default", "rvq", "paper")
 DEVICES = ("cpu", "cuda")
 CONTEXTS = ("decoded", "grid2d3d", "grid3d", "waves", "none")
 ENTROPY_MODELS = ("static", "mlp", "gru", "gru+attention")

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 _GAIN = 0.004
 """Of the logarithm of a price, a draw of its layer, for a prefix twice too large over ln 2."""
-_DAMPING = 1.0
 _MEMORY = 0.95
 _LEAST, _MOST = 1e-4, 30.0
 _FAR = 3.0
@@ -37,7 +36,7 @@ class Prices:
 
     def a_bit(self, layer: int) -> float:
         """Loss a bit of a layer costs now."""
-        return self.price[layer] * self._excess(layer) ** _DAMPING / self.pixels
+        return self.price[layer] * self._excess(layer) / self.pixels
 
     def _excess(self, layer: int) -> float:
         """How many times too large a prefix is, within reason."""

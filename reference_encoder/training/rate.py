@@ -22,6 +22,8 @@ POSITION_BITS = 15.0
 """Of an anchor on its lattice, with its class."""
 GATE_BITS = 3.0
 """Of a slot that is on: its mask."""
+CLOSED_BITS = 0.25
+"""Of every slot of an anchor that is there."""
 _LEAST_WIDTH = 1e-3
 _MOST_BITS = 40.0
 
@@ -40,9 +42,9 @@ def cell_bits(values: Tensor, width: Tensor, mean: Tensor, log_spread: Tensor) -
 class Context(nn.Module):
     """Mean and spread of the components of scalings and latents, each from those before it in its anchor."""
 
-    def __init__(self, latent: int) -> None:
+    def __init__(self, width: int) -> None:
+        """Of `width` components, 6 of them scalings."""
         super().__init__()
-        width = 6 + latent
         self.mean = nn.Parameter(torch.zeros(width, width))
         self.mean_bias = nn.Parameter(torch.zeros(width))
         self.spread = nn.Parameter(torch.zeros(width, width))
@@ -80,6 +82,24 @@ class Context(nn.Module):
 
 
 @dataclass(frozen=True)
+class Priced:
+    """What the bits of n anchors depend on.
+
+    Attributes:
+        values: (n, 6 + d) scalings and latents; d = 0 where codewords carry features.
+        offsets: (n, K, 3).
+        logits: (n, K) of gates.
+        widths, offset_widths: (6 + d,) and (3,) of cells.
+    """
+
+    values: Tensor
+    offsets: Tensor
+    logits: Tensor
+    widths: Tensor
+    offset_widths: Tensor
+
+
+@dataclass(frozen=True)
 class Rate:
     """Bits of n anchors in a layer, all differentiable sums.
 
@@ -99,20 +119,17 @@ class Rate:
         return self.positions + self.masks + self.scaling + self.latent + self.offsets
 
 
-def rate(
-    context: Context, values: Tensor, offsets: Tensor, logits: Tensor, widths: Tensor, offset_widths: Tensor
-) -> Rate:
+def rate(context: Context, priced: Priced, index_bits: float = 0.0) -> Rate:
     """Bits of a layer.
 
     Args:
-        values: (n, 6 + d) scalings and latents, with noise or quantised.
-        offsets: (n, K, 3) likewise.
-        logits: (n, K) of the gates of this layer: what is off costs nothing, and that is how gates learn to close.
-        widths, offset_widths: (6 + d,) and (3,) of the cells of this layer.
+        priced: values, gates and cells; what is off costs nothing, and that is how gates learn to close.
+        index_bits: of the codewords of an anchor.
     """
-    gates = hard_gate(logits)
-    present = hard_gate(logits.amax(dim=1))
-    bits = context.bits(values, widths) * present[:, None]
-    slot_bits = (context.offset_bits(offsets, offset_widths).sum(dim=2) * gates).sum()
-    positions = (POSITION_BITS * present).sum() + 0.25 * SLOTS * present.sum()
-    return Rate(positions, GATE_BITS * gates.sum(), bits[:, :6].sum(), bits[:, 6:].sum(), slot_bits)
+    gates = hard_gate(priced.logits)
+    present = hard_gate(priced.logits.amax(dim=1))
+    bits = context.bits(priced.values, priced.widths) * present[:, None]
+    slot_bits = (context.offset_bits(priced.offsets, priced.offset_widths).sum(dim=2) * gates).sum()
+    positions = (POSITION_BITS + CLOSED_BITS * SLOTS) * present.sum()
+    latent = bits[:, 6:].sum() + index_bits * present.sum()
+    return Rate(positions, GATE_BITS * gates.sum(), bits[:, :6].sum(), latent, slot_bits)

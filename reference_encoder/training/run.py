@@ -17,23 +17,33 @@ from reference_encoder.training.anchors import Frame, SceneNetworks
 from reference_encoder.training.capture import Capture, Photo, pixels
 from reference_encoder.training.checkpoints import discard_checkpoints, identity, load_checkpoint, save_checkpoint
 from reference_encoder.training.curriculum import CURRICULA
-from reference_encoder.training.emit import quantised_scene
 from reference_encoder.training.evaluate import Views, quality
 from reference_encoder.training.growth import Statistics
+from reference_encoder.training.index_entropy import IndexOptions, JointIndexModel
 from reference_encoder.training.layers import LayerPlan
 from reference_encoder.training.log import RunLog
-from reference_encoder.training.options import LayerQuality, Progress, Report, Stop, Trained, TrainOptions, never, silent
+from reference_encoder.training.options import (
+    LayerQuality,
+    Progress,
+    Report,
+    Stop,
+    Trained,
+    TrainOptions,
+    never,
+    silent,
+)
 from reference_encoder.training.price import Prices
+from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.training.rate import Context
 from reference_encoder.training.similarity import Target
 from reference_encoder.training.state import State, new_anchors, typical_distance
 from reference_encoder.training.trainer import Trainer
+from reference_encoder.training.vectors import Vectors
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
 from scarfmt.engines import best_engine
 
-FEATURES, LATENT = 32, 32
 VOXEL = 0.5
 """Of the median distance of a starting point to its nearest neighbours."""
 EXTENT = 1.1
@@ -46,6 +56,50 @@ _FINISH = 0.04
 """Of the time, at most so many seconds, are kept for networks and the file."""
 _MOST_FINISH = 90.0
 _MEMORY = 0.98
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a preset stands for.
+
+    Attributes:
+        features: D, of anchors; as many hidden units.
+        stages, codewords, dimension: of the quantiser of features; 0 stages: latents number by number.
+        curriculum: by name.
+        estimator, projector: of the quantiser.
+    """
+
+    features: int = 32
+    stages: int = 0
+    codewords: int = 1024
+    dimension: int = 16
+    curriculum: str = "default"
+    estimator: str = "rotation"
+    projector: str = "linear"
+
+    def vectors(self, layers: int, seed: int) -> Vectors | None:
+        """The quantiser of a run."""
+        if not self.stages:
+            return None
+        quantiser = Quantiser(
+            self.dimension,
+            self.features,
+            self.stages,
+            self.codewords,
+            estimator=self.estimator,
+            projector=self.projector,
+            seed=seed,
+        )
+        by_layer = tuple(max(1, round((layer + 1) * self.stages / layers)) for layer in range(layers))
+        return Vectors(quantiser, by_layer, priced=self.curriculum != "paper")
+
+
+RECIPES = {
+    "default": Recipe(),
+    "rvq": Recipe(stages=4),
+    "paper": Recipe(features=50, stages=4, curriculum="paper", projector="paper"),
+}
+"""By preset: "rvq" is the paper's quantiser under the curriculum of "default"."""
 
 
 @dataclass
@@ -98,30 +152,45 @@ def photos(chosen: tuple[Photo, ...]) -> Views:
 
 def begun(capture: Capture, options: TrainOptions) -> Trainer:
     """A run before its first iteration."""
+    recipe = RECIPES[options.preset]
     views = photos(capture.train)
     eyes = np.stack([camera.centre for camera, _ in views])
     extent = EXTENT * float(np.linalg.norm(eyes - eyes.mean(axis=0), axis=1).max(initial=1e-6))
     points = torch.from_numpy(capture.points)
     plan = LayerPlan.of(options.layers)
     frame = Frame(points.min(dim=0).values, VOXEL * typical_distance(points))
-    anchors = new_anchors(points, frame, LATENT, plan.count)
+    anchors = new_anchors(points, frame, recipe.features, plan.count)
+    priced = 6 + (0 if recipe.stages else recipe.features)
     state = State(
         frame=frame,
         anchors=anchors,
-        networks=SceneNetworks(LATENT, FEATURES, True, options.seed),
-        context=Context(LATENT),
-        log_widths=torch.zeros(6 + LATENT),
+        networks=SceneNetworks(recipe.features, recipe.features, True, options.seed),
+        context=Context(priced),
+        log_widths=torch.zeros(priced),
         log_offset_widths=torch.zeros(3),
         statistics=Statistics.of(len(anchors)),
         plan=plan,
         generator=torch.Generator().manual_seed(options.seed),
         extent=extent,
+        vectors=recipe.vectors(plan.count, options.seed),
     )
-    size = sum(camera.width * camera.height for camera, _ in views)
+    pixel_count = sum(camera.width * camera.height for camera, _ in views)
     price = [options.lambda_ * _LAST_PRICE * _FALL ** (plan.count - 1 - layer) for layer in range(plan.count)]
     wanted = None if options.size is None else [options.size * share for share in plan.shares]
-    small = photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in capture.train))
-    return Trainer(state, Prices(price, size, wanted), views, small, CURRICULA["default"], torch.zeros(3))
+    return Trainer(
+        state=state,
+        prices=Prices(price, pixel_count, wanted),
+        views=views,
+        small=photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in capture.train)),
+        curriculum=CURRICULA[recipe.curriculum],
+        background=torch.zeros(3),
+        joint=JointIndexModel(index_options(options)) if recipe.stages else None,
+    )
+
+
+def index_options(options: TrainOptions) -> IndexOptions:
+    """What codes indices."""
+    return IndexOptions.named(options.entropy, options.context, options.preset, options.seed)
 
 
 class Run:
@@ -186,7 +255,7 @@ class Run:
         """Look at held-out photos and at what the writer makes of the values as they are; figures for the log."""
         trainer = self.trainer
         last = trainer.state.plan.count - 1
-        self.psnr, _ = quality(trainer.state, self.held_out, last, trainer.noisy, trainer.background)
+        self.psnr, _ = quality(trainer.state, self.held_out, last if trainer.noisy else None, trainer.background)
         figures: dict[str, Any] = {"prices": str(trainer.prices.price)}
         if trainer.noisy:
             sizes = layer_sizes(write_scene(trainer.written(), engine=best_engine()))
@@ -210,18 +279,19 @@ class Run:
         """The best file of what was learnt so far."""
         trainer = self.trainer
         trainer.settle()
-        written = smallest(trainer.written())
+        written = smallest(trainer.written(), trainer.joint)
         sizes = layer_sizes(written.data)
         found = [
-            quality(trainer.state, self.held_out, layer, True, trainer.background) for layer in range(len(sizes))
+            quality(trainer.state, self.held_out, layer, trainer.background) for layer in range(len(sizes))
         ]
         layers = tuple(LayerQuality(size, *each) for size, each in zip(sizes, found, strict=True))
         return Trained(written.data, layers, trainer.iteration, self.clock.spent)
 
 
-def smallest(scene: QuantisedScene) -> Written:
+def smallest(scene: QuantisedScene, joint: JointIndexModel | None) -> Written:
     """The file of fewest bytes: predictors and networks where they pay in bytes, whatever decoding takes."""
-    return best_file(Quantised(scene), EncodeOptions(archive=True))
+    plain, options = Quantised(scene), EncodeOptions(archive=True)
+    return best_file(plain, options) if joint is None else joint.file(plain, options)
 
 
 def layer_sizes(data: bytes) -> list[int]:

@@ -25,7 +25,7 @@ SSIM_SHARE = 0.2
 
 def _window() -> list[float]:
     weights = torch.exp(-(torch.arange(_RADIUS + 1, dtype=torch.float64) ** 2) / (2 * _SIGMA**2))
-    return (weights / (2 * weights.sum() - weights[0])).tolist()  # type: ignore[no-any-return]
+    return [float(weight) for weight in weights / (2 * weights.sum() - weights[0])]
 
 
 _WINDOW = _window()

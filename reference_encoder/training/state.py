@@ -9,12 +9,14 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from reference_encoder.training.anchors import ATTRIBUTES, OPEN, SLOTS, Anchors, Frame, SceneNetworks
+from reference_encoder.training.anchors import ATTRIBUTES, SLOTS, Anchors, Frame, SceneNetworks
+from reference_encoder.training.curriculum import Moment
 from reference_encoder.training.descent import Descent, Rates
 from reference_encoder.training.expand import Values
 from reference_encoder.training.growth import Growth, Statistics, inherited
 from reference_encoder.training.layers import LayerPlan, coarse, gate_logits, hard_gate
-from reference_encoder.training.rate import Context
+from reference_encoder.training.rate import Context, Priced
+from reference_encoder.training.vectors import Vectors
 
 _START_WIDTHS = {"scaling": 0.1, "offsets": 0.1}
 _LATENT_CELL = 0.5
@@ -53,6 +55,8 @@ class State:
         statistics: for growth.
         plan: layers.
         generator: everything random.
+        extent: of the cameras, world units.
+        vectors: codewords that carry features, None where latents are sent number by number.
     """
 
     frame: Frame
@@ -66,6 +70,7 @@ class State:
     plan: LayerPlan
     generator: torch.Generator
     extent: float
+    vectors: Vectors | None = None
 
     def __post_init__(self) -> None:
         shared = {"log_widths": self.log_widths, "log_offset_widths": self.log_offset_widths}
@@ -99,12 +104,16 @@ class State:
     def start_widths(self) -> None:
         """First cells of values, and what their distributions are like."""
         anchors = self.anchors
-        spread = anchors.latent.std(dim=0).clamp_min(1e-3)
-        widths = torch.cat([torch.full((6,), _START_WIDTHS["scaling"]), _LATENT_CELL * spread])
+        widths = torch.full((6,), _START_WIDTHS["scaling"])
+        values = anchors.scaling
+        if self.vectors is None:
+            spread = anchors.latent.std(dim=0).clamp_min(1e-3)
+            widths = torch.cat([widths, _LATENT_CELL * spread])
+            values = torch.cat([values, anchors.latent], dim=1)
         self.log_widths.copy_(widths.log())
         self.log_offset_widths.fill_(math.log(_START_WIDTHS["offsets"]))
         offsets = anchors.offsets[anchors.gates > 0]
-        self.context.start(torch.cat([anchors.scaling, anchors.latent], dim=1), offsets)
+        self.context.start(values, offsets)
 
     def open_slots(self) -> int:
         """Slots that are on in the last layer."""
@@ -120,6 +129,7 @@ class State:
             "descent": self.descent.state(),
             "statistics": dict(vars(self.statistics)),
             "generator": self.generator.get_state(),
+            "vectors": None if self.vectors is None else self.vectors.checkpoint(),
         }
 
     @torch.no_grad()
@@ -134,41 +144,52 @@ class State:
         self.descent.load(kept["descent"])
         self.statistics = Statistics(**kept["statistics"])
         self.generator.set_state(kept["generator"])
+        if self.vectors is not None:
+            self.vectors.resume(kept["vectors"])
 
     def logits(self, rows: Tensor, layer: int) -> Tensor:
         """(n, K) logits of the gates of anchors `rows` in a layer."""
         return gate_logits(self.anchors.gates[rows], self.anchors.falls[rows], layer)
 
     def exact(self, rows: Tensor) -> Values:
-        """Values as they are, every gate open that the last layer opens."""
+        """Values as they are, every slot on that the last layer opens."""
         a = self.anchors
-        last = self.plan.count - 1
-        gates = hard_gate(self.logits(rows, last))
-        return Values(self.frame.world(a.lattice[rows]), a.latent[rows], a.scaling[rows], a.offsets[rows], gates)
+        gates = hard_gate(self.logits(rows, self.plan.count - 1))
+        latent = a.latent[rows]
+        features = latent if self.vectors else self.networks.features(latent)
+        return Values(self.frame.world(a.lattice[rows]), features, a.scaling[rows], a.offsets[rows], gates)
 
-    def of_layer(self, rows: Tensor, layer: int, hard: bool) -> tuple[Values, Tensor, Tensor, Tensor]:
-        """Values of anchors `rows` as a layer has them, and what their bits depend on.
+    def of_layer(self, rows: Tensor, layer: int, now: Moment | None) -> Values:
+        """Values of anchors `rows` as a layer has them.
 
         Args:
             layer: 0-based.
-            hard: rounded as the file will be, else with noise of a cell.
-
-        Returns:
-            Values; (n, K) gate logits; (6 + d,) and (3,) widths of cells.
+            now: what is on: noise or rounding, how much of codewords; None for what the file has.
         """
+        rounded = now is None or now.rounded
+        priced = self.priced(rows, layer, rounded)
+        if self.vectors is None:
+            features = self.networks.features(priced.values[:, 6:], WEIGHT_BITS if rounded else None)
+        elif self.vectors.begun:
+            features = self.vectors.features(self.anchors.latent[rows], layer, now)
+        else:
+            features = self.anchors.latent[rows]
+        positions = self.frame.world(self.anchors.lattice[rows])
+        return Values(positions, features, priced.values[:, :6], priced.offsets, hard_gate(priced.logits))
+
+    def priced(self, rows: Tensor, layer: int, rounded: bool) -> Priced:
+        """What bits of anchors `rows` depend on in a layer: rounded as the file will be, else with noise of a cell."""
         a = self.anchors
         widths, offset_widths = torch.exp(self.log_widths), torch.exp(self.log_offset_widths)
-        both = torch.cat([a.scaling[rows], a.latent[rows]], dim=1)
+        values = a.scaling[rows] if self.vectors else torch.cat([a.scaling[rows], a.latent[rows]], dim=1)
         steps = self.plan.steps[-1] - self.plan.steps[layer]
-        logits = self.logits(rows, layer)
-        if hard:
-            both = _rounded(both, widths.detach(), steps)
+        if rounded:
+            values = _rounded(values, widths.detach(), steps)
             offsets = _rounded(a.offsets[rows], offset_widths.detach(), 0)
         else:
-            both = both + self._noise(both.shape) * (widths * 3.0**steps)
+            values = values + self._noise(values.shape) * (widths * 3.0**steps)
             offsets = a.offsets[rows] + self._noise((len(rows), SLOTS, 3)) * offset_widths
-        values = Values(self.frame.world(a.lattice[rows]), both[:, 6:], both[:, :6], offsets, hard_gate(logits))
-        return values, logits, widths * 3.0**steps, offset_widths
+        return Priced(values, offsets, self.logits(rows, layer), widths * 3.0**steps, offset_widths)
 
     def _noise(self, shape: tuple[int, ...] | torch.Size) -> Tensor:
         return torch.rand(shape, generator=self.generator) - 0.5
@@ -200,7 +221,8 @@ def new_anchors(points: Tensor, frame: Frame, latent: int, layers: int) -> Ancho
 def _neighbour_distance(points: Tensor) -> Tensor:
     """(n,) root mean squared distance to the three nearest others."""
     squared = []
-    for chunk in points.float().split(_CHUNK):
+    for first in range(0, len(points), _CHUNK):
+        chunk = points[first : first + _CHUNK].float()
         nearest = torch.cdist(chunk, points.float()).topk(min(4, len(points)), largest=False).values[:, 1:]
         squared.append((nearest.double() ** 2).mean(dim=1))
     return torch.cat(squared).sqrt()

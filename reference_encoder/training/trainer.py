@@ -14,6 +14,7 @@ from reference_encoder.training.curriculum import Curriculum, Moment, moment
 from reference_encoder.training.emit import quantised_scene
 from reference_encoder.training.evaluate import Views
 from reference_encoder.training.growth import GRADIENT_LIMIT, grown
+from reference_encoder.training.index_entropy import JointIndexModel
 from reference_encoder.training.iterate import Mode, Outcome, iterate
 from reference_encoder.training.layers import falls_to
 from reference_encoder.training.price import Prices
@@ -24,6 +25,8 @@ _GROW_EVERY = 100
 _LEAST_DRAWN = 0.4
 """Of the iterations between two rounds of growth: slots drawn more often are judged."""
 _LEAST_SEEN = 0.8
+_REFRESH_EVERY, _INDEX_EVERY = 1000, 5
+"""Iterations between two looks at the indices of the scene, and between two steps of what codes them."""
 _LARGEST_AFTER_PRUNING = 0.05
 SMALL_UNTIL = 0.4
 """Fraction of the run until which photos are learnt at half their size, a quarter of the pixels."""
@@ -41,7 +44,9 @@ class Trainer:
         background: (3,) colour behind everything.
         iteration: how many are done.
         order: photos still to come before all are drawn again.
-        noisy, layered, settled: whether noise, layers, the last integers have begun.
+        joint: what learns to code indices along with the scene, if codewords carry features.
+        index_bits: L_feat of its last step, bits an anchor.
+        noisy, layered, indexed: whether noise, layers, learning to code indices have begun.
     """
 
     state: State
@@ -52,8 +57,11 @@ class Trainer:
     background: Tensor
     iteration: int = 0
     order: list[int] = field(default_factory=list)
+    joint: JointIndexModel | None = None
+    index_bits: float = 0.0
     noisy: bool = False
     layered: bool = False
+    indexed: bool = False
 
     def step(self, done: float) -> Outcome:
         """One iteration, when the fraction `done` of the run is behind."""
@@ -66,6 +74,10 @@ class Trainer:
         if outcome.bits is not None:
             self.prices.saw(mode.layer, outcome.bits)
         self.state.descent.step(done, lambda name: _share(name, now))
+        if self.state.vectors is not None:
+            self.state.vectors.step()
+        if self.joint is not None and now.entropy:
+            self._learn_indices()
         self.iteration += 1
         self._restructure(now)
         return outcome
@@ -75,13 +87,8 @@ class Trainer:
         layer = plan.count - 1
         if now.draws_layer and plan.count > 1:
             layer = self._drawn(plan.draws)
-        return Mode(
-            layer=layer,
-            noise=now.noisy,
-            hard=now.rounded,
-            counts=now.gathers and layer == plan.count - 1,
-            price=0.0 if now.fine_tunes else now.rate * self.prices.a_bit(layer),
-        )
+        counts = now.gathers and layer == plan.count - 1
+        return Mode(layer, now, counts, 0.0 if now.fine_tunes else now.rate * self.prices.a_bit(layer))
 
     def phase(self, done: float) -> str:
         """What is being learnt, a few words."""
@@ -96,25 +103,44 @@ class Trainer:
 
     def _begin(self, now: Moment) -> None:
         """What happens once, at the start of a phase."""
-        if now.noisy and not self.noisy:
-            self.noisy = True
-            self.state.start_widths()
-        if now.draws_layer and not self.layered:
-            self.layered = True
+        if now.noisy or now.rounded:
+            self._start_values()
+        if now.draws_layer:
             self._start_layers()
+        if now.quantises:
+            self._start_vectors()
+        vectors = self.state.vectors
+        if now.hard and vectors is not None and not vectors.opened:
+            vectors.open()
 
     def settle(self) -> None:
         """Make sure that there is a file to write, however early a run ends."""
+        self._start_values()
+        self._start_layers()
+        self._start_vectors()
+
+    def _start_values(self) -> None:
         if not self.noisy:
             self.noisy = True
             self.state.start_widths()
-        if not self.layered:
-            self.layered = True
-            self._start_layers()
+
+    def _start_vectors(self) -> None:
+        vectors = self.state.vectors
+        if vectors is not None and not vectors.begun:
+            weight = self.state.statistics.weight.sum(dim=1)
+            vectors.begin(self.state.anchors.latent.detach(), weight)
 
     def written(self) -> QuantisedScene:
         """All integers of the file as they would be now."""
         return quantised_scene(self.state, {"training": {"iterations": self.iteration}}, len(self.state.anchors))
+
+    def _learn_indices(self) -> None:
+        assert self.joint is not None
+        if not self.indexed or self.iteration % _REFRESH_EVERY == 0:
+            self.indexed = True
+            self.joint.refresh(self.written())
+        if self.iteration % _INDEX_EVERY == 0:
+            self.index_bits = self.joint.step()
 
     def _restructure(self, now: Moment) -> None:
         if now.grows and self.iteration % _GROW_EVERY == 0:
@@ -130,6 +156,7 @@ class Trainer:
             "iteration": self.iteration,
             "order": self.order,
             "begun": [self.noisy, self.layered],
+            "joint": None if self.joint is None else self.joint.state(),
         }
 
     def resume(self, kept: dict[str, Any]) -> None:
@@ -139,10 +166,15 @@ class Trainer:
             setattr(self.prices, name, list(values))
         self.iteration, self.order = kept["iteration"], list(kept["order"])
         self.noisy, self.layered = kept["begun"]
+        if self.joint is not None:
+            self.joint.restore(kept["joint"])
 
     @torch.no_grad()
     def _start_layers(self) -> None:
         """Let the layers before the last begin with the slots that show most, as many as their share of bytes buys."""
+        if self.layered:
+            return
+        self.layered = True
         state, count = self.state, self.state.plan.count
         gates = state.anchors.gates
         weight = state.statistics.weight.clamp_min(1e-6)
