@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import nn
 
 from reference_encoder.latent.autoencoder import Layers
@@ -20,12 +21,35 @@ from reference_encoder.latent.learned import principal
 from reference_encoder.latent.rvq import ranked
 from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.tuning import CODEWORD_RANGE, DECODER_BITS, FINEST_UNIT
-from scarfmt.arrays import F32, I16, I64
+from scarfmt.arrays import F32, F64, I16, I64
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.scene.codebooks import Codebooks
 
 _LARGEST = 32767
 """Of a component of a codeword: sums of 8 stages stay below 2^20 (SPEC §9.2)."""
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Lattice units of a file's latents, from those of a quantiser: z' = z @ forward / unit.
+
+    Attributes:
+        forward, backward: (d, d') and (d', d) float64, inverses of each other.
+        unit: of the lattice.
+    """
+
+    forward: F64
+    backward: F64
+    unit: float
+
+    def latents(self, z: NDArray[np.floating]) -> F32:
+        """(n, d') float32 of (n, d)."""
+        return (z @ self.forward / self.unit).astype(np.float32)
+
+    def decoder(self, layers: Layers) -> Layers:
+        """Layers that take latents in these coordinates."""
+        (weights, biases), *others = layers
+        return [(weights @ self.backward.T * self.unit, biases), *others]
 
 
 @dataclass(frozen=True)
@@ -37,12 +61,14 @@ class Exported:
         decoder: from latents in lattice units to features.
         indices: (N, M) int16, 0 for stages an anchor does not receive.
         latents: (N, d) float32 outputs of the projector in lattice units: what a LATENT channel may refine towards.
+        coordinates: of all that.
     """
 
     codebooks: Codebooks
     decoder: QuantisedMlp
     indices: I16
     latents: F32
+    coordinates: Coordinates
 
     def features(self, stages: I64) -> F32:
         """(N, D) float32 features after (N,) stages, without a LATENT channel (SPEC §9.2, §9.6)."""
@@ -56,7 +82,7 @@ def export(
     f: torch.Tensor,
     indices: torch.Tensor,
     received: torch.Tensor,
-    weight: torch.Tensor | None = None,
+    coordinates: Coordinates | None = None,
     bits: int = DECODER_BITS,
 ) -> Exported:
     """The integers of a trained quantiser; its own numbers stay as they are.
@@ -65,25 +91,33 @@ def export(
         f: (N, D) features, N > 0.
         indices: (N, M) int64 codes, as chosen.
         received: (N,) stages that each anchor has in the last layer.
-        weight: (N,) importance of a squared error; None: all alike.
+        coordinates: of an earlier export, that an index network has been trained in; None for the best.
         bits: of a weight of the decoder, 2..16.
     """
-    encoded = quantiser.project(f).cpu().numpy()
-    seen = quantiser.look_up(indices, received).cpu().numpy()
-    heavy = np.ones(len(f)) if weight is None else weight.double().cpu().numpy()
-    layers = _layers(quantiser.decoder)
-    basis = principal(layers, seen, heavy, torch.Generator().manual_seed(0), centred=False)
-    latents = basis.differences(encoded)
-    largest = float(np.percentile(np.abs(np.append(latents, basis.differences(seen))), 99.9))
-    books = [basis.differences(quantiser.book(k).words.cpu().numpy()) for k in range(len(quantiser.books))]
-    widest = max(float(np.abs(book).max()) for book in books)
-    unit = max(largest / CODEWORD_RANGE, widest / _LARGEST, FINEST_UNIT)
-    words = [np.rint(book / unit).astype(np.float32) for book in books]
+    found = best_coordinates(quantiser, f, indices, received) if coordinates is None else coordinates
+    books = [found.latents(quantiser.book(k).words.cpu().numpy()) for k in range(len(quantiser.books))]
+    words = [np.clip(np.rint(book), -_LARGEST, _LARGEST) for book in books]
+    latents = found.latents(quantiser.project(f).cpu().numpy())
     coarse, residual, ranks = ranked(words, indices.cpu().numpy(), received.cpu().numpy(), latents.shape[1])
-    (first, bias), *others = basis.decoder(layers)
-    decoder = [(first * unit, bias), *others]
+    decoder = found.decoder(_layers(quantiser.decoder))
     stored = QuantisedMlp(tuple(Linear.quantised(weights, biases, bits=bits) for weights, biases in decoder))
-    return Exported(Codebooks(coarse, residual), stored, ranks, (latents / unit).astype(np.float32))
+    return Exported(Codebooks(coarse, residual), stored, ranks, latents, found)
+
+
+@torch.no_grad()
+def best_coordinates(
+    quantiser: Quantiser, f: torch.Tensor, indices: torch.Tensor, received: torch.Tensor
+) -> Coordinates:
+    """Those of `export`: an isometry on average, sorted by energy, fine enough for the latents there are."""
+    seen = quantiser.look_up(indices, received).cpu().numpy()
+    # Slopes are taken at latents drawn with one seed: a linear decoder has the same everywhere.
+    generator, layers = torch.Generator().manual_seed(0), _layers(quantiser.decoder)
+    basis = principal(layers, seen, np.ones(len(seen)), generator, centred=False)
+    reached = np.abs(np.concatenate([seen, quantiser.project(f).cpu().numpy()]) @ basis.forward)
+    books = [quantiser.book(number).words.cpu().numpy() for number in range(len(quantiser.books))]
+    widest = float(np.abs(np.concatenate(books) @ basis.forward).max())
+    unit = max(float(np.percentile(reached, 99.9)) / CODEWORD_RANGE, widest / _LARGEST, FINEST_UNIT)
+    return Coordinates(basis.forward, basis.backward, unit)
 
 
 def _layers(decoder: nn.Sequential) -> Layers:
@@ -124,7 +158,9 @@ class FixedLatents(nn.Module):
         pairs = [(state[f"weights.{n}"].cpu().numpy(), state[f"biases.{n}"].cpu().numpy()) for n in range(count)]
         decoder = QuantisedMlp(tuple(Linear.quantised(weights, biases, bits=bits) for weights, biases in pairs))
         indices = state["indices"].cpu().numpy().astype(np.int16)
-        made = cls(Exported(books, decoder, indices, np.zeros((len(indices), books.dimension), np.float32)), bits)
+        same = np.eye(books.dimension)
+        latents = np.zeros((len(indices), books.dimension), np.float32)
+        made = cls(Exported(books, decoder, indices, latents, Coordinates(same, same, 1.0)), bits)
         made.load_state_dict(dict(state))
         return made
 

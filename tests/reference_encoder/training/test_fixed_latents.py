@@ -121,3 +121,15 @@ def test_fixed_latents_come_back_from_a_checkpoint() -> None:
     again = FixedLatents.of_state(fixed.state_dict())
     rows = torch.arange(500)
     assert torch.equal(again(rows, 3), fixed(rows, 3))
+
+
+def test_coordinates_can_be_kept() -> None:
+    """Codewords that moved a little get integers near those they had: an index network goes on from where it was."""
+    quantiser, f, indices, stages = _trained("paper")
+    first = export(quantiser, f, indices, stages)
+    with torch.no_grad():
+        quantiser.book(0).words.mul_(1.02)
+    second = export(quantiser, f, indices, stages, first.coordinates)
+    moved = second.codebooks.coarse - np.rint(1.02 * first.codebooks.coarse)
+    assert np.abs(moved).max() <= 2
+    assert second.coordinates is first.coordinates
