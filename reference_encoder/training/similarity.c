@@ -22,7 +22,7 @@ typedef struct {
 } Similarity;
 
 /* The window along a row of n floats with REACH zeros on both sides. */
-static inline __attribute__((always_inline)) void along(const float *restrict in, const float *restrict w,
+INLINE void along(const float *restrict in, const float *restrict w,
                                                         float *restrict out, int64_t n) {
     for (int64_t i = 0; i < n; i++) {
         float sum = w[0] * in[i + REACH];
@@ -31,7 +31,7 @@ static inline __attribute__((always_inline)) void along(const float *restrict in
     }
 }
 
-static inline __attribute__((always_inline)) void add_moments(const float *restrict x, const float *restrict y, float w,
+INLINE void add_moments(const float *restrict x, const float *restrict y, float w,
                                                               float *restrict m, float *restrict s, float *restrict p,
                                                               int64_t n) {
     for (int64_t i = 0; i < n; i++) {
@@ -42,7 +42,7 @@ static inline __attribute__((always_inline)) void add_moments(const float *restr
     }
 }
 
-static inline __attribute__((always_inline)) void add_maps(const Similarity *t, int64_t at, float w, float *restrict m,
+INLINE void add_maps(const Similarity *t, int64_t at, float w, float *restrict m,
                                                            float *restrict s, float *restrict p, int64_t n) {
     const float *restrict a = t->by_mean + at, *restrict b = t->by_square + at, *restrict c = t->by_product + at;
     for (int64_t i = 0; i < n; i++) {
@@ -52,7 +52,7 @@ static inline __attribute__((always_inline)) void add_maps(const Similarity *t, 
     }
 }
 
-static inline __attribute__((always_inline)) void derive(const Similarity *t, int64_t at, const float *restrict mean,
+INLINE void derive(const Similarity *t, int64_t at, const float *restrict mean,
                                                          const float *restrict square, const float *restrict product,
                                                          int64_t n, double *sums) {
     const float *restrict x = t->picture + at, *restrict y = t->photo + at;
@@ -77,7 +77,7 @@ static inline __attribute__((always_inline)) void derive(const Similarity *t, in
     sums[1] = similar;
 }
 
-static inline __attribute__((always_inline)) void finish(const Similarity *t, int64_t at, const float *restrict m,
+INLINE void finish(const Similarity *t, int64_t at, const float *restrict m,
                                                          const float *restrict s, const float *restrict p, int64_t n) {
     const float *restrict x = t->picture + at, *restrict y = t->photo + at;
     float *restrict gradient = t->gradient + at;
@@ -89,7 +89,7 @@ static inline __attribute__((always_inline)) void finish(const Similarity *t, in
 }
 
 /* Rows first..past-1 of phase 1 (slopes of SSIM by its moments) or 2 (the gradient), in the scratch of one thread. */
-WIDE void scar_similarity(const Similarity *t, int64_t phase, int64_t first, int64_t past, int64_t thread) {
+EXPORT WIDE void scar_similarity(const Similarity *t, int64_t phase, int64_t first, int64_t past, int64_t thread) {
     int64_t n = t->width * 3, wide = n + 2 * REACH;
     float *m = t->scratch + thread * 2 * MAPS * wide, *s = m + wide, *p = s + wide;
     float *out = p + wide;
