@@ -77,11 +77,12 @@ class Descent:
         for group in self._optimiser.param_groups:
             state = self._optimiser.state.get(group["params"][0])
             if state:
-                out[group["name"]] = {key: torch.as_tensor(value) for key, value in state.items()}
+                out[group["name"]] = {key: torch.as_tensor(value).clone() for key, value in state.items()}
         return out
 
     def load(self, state: dict[str, dict[str, Tensor]]) -> None:
         """Take up moments from a checkpoint."""
         for group in self._optimiser.param_groups:
             if group["name"] in state:
-                self._optimiser.state[group["params"][0]] = dict(state[group["name"]])
+                kept = {key: value.clone() for key, value in state[group["name"]].items()}
+                self._optimiser.state[group["params"][0]] = kept

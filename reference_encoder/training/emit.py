@@ -90,7 +90,7 @@ def _exported(state: State, kept: Tensor, classes: I64, model: SceneModel) -> Ex
 
 
 def integers(state: State, rows: Tensor) -> tuple[list[Any], Any]:
-    """Integers at the last step, int32: of scalings (n, 6), of latents (n, d) where they are sent; offsets (n, K, 3)."""
+    """Integers at the last step, int32: of scalings (n, 6) and, if they are sent, latents (n, d); offsets (n, K, 3)."""
     a = state.anchors
     widths, offset_widths = torch.exp(state.log_widths), torch.exp(state.log_offset_widths)
     offsets = torch.round(a.offsets[rows] / offset_widths).int().numpy()

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import torch
 
+from reference_encoder.decide.assemble import Quantised
 from reference_encoder.options import EncodeOptions
 from reference_encoder.pipeline import Written, best_file
-from reference_encoder.decide.assemble import Quantised
 from reference_encoder.training.anchors import Frame, SceneNetworks
 from reference_encoder.training.capture import Capture, Photo, pixels
 from reference_encoder.training.checkpoints import discard_checkpoints, identity, load_checkpoint, save_checkpoint
@@ -228,6 +228,11 @@ class Run:
         self.report(self.progress())
         return True
 
+    @property
+    def over(self) -> bool:
+        """Whether it has come to its end, and was not asked to stop before."""
+        return self.clock.done(self.trainer.iteration) >= 1
+
     def progress(self) -> Progress:
         """Where the run stands."""
         trainer, clock = self.trainer, self.clock
@@ -311,8 +316,8 @@ def train(
     Args:
         capture: photos with cameras, and points to start from.
         options: None for the defaults.
-        folder: for checkpoints, log and plot; a run that was interrupted goes on from the last checkpoint there. None
-            keeps nothing.
+        folder: for checkpoints, log and plot; a run that was interrupted or stopped goes on from the last checkpoint
+            there. None keeps nothing.
         report: told after every iteration.
         stop: asked after every iteration whether to end now with the best file so far.
 
@@ -335,7 +340,8 @@ def train(
         trained = run.result()
         ended = replace(run.progress(), psnr=trained.layers[-1].psnr, bytes=len(trained.data), phase="written")
         log.note(ended, layers=str([(layer.bytes, round(layer.psnr, 3)) for layer in trained.layers]))
-    discard_checkpoints(folder)
+    if run.over:
+        discard_checkpoints(folder)
     return trained
 
 

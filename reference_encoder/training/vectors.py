@@ -60,7 +60,8 @@ class Vectors:
         """
         if now is None:
             with torch.no_grad():
-                return self.quantiser.decode(self.quantiser.look_up(self.codes(latent), self.stages[layer]))
+                shown: Tensor = self.quantiser.decode(self.quantiser.look_up(self.codes(latent), self.stages[layer]))
+                return shown
         price = self._price() if now.hard else 0.0
         given = latent if now.hard else latent.detach()
         made = self.quantiser(given, self.stages[layer], price, self.quantiser.bits())
