@@ -214,7 +214,8 @@ def train(
         capture: of :func:`scarfmt.load_capture`, or what that reads.
         options: None for the defaults.
         folder: for checkpoints, log and plot; if it holds a checkpoint of the same capture and options, training goes
-            on from that. None to keep nothing.
+            on from that. They stay until :func:`~reference_encoder.training.checkpoints.discard_checkpoints`. None to
+            keep nothing.
         report: called with a :class:`~reference_encoder.training.options.Progress` as the work proceeds.
         stop: asked every iteration; once it says yes, training ends early with the best file so far.
 
@@ -225,13 +226,15 @@ def train(
         InvalidInput: ``input-options``, ``input-dependency``, ``input-checkpoint``, or the capture cannot be used.
     """
     settled = (options or TrainOptions()).settled()
+    from reference_encoder.training.run import train as train_capture  # type: ignore[import-not-found,unused-ignore]
+
     from reference_encoder.training.capture import Capture, load_capture
-    from reference_encoder.training.run import train as train_capture
 
     kept = None if folder is None else Path(folder)
     with tempfile.TemporaryDirectory(prefix="scarfmt-") as temporary:
         read = capture if isinstance(capture, Capture) else load_capture(capture, workspace=kept or Path(temporary))
-        return train_capture(read, settled, kept, report, stop)
+        trained: Trained = train_capture(read, settled, kept, report, stop)
+    return trained
 
 
 def inspect(source: Origin, *, metadata: bool = False, limits: Limits = DEFAULT_LIMITS) -> dict[str, Any]:

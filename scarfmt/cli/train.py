@@ -200,12 +200,13 @@ def _read(path: str, resolution: int | None, hold_out: int, workspace: Path, rep
 
 
 def _train(capture: Capture, options: TrainOptions, run: Path | None, report: Report, stop: Stop) -> Trained:
-    from reference_encoder.training.run import train as train_capture
+    from reference_encoder.training.run import train as train_capture  # type: ignore[import-not-found,unused-ignore]
 
     def tell(now: Progress) -> None:
         report(_described(now), now.iteration / max(now.iterations, 1))
 
-    return train_capture(capture, options, run, tell, stop)
+    trained: Trained = train_capture(capture, options, run, tell, stop)
+    return trained
 
 
 def _end(run: Path | None, interrupted: bool, quiet: bool) -> None:

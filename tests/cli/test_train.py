@@ -65,7 +65,8 @@ def test_options_reach_the_trainer(run: Run, trainer: Trainer, capture: Path, tm
     result = run("train", capture, tmp_path / "a.scar", *said, *more)
     assert result.exit_code == 0, result.output
     ((read, options, folder),) = trainer.given
-    assert options == TrainOptions(None, 7, 3, 2.0, "paper", "cuda", "grid2d3d", "gru", 5)
+    chosen = {"preset": "paper", "device": "cuda", "context": "grid2d3d", "entropy": "gru"}
+    assert options == TrainOptions(iterations=7, layers=3, lambda_=2.0, seed=5, **chosen)
     assert (len(read.test), read.photos[0].camera.width, folder) == (3, 24, tmp_path / "r")
 
 
