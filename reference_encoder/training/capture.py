@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections import Counter
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -18,21 +16,19 @@ from pathlib import Path
 import numpy as np
 
 from reference_encoder.training.area import area_filtered
+from reference_encoder.training.options import HOLD_OUT, LEAST_RESOLUTION
+from reference_encoder.training.pictures import bare_photos, black, named, photo_files, wrong_capture
+from reference_encoder.training.poses import posed, undistorted
 from reference_encoder.training.start import drawn_points
 from scarfmt.arrays import F64, U8
+from scarfmt.coding.writer import Report, silent
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture import listings, load_cameras, load_points
-from scarfmt.render.images import opened_image, read_pixels
+from scarfmt.render.capture import load_cameras, load_distorted, load_points
+from scarfmt.render.capture.points import Points
+from scarfmt.render.images import read_pixels
 
 FEWEST_PHOTOS = 2
-HOLD_OUT = 8
-"""The papers' convention: of the photos sorted by name, the first and every 8th after it."""
-_ENDINGS = ("", ".png", ".jpg", ".jpeg", ".JPG", ".JPEG", ".PNG")
-"""Blender's file names leave out the ending, INRIA's lists too."""
-_BLACK = 8
-"""A photo whose brightest value is not above is black: what a lens cap leaves after JPEG."""
-_SHOWN_NAMES = 3
 
 
 @dataclass(frozen=True)
@@ -85,34 +81,45 @@ class Capture:
         return found.hexdigest()
 
 
-def load_capture(path: str | PathLike[str], resolution: int | None = None, hold_out: int = HOLD_OUT) -> Capture:
+def load_capture(
+    path: str | PathLike[str],
+    resolution: int | None = None,
+    hold_out: int = HOLD_OUT,
+    workspace: str | PathLike[str] | None = None,
+    report: Report = silent,
+) -> Capture:
     """The capture at `path`, with every photo looked at.
 
     Args:
-        path: what :func:`scarfmt.load_cameras` reads, with the photos beside it, by the names it gives or in `images/`.
+        path: what :func:`scarfmt.load_cameras` reads, with the photos beside it, by the names it gives or in `images/`;
+            or a folder of photos alone, JPEG or PNG, whose poses are found (extra ``poses``).
         resolution: longest side of the photos, pixels: larger ones are filtered down to it; None for as they are.
         hold_out: every so manieth photo is for tests, unless the file says which are; 0 for none at all.
+        workspace: folder for photos made anew because their lens distorts or their poses were found; it has to stay as
+            long as the capture is used, and is read again instead of working again.
+        report: told (stage, part done).
 
     Raises:
         InvalidInput: ``input-cameras``, ``input-corrupt``: poses or points cannot be read; ``input-image``: a photo
             cannot; ``input-capture``: too few photos, one is missing or has another size than its camera says, all are
-            black, or no photo is left to learn from or to test with; ``input-options``.
+            black, no pose is found, or no photo is left to learn from or to test with; ``input-options``: also where
+            a workspace is needed; ``input-dependency``.
         OSError: a file cannot be read.
 
     Warns:
-        InputWarning: lens distortion is ignored, single photos are black and left out, or there are no points.
+        InputWarning: single photos are left out, black or without a pose, or there are no points.
     """
     _check(resolution, hold_out)
-    found = sorted(_photos(Path(path)), key=lambda photo: photo.camera.name)
-    _check_number(path, len(found))
-    lit = _without_black(path, found)
-    photos = tuple(_sized(photo, resolution) for photo in _split(path, lit, hold_out))
-    points = load_points(path)
+    report("read the photos", 0.0)
+    read = _posed if bare_photos(Path(path)) else _listed
+    photos, points = read(Path(path), None if workspace is None else Path(workspace), report)
+    photos = _split(path, sorted(photos, key=lambda photo: photo.camera.name), hold_out)
+    sized = tuple(_sized(photo, resolution) for photo in photos)
     if points is None or not len(points.positions):
         message = f"{path}: has no points to start from: some are drawn at random where the cameras look"
         warnings.warn(message, InputWarning, stacklevel=2)
-        points = drawn_points([photo.camera for photo in photos])
-    return Capture(photos, points.positions, points.colours)
+        points = drawn_points([photo.camera for photo in sized])
+    return Capture(sized, points.positions, points.colours)
 
 
 def pixels(photo: Photo) -> U8:
@@ -125,14 +132,9 @@ def pixels(photo: Photo) -> U8:
     return area_filtered(read_pixels(photo.path), photo.camera.width, photo.camera.height)
 
 
-def wrong_capture(path: str | PathLike[str], message: str) -> InvalidInput:
-    """The error for a capture that cannot be trained from: ``input-capture``."""
-    return InvalidInput("input-capture", f"{path}: {message}")
-
-
 def _check(resolution: int | None, hold_out: int) -> None:
-    if resolution is not None and resolution < 16:
-        message = f"{resolution} pixels show too little: 16 are least"
+    if resolution is not None and resolution < LEAST_RESOLUTION:
+        message = f"{resolution} pixels show too little: {LEAST_RESOLUTION} are least"
         raise InvalidInput("input-options", message, field="resolution")
     if hold_out < 0 or hold_out == 1:
         message = f"every {hold_out}th photo cannot be held out: 0 (none) or 2 and more are possible"
@@ -144,68 +146,45 @@ def _check_number(path: str | PathLike[str], count: int) -> None:
         raise wrong_capture(path, f"{count} photo; at least {FEWEST_PHOTOS} are needed, and tens to hundreds are usual")
 
 
-def _photos(path: Path) -> list[Photo]:
-    """Every camera with its photo, which is there and has the size the camera says."""
-    cameras = load_cameras(path)
-    repeated = [name for name, count in Counter(camera.name for camera in cameras).items() if count > 1]
-    if repeated:
-        what = "has no name" if not repeated[0] else f"is listed twice: {repeated[0]}"
-        raise wrong_capture(path, f"a photo {what}; each camera needs the name of its own photo")
-    folders = _folders(path)
-    found = {camera.name: _picture(folders, camera.name) for camera in cameras}
-    missing = [name for name, file in found.items() if file is None]
-    if missing:
-        where = " nor ".join(map(str, folders[:2]))
-        message = f"{len(missing)} of {len(cameras)} photos are missing, {_named(missing)}: neither in {where}"
+def _listed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Photo], Points | None]:
+    """The photos of a list of cameras, and its points."""
+    distorted = load_distorted(path)
+    cameras = [] if distorted else load_cameras(path)
+    views = distorted or cameras
+    _check_number(path, len(views))
+    files = photo_files(path, views)
+    points = load_points(path)
+    lit = _lit(path, [view.name for view in views], files)
+    shown = [files[index] for index in lit]
+    if not distorted:
+        return [Photo(cameras[index], file) for index, file in zip(lit, shown, strict=True)], points
+    made = undistorted(path, [distorted[index] for index in lit], shown, workspace, report)
+    return [Photo(camera, file) for camera, file in made], points
+
+
+def _posed(path: Path, workspace: Path | None, report: Report) -> tuple[list[Photo], Points]:
+    """The photos of a folder without a list, as far as their poses are found."""
+    files = bare_photos(path)
+    _check_number(path, len(files))
+    lit = [files[index] for index in _lit(path, [file.name for file in files], files)]
+    made, points = posed(path, lit, workspace, report)
+    gone = sorted({file.name for file in lit} - {camera.name for camera, _ in made})
+    if gone:
+        warnings.warn(f"{path}: left out {named(gone)}: no pose was found", InputWarning, stacklevel=3)
+    return [Photo(camera, file) for camera, file in made], points
+
+
+def _lit(path: Path, names: Sequence[str], files: Sequence[Path]) -> list[int]:
+    """Numbers of the photos that show something."""
+    dark = black(files)
+    lit = [index for index, nothing in enumerate(dark) if not nothing]
+    if len(lit) < len(files) and len(lit) < FEWEST_PHOTOS:
+        message = f"{len(files) - len(lit)} of {len(files)} photos are black all over: too few show anything"
         raise wrong_capture(path, message)
-    photos = [Photo(camera, file) for camera in cameras if (file := found[camera.name]) is not None]
-    for photo in photos:
-        _check_size(path, photo)
-    return photos
-
-
-def _folders(path: Path) -> list[Path]:
-    """Where photos may lie, most likely first. COLMAP's models lie below the folder that holds `images/`."""
-    base = path if path.is_dir() else path.parent
-    above = [base, *base.parents[:2]] if listings(path)[0].suffix != ".json" else [base]
-    return [folder for parent in above for folder in (parent / "images", parent)]
-
-
-def _picture(folders: Sequence[Path], name: str) -> Path | None:
-    if "\0" in name:
-        return None
-    candidates = (folder / f"{name}{ending}" for folder in folders for ending in _ENDINGS)
-    return next((file for file in candidates if file.is_file()), None)
-
-
-def _named(names: Sequence[str]) -> str:
-    more = len(names) - _SHOWN_NAMES
-    return ", ".join(names[:_SHOWN_NAMES]) + (f" and {more} more" if more > 0 else "")
-
-
-def _check_size(path: str | PathLike[str], photo: Photo) -> None:
-    camera = photo.camera
-    with opened_image(photo.path) as image:
-        width, height = image.size
-    if (width, height) != (camera.width, camera.height):
-        message = (
-            f"{photo.path.name} has {width}x{height} pixels, but its camera {camera.width}x{camera.height}; give the"
-            " photos the poses were made from, or scale the cameras too"
-        )
-        raise wrong_capture(path, message)
-
-
-def _without_black(path: str | PathLike[str], photos: Sequence[Photo]) -> list[Photo]:
-    """Those that show something. Every photo is read to its end for it, which finds what is cut short."""
-    with ThreadPoolExecutor() as pool:
-        black = list(pool.map(lambda photo: bool(read_pixels(photo.path).max() <= _BLACK), photos))
-    names = [photo.camera.name for photo, dark in zip(photos, black, strict=True) if dark]
-    left = [photo for photo, dark in zip(photos, black, strict=True) if not dark]
-    if names and len(left) < FEWEST_PHOTOS:
-        raise wrong_capture(path, f"{len(names)} of {len(photos)} photos are black all over: too few show anything")
-    if names:
-        warnings.warn(f"{path}: left out {_named(names)}: black all over", InputWarning, stacklevel=3)
-    return left
+    if len(lit) < len(files):
+        gone = [name for name, nothing in zip(names, dark, strict=True) if nothing]
+        warnings.warn(f"{path}: left out {named(gone)}: black all over", InputWarning, stacklevel=4)
+    return lit
 
 
 def _split(path: str | PathLike[str], photos: Sequence[Photo], hold_out: int) -> list[Photo]:

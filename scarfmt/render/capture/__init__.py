@@ -14,13 +14,14 @@ from pathlib import Path
 from typing import Any
 
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture.colmap import colmap_cameras, model_files
+from scarfmt.render.capture.colmap import colmap_cameras, colmap_distorted, model_files
+from scarfmt.render.capture.distorted import Distorted
 from scarfmt.render.capture.listing import inria_camera, own_camera
 from scarfmt.render.capture.points import Points, colmap_points, ply_points
 from scarfmt.render.capture.record import MAX_CAMERAS, MAX_LISTING_BYTES, Record, wrong
-from scarfmt.render.capture.transforms import DATAPARSER, transforms_cameras, transforms_points
+from scarfmt.render.capture.transforms import DATAPARSER, transforms_cameras, transforms_distorted, transforms_points
 
-__all__ = ["held_out", "load_cameras", "load_points"]
+__all__ = ["held_out", "load_cameras", "load_distorted", "load_points"]
 
 _MODEL_FILES = {f"{kind}{ending}" for kind in ("cameras", "images") for ending in (".bin", ".txt")}
 _KNOWN = (
@@ -62,6 +63,19 @@ def load_cameras(path: str | PathLike[str]) -> list[Camera]:
 def held_out(cameras: list[Camera]) -> list[Camera]:
     """Those marked ``"test"``; all where none is."""
     return [camera for camera in cameras if camera.split == "test"] or cameras
+
+
+def load_distorted(path: str | PathLike[str]) -> list[Distorted]:
+    """The views of a capture with their lenses as they are; none where all are pinholes.
+
+    Args:
+        path: as for :func:`load_cameras`.
+
+    Raises:
+        InvalidInput: ``input-cameras``.
+        OSError: it cannot be read.
+    """
+    return [view for file in listings(Path(path)) for view in _distorted(file)]
 
 
 def load_points(path: str | PathLike[str]) -> Points | None:
@@ -126,6 +140,17 @@ def _cameras(path: Path) -> list[Camera]:
 def _marked(camera: Camera, file: Path, files: list[Path]) -> Camera:
     """`camera`, marked by which of several files lists it."""
     return camera if len(files) == 1 else replace(camera, split=_BLENDER[file.name])
+
+
+def _distorted(path: Path) -> list[Distorted]:
+    if path.name in _MODEL_FILES:
+        model = model_files(path.parent)
+        return [] if model is None else colmap_distorted(*model)
+    match _json(path):
+        case {"frames": list(frames)} as document:
+            _check_number(path, frames)
+            return transforms_distorted(str(path), document, frames, _dataparser(path))
+    return []
 
 
 def _dataparser(path: Path) -> Any:

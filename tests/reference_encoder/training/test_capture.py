@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -154,8 +155,8 @@ def points_at_nan(folder: Path) -> None:
 
 
 BAD: dict[str, tuple[Callable[[Path], object], str, str]] = {
-    "no poses": (
-        lambda folder: (folder / "cameras.json").unlink(),
+    "nothing at all": (
+        lambda folder: [shutil.rmtree(folder / "images"), (folder / "cameras.json").unlink()],
         "input-cameras",
         "no cameras in this folder",
     ),
