@@ -1,4 +1,4 @@
-"""How the compiled kernel is built and named; everything else is in pyproject.toml."""
+"""How the compiled libraries are built and named; everything else is in pyproject.toml."""
 
 from __future__ import annotations
 
@@ -11,18 +11,23 @@ from setuptools.command.build_ext import build_ext
 from setuptools.errors import CompileError
 
 LIBRARY = "native.pyd" if sys.platform == "win32" else "native.so"
-"""No Python version in the name: the kernel is called through ctypes and needs no Python ABI."""
+"""No Python version in the name: libraries are called through ctypes and need no Python ABI."""
+LIBRARIES = {
+    "scarfmt.kernel.native": "without it all results are the same, and slower",
+    "reference_encoder.training.raster.native": "without it nothing can be trained on a CPU",
+}
+"""What is lost where one could not be built."""
 FAILURE = "native.failed.txt"
-"""Says in an installation without the kernel why; `scarfmt --version` repeats it."""
+"""Says in an installation without a library why; of the kernel, `scarfmt --version` repeats it."""
 _WARNING = """
-*** scarfmt: the compiled kernel could not be built; without it all results are the same, and slower.
+*** scarfmt: {} could not be built; {}.
 *** {}
 *** Needed are GCC or Clang, found by $CC, and $CFLAGS that it takes.
 """
 
 
-class BuildKernel(build_ext):
-    """Builds the kernel under its plain name, without symbols for a debugger."""
+class BuildLibraries(build_ext):
+    """Builds the libraries under their plain names, without symbols for a debugger."""
 
     def get_ext_filename(self, fullname: str) -> str:
         return str(Path(*fullname.split(".")).with_name(LIBRARY))
@@ -35,7 +40,7 @@ class BuildKernel(build_ext):
         try:
             super().build_extension(ext)
         except Exception as error:
-            print(_WARNING.format(error), file=sys.stderr)
+            print(_WARNING.format(ext.name, LIBRARIES[ext.name], error), file=sys.stderr)
             failure.parent.mkdir(parents=True, exist_ok=True)
             failure.with_name(LIBRARY).unlink(missing_ok=True)
             failure.write_text(f"{type(error).__name__}: {' '.join(str(error).split())}\n")
@@ -43,24 +48,25 @@ class BuildKernel(build_ext):
             raise CompileError(str(error)) from error
 
     def copy_extensions_to_source(self) -> None:
-        # What an older build left has a longer name, which Python would find first.
-        kernel = Path("scarfmt/kernel")
-        for old in [*kernel.glob("native.*.so"), kernel / FAILURE]:
-            old.unlink(missing_ok=True)
-        failure = Path(self.build_lib, kernel, FAILURE)
-        if failure.exists():
-            (kernel / LIBRARY).unlink(missing_ok=True)
-            (kernel / FAILURE).write_text(failure.read_text())
+        for folder in (Path(*name.split(".")).parent for name in LIBRARIES):
+            # What an older build left has a longer name, which Python would find first.
+            for old in [*folder.glob("native.*.so"), folder / FAILURE]:
+                old.unlink(missing_ok=True)
+            failure = Path(self.build_lib, folder, FAILURE)
+            if failure.exists():
+                (folder / LIBRARY).unlink(missing_ok=True)
+                (folder / FAILURE).write_text(failure.read_text())
         super().copy_extensions_to_source()
 
 
-class KernelWheel(bdist_wheel):
-    """A wheel for every Python 3 of one platform, or of any where the kernel could not be built."""
+class LibraryWheel(bdist_wheel):
+    """A wheel for every Python 3 of one platform, or of any where no library could be built."""
 
     def get_tag(self) -> tuple[str, str, str]:
         platform = super().get_tag()[2]
-        built = Path(self.bdist_dir or "", "scarfmt", "kernel", LIBRARY).exists()
+        names = (Path(self.bdist_dir or "", *name.split(".")).with_name(LIBRARY) for name in LIBRARIES)
+        built = any(name.exists() for name in names)
         return "py3", "none", platform if built else "any"
 
 
-setup(cmdclass={"build_ext": BuildKernel, "bdist_wheel": KernelWheel})
+setup(cmdclass={"build_ext": BuildLibraries, "bdist_wheel": LibraryWheel})

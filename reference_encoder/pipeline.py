@@ -17,11 +17,11 @@ One currency runs through all of it: lambda, squared picture error per bit.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from reference_encoder.decide.assemble import Quantised
 from reference_encoder.decide.decision import Decision, decide
@@ -56,6 +56,11 @@ from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput, missing_package
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.tools.annotate import annotated
+
+if TYPE_CHECKING:  # needs torch
+    from reference_encoder.networks.candidates import Learned
+
+    Learner = Callable[[QuantisedScene, float], Learned | None]
 
 
 @dataclass(frozen=True)
@@ -321,7 +326,9 @@ def allowed_corrections(options: EncodeOptions) -> int:
     return EFFORTS[options.effort].corrections if options.corrections is None else options.corrections
 
 
-def best_file(plain: Quantised, options: EncodeOptions, report: Report = silent) -> Written:
+def best_file(
+    plain: Quantised, options: EncodeOptions, report: Report = silent, learner: Learner | None = None
+) -> Written:
     """The file found whose bytes, and those transferred while its networks decode, are fewest.
 
     Up to three are written, and the first is the one without networks. Predictors of channel values come first, each
@@ -335,6 +342,8 @@ def best_file(plain: Quantised, options: EncodeOptions, report: Report = silent)
         options: `bits_per_ns` says what time is worth, `decode_budget` bounds what is tried; of `effort`, 1 tries
             nothing, and 3 several networks.
         report: told (stage, fraction done).
+        learner: trains the index network, given a scene and the nanoseconds that a decoder may spend on it; without,
+            one is trained from nothing.
     """
     static = _written(plain.scene, report)
     if not options.trains_networks:
@@ -345,7 +354,8 @@ def best_file(plain: Quantised, options: EncodeOptions, report: Report = silent)
     index_bits = 8.0 * index_bytes(static.data)
     predicted_scene = affordable_predictors(plain.scene, options, report)
     most_ns = most_index_ns(index_bits, options)
-    learned = with_index_network(predicted_scene or plain.scene, options, report, most_ns)
+    learner = learner or (lambda scene, most_ns: with_index_network(scene, options, report, most_ns))
+    learned = learner(predicted_scene or plain.scene, most_ns)
     time_bits = 0.0 if learned is None else options.bits_per_ns * index_network_ns(learned.scene)
     if learned is not None and learned.bits + time_bits < index_bits:
         if plain.targets is not None:

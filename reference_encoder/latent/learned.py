@@ -92,7 +92,7 @@ def stored(
     """The decoder as stored, its best latents, and the trained codewords in units of the codeword lattice."""
     generator = torch.Generator().manual_seed(options.rvq.seed)
     values = best_latents(trained.decoder, space.x, trained.encoded, SEARCH_ROUNDS)
-    basis = _principal(trained.decoder, values, weight, generator)
+    basis = principal(trained.decoder, values, weight, generator)
     values = basis.latents(values)
     unit = max(float(np.percentile(np.abs(values), 99.9)) / CODEWORD_RANGE, FINEST_UNIT)
     decoder = _stored(basis.decoder(trained.decoder), unit, space, options.decoder_bits)
@@ -118,7 +118,7 @@ def choose(
 
 
 @dataclass(frozen=True)
-class _Basis:
+class Basis:
     """Coordinates in which the decoder is an isometry on average: z' = (z - centre) @ forward."""
 
     centre: F64
@@ -126,28 +126,39 @@ class _Basis:
     backward: F64
 
     def latents(self, z: NDArray[np.floating]) -> F32:
+        """(n, d) of (n, d) latents."""
         return ((z - self.centre) @ self.forward).astype(np.float32)
 
     def differences(self, z: NDArray[np.floating]) -> F32:
+        """(n, d) of (n, d) differences of latents."""
         return (z @ self.forward).astype(np.float32)
 
     def decoder(self, layers: Layers) -> Layers:
+        """Layers that take latents in these coordinates."""
         (weights, biases), *others = layers
         return [(weights @ self.backward.T, biases + weights @ self.centre), *others]
 
 
-def _principal(layers: Layers, z: F32, weight: F64, generator: torch.Generator) -> _Basis:
-    """The decoder's mean metric made the identity, and its axes sorted by energy: trailing ones have short ranges."""
+def principal(layers: Layers, z: F32, weight: F64, generator: torch.Generator, centred: bool = True) -> Basis:
+    """The decoder's mean metric made the identity, and its axes sorted by energy: trailing ones have short ranges.
+
+    Args:
+        layers: of the decoder of (N, d) latents `z`.
+        weight: (N,) importance of a squared error.
+        centred: whether the middle of `z` becomes 0; else 0 stays where it is.
+    """
     drawn = Sampler(weight, generator).draw(METRIC_VECTORS)
     slopes = _slopes(_tensors(layers), torch.from_numpy(z)[drawn])[1].double()
     metric = torch.einsum("nij,nik->jk", slopes, slopes).numpy() / len(drawn)
     gains, axes = np.linalg.eigh(metric)
     kept = gains > max(float(gains.max()), 1e-300) * LEAST_GAIN
     gains, axes = np.sqrt(gains[kept]), axes[:, kept]
-    centre = (weight @ z.astype(np.float64)) / weight.sum() if weight.sum() > 0 else z.mean(axis=0, dtype=np.float64)
+    centre = np.zeros(z.shape[1])
+    if centred:
+        centre = (weight @ z.astype(np.float64)) / weight.sum() if weight.sum() > 0 else z.mean(0, dtype=np.float64)
     spread = (z - centre) @ (axes * gains)
     turn = np.linalg.eigh((spread * weight[:, None]).T @ spread)[1][:, ::-1]
-    return _Basis(centre, (axes * gains) @ turn, turn.T @ (axes / gains).T)
+    return Basis(centre, (axes * gains) @ turn, turn.T @ (axes / gains).T)
 
 
 def _stored(layers: Layers, unit: float, space: Whitened, bits: int) -> QuantisedMlp:

@@ -9,7 +9,7 @@ the rounding of those before it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -217,9 +217,10 @@ def quantise(
         bits.append(prices.bits[vectors.classes, code])
         distortion.append(left.energy.astype(np.float64))
         report((stage + 1) / options.stages)
-    coarse, residual, indices = _ranked(books, codes, vectors.x.shape)
+    indices = np.stack(codes, axis=1) if codes else np.zeros((len(vectors.x), 0), np.int64)
+    coarse, residual, ranks = ranked(books, indices, np.full(len(indices), options.stages), vectors.x.shape[1])
     none = np.zeros((0, len(vectors.x)), np.float32)
-    return RvqResult(coarse, residual, indices, np.stack(distortion), np.stack(bits) if bits else none)
+    return RvqResult(coarse, residual, ranks, np.stack(distortion), np.stack(bits) if bits else none)
 
 
 def _sample(count: int, options: RvqOptions, draws: Draws) -> I64:
@@ -241,19 +242,29 @@ def _pooled(sample: Vectors, copies: int) -> Vectors:
     return Vectors(x, np.tile(sample.weight, copies), np.tile(sample.classes, copies))
 
 
-def _ranked(books: list[F32], codes: list[I64], shape: tuple[int, ...]) -> tuple[I64, I64, I16]:
-    """Both books without the codewords nobody uses, the rest numbered by falling use; and (N, M) indices."""
+def ranked(books: Sequence[F32], indices: I64, received: I64, dimension: int) -> tuple[I64, I64, I16]:
+    """Both books without the codewords nobody uses, the rest numbered by falling use; and (N, M) indices.
+
+    Args:
+        books: coarse and residual, as far as there are stages: (n, d) whole numbers.
+        indices: (N, M) codes of all stages.
+        received: (N,) stages that count; the indices of others become 0.
+        dimension: d.
+    """
     kept: list[I64] = []
-    indices = np.zeros((shape[0], len(codes)), np.int16)
+    out = np.zeros(indices.shape, np.int16)
     for number, book in enumerate(books):
-        stages = range(1) if number == 0 else range(1, len(codes))
-        used = sum((np.bincount(codes[s], minlength=len(book)) for s in stages), np.zeros(len(book), np.int64))
+        stages = range(1) if number == 0 else range(1, indices.shape[1])
+        sent = {stage: np.flatnonzero(received > stage) for stage in stages}
+        used = sum(
+            (np.bincount(indices[sent[s], s], minlength=len(book)) for s in stages), np.zeros(len(book), np.int64)
+        )
         order = np.argsort(-used, kind="stable")[: max(int((used > 0).sum()), 1)]
         rank = np.zeros(len(book), np.int16)
         rank[order] = np.arange(len(order), dtype=np.int16)
         for stage in stages:
-            indices[:, stage] = rank[codes[stage]]
+            out[sent[stage], stage] = rank[indices[sent[stage], stage]]
         kept.append(book[order].astype(np.int64))
-    empty = np.zeros((0, shape[1]), np.int64)
+    empty = np.zeros((0, dimension), np.int64)
     coarse, residual = [*kept, empty, empty][:2]
-    return coarse, residual, indices
+    return coarse, residual, out

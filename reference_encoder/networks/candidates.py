@@ -17,6 +17,7 @@ import numpy as np
 from reference_encoder.decide.targets import Targets, refinement_bits
 from reference_encoder.networks.affordable import Bounds, seen_by
 from reference_encoder.networks.clusters import Clusters, arrange
+from reference_encoder.networks.dataset import IndexRows
 from reference_encoder.networks.defaults import training_for
 from reference_encoder.networks.export import export
 from reference_encoder.networks.model import IndexModel
@@ -114,20 +115,28 @@ def with_index_network(
     if not shapes:
         return None
     view, rows = NetworkView.of(scene, seen_by(scene, old), EFFORTS[options.effort].training.rows, options.seed)
-    coarse, residual = code_uses(rows, old.sizes)
-    books, clusters = arrange(old, (coarse, residual))
-    rows = replace(rows, codes=_renumbered(rows.codes, clusters))
-    sizes = tuple(c.sizes for c in clusters)
+    scene, rows, sizes = arranged(scene, rows)
+    books = scene.codebooks
+    assert books is not None
     training = training_for(len(rows), options.effort, options.seed)
     best: Trained | None = None
     for shape in shapes:
         tried = train(rows, books, sizes, shape, training, partial(report, "entropy network"))
         best = tried if best is None or tried.bits < best.bits else best
     assert best is not None
-    contents = tuple(_recoded(model, content, clusters) for content in scene.contents)
     network = export(best.model, view.columns(model), books)
-    scene = replace(scene, contents=contents, codebooks=books, network=network, grid=view.grid)
-    return Learned(scene, best.model, view, training, sizes, best.bits)
+    return Learned(replace(scene, network=network, grid=view.grid), best.model, view, training, sizes, best.bits)
+
+
+def arranged(scene: QuantisedScene, rows: IndexRows) -> tuple[QuantisedScene, IndexRows, tuple[tuple[int, ...], ...]]:
+    """The scene and its rows with both books in the order of clusters, and the sizes of the clusters of each."""
+    old = scene.codebooks
+    assert old is not None
+    coarse, residual = code_uses(rows, old.sizes)
+    books, clusters = arrange(old, (coarse, residual))
+    rows = replace(rows, codes=_renumbered(rows.codes, clusters))
+    contents = tuple(_recoded(scene.model, content, clusters) for content in scene.contents)
+    return replace(scene, contents=contents, codebooks=books), rows, tuple(c.sizes for c in clusters)
 
 
 def another_round(learned: Learned, targets: Targets, options: EncodeOptions, report: Report) -> Learned:

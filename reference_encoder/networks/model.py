@@ -93,8 +93,11 @@ class GruModel(nn.Module):
         self.start = nn.Parameter(torch.zeros(hidden))
         # With one token only, the state it meets is a constant: the recurrent part has nothing to say.
         self.single = stages <= 2
-        if self.single:
+        if self.single or not shape.recurrent:
             self.recurrent.freeze()
+        if not shape.recurrent:
+            for dense in self.dense_inputs:
+                dense.freeze()
 
     @property
     def dense_inputs(self) -> list[Dense]:

@@ -21,6 +21,8 @@ class NetworkShape:
         weight_limit: largest magnitude of a weight.
         magnitude: whether a codeword's length is seen beside its dimensions: what tells the many that stand for
             "next to nothing" from the rest, which no product with the codeword itself can.
+        recurrent: whether the state follows the indices sent; else it tells the stage alone, and the network is a
+            perceptron over its context.
     """
 
     hidden: int = 16
@@ -33,6 +35,7 @@ class NetworkShape:
     weight_bits: int = 6
     weight_limit: int = 127
     magnitude: bool = True
+    recurrent: bool = True
 
     @property
     def top(self) -> int:

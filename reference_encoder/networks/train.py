@@ -87,7 +87,7 @@ class Examples:
             torch.from_numpy(rows.after),
             torch.from_numpy(rows.codes.astype(np.int64)),
         )
-        self.grid, self._lookup = grid, lookup
+        self.rows, self.grid, self._lookup = rows, grid, lookup
         self.sent = max(int((rows.after - rows.before).sum()), 1)
         self.scale = rows.symbols / self.sent
 
@@ -143,6 +143,29 @@ def build(
     return model
 
 
+class Descent:
+    """Steps of training by Adam, of a network and of the hash grid of its examples."""
+
+    def __init__(self, model: IndexModel, examples: Examples, options: TrainOptions) -> None:
+        self.model, self.examples, self._options = model, examples, options
+        # Fused: the network is small, and a call for every parameter and operation would take as long as its gradients.
+        self.optimiser = torch.optim.Adam(_groups(model, examples.grid, options.learning_rate), fused=True)
+
+    def step(self, chosen: torch.Tensor, expected: float) -> float:
+        """One step on the rows `chosen`, (m,) int64, of which so many hold `expected` indices on average.
+
+        Returns:
+            Bits of the indices of these rows, over `expected`.
+        """
+        bits = torch.cat(self.model.bits(self.examples.batch(chosen), self._options.quantised)).sum() / expected
+        loss = bits + self._options.weight_rate / self.examples.sent * _network_bits(self.model, self.examples.grid)
+        self.optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), STEEPEST)
+        self.optimiser.step()
+        return float(bits.detach())
+
+
 def train(
     rows: IndexRows,
     books: Codebooks,
@@ -162,12 +185,13 @@ def train(
         start: a network of the same shape to go on from (it is changed).
         grid, lookup: a hash grid to learn along (it is changed), and what it reads for each row.
     """
-    with _one_thread():
+    with one_thread():
         return _trained(rows, books, clusters, shape, options, report, start, grid, lookup)
 
 
 @contextmanager
-def _one_thread() -> Iterator[None]:
+def one_thread() -> Iterator[None]:
+    """Torch on one thread: results of training do not depend on how many there are."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -191,19 +215,13 @@ def _trained(
     model = build(rows, books, clusters, shape, options.seed, features) if start is None else start
     examples, draw = Examples(rows, grid, lookup), np.random.default_rng(options.seed)
     steps = max(1, round(len(rows) / options.batch))
-    # Fused: the network is small, and a call for every parameter and operation would take as long as its gradients.
-    optimiser = torch.optim.Adam(_groups(model, grid, options.learning_rate), fused=True)
-    schedule = _schedule(optimiser, steps * options.epochs)
+    descent = Descent(model, examples, options)
+    schedule = _schedule(descent.optimiser, steps * options.epochs)
     history: list[float] = []
     for epoch in range(options.epochs):
         order = torch.from_numpy(draw.permutation(len(rows)))
         for number, chosen in enumerate(torch.tensor_split(order, steps)):
-            loss = torch.cat(model.bits(examples.batch(chosen), options.quantised)).sum() / (examples.sent / steps)
-            loss = loss + options.weight_rate / examples.sent * _network_bits(model, grid)
-            optimiser.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(model.parameters(), STEEPEST)
-            optimiser.step()
+            descent.step(chosen, examples.sent / steps)
             schedule.step()
             report((epoch + (number + 1) / steps) / options.epochs)
         history.append(sum(_estimate(model, examples, options.quantised)))

@@ -24,11 +24,14 @@ class NetworkView:
 
     Attributes:
         seen: which cell means and attributes.
-        grid: whose features are the last inputs.
+        grid: whose features are the last inputs, or None.
+        blind: whether all but class and grid is ignored, though the file has a decoded context: such inputs are 0 in
+            rows, and their weights have to be.
     """
 
     seen: ContextOptions
-    grid: HashGrid
+    grid: HashGrid | None
+    blind: bool = False
 
     @classmethod
     def of(
@@ -37,13 +40,23 @@ class NetworkView:
         """A view with a grid round the scene, and about `most` rows of all tiles."""
         rows, positions = _placed_rows(scene, seen, range(len(scene.tiles)), most, seed)
         view = cls(seen, wave_grid(fit_box(positions)[0]))
-        return view, view._with_features(rows, positions)
+        return view, view.with_features(scene.model, rows, positions)
 
     def rows(self, scene: QuantisedScene, tiles: Sequence[int], most: int | None = None, seed: int = 0) -> IndexRows:
         """All rows of some tiles, or about `most` of them; their `places` count in `tiles`."""
-        return self._with_features(*_placed_rows(scene, self.seen, tiles, most, seed))
+        return self.with_features(scene.model, *_placed_rows(scene, self.seen, tiles, most, seed))
 
-    def _with_features(self, rows: IndexRows, positions: I64) -> IndexRows:
+    def placed_rows(self, scene: QuantisedScene, most: int | None = None, seed: int = 0) -> tuple[IndexRows, I64]:
+        """About `most` rows of all tiles, and the (n, 3) int64 lattice positions of their anchors."""
+        rows, positions = _placed_rows(scene, self.seen, range(len(scene.tiles)), most, seed)
+        return self.with_features(scene.model, rows, positions), positions
+
+    def with_features(self, model: SceneModel, rows: IndexRows, positions: I64) -> IndexRows:
+        """Rows with the features of the grid at (n, 3) lattice `positions`, and without what is not looked at."""
+        if self.blind:
+            rows.inputs[:, self.columns(model).classes :] = 0
+        if self.grid is None:
+            return rows
         features = best_engine().grid_features(self.grid, positions)
         return replace(rows, inputs=np.concatenate([rows.inputs, features], axis=1))
 
@@ -51,8 +64,9 @@ class NetworkView:
         """Meaning of the columns of the inputs."""
         seen, attributes = self.seen, sum(model.channels[index].components for index in model.attributes)
         depths = len(seen.occupancies)
+        width = 0 if self.grid is None else self.grid.width
         return Inputs(
-            model.layers[-1].class_count, seen.own, attributes, depths, seen.latents, seen.latent_shift, self.grid.width
+            model.layers[-1].class_count, seen.own, attributes, depths, seen.latents, seen.latent_shift, width
         )
 
 

@@ -10,23 +10,11 @@ function allocates. What indexes an array comes from other arrays that the calle
 #include <stddef.h>
 #include <stdint.h>
 
+#include "compiler.h"
 #include "structs.h"
-
-#define EXPORT __attribute__((visibility("default")))
 
 /* Grows with every change of a function's arguments: loading.py loads no other. Structs are compared one by one. */
 #define INTERFACE 4
-
-/* Wider vectors where the machine has them, chosen when the library is loaded: glibc can, musl cannot. Not where the
-whole unit is compiled for the widest (-march=x86-64-v4, native): there is nothing to choose, and GCC 12 fails. */
-#if defined(__x86_64__) && defined(__GLIBC__) && __GNUC__ >= 12 && !defined(__clang__) && !defined(__AVX512F__)
-#define WIDE __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
-#else
-#define WIDE
-#endif
-
-/* Compiled anew in each caller, for the vectors that it uses. */
-#define INLINE static inline __attribute__((always_inline))
 
 /* Rows of words are filled up to be read by four. */
 INLINE int64_t fours(int64_t words) { return (words + 3) & ~(int64_t)3; }

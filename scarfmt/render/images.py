@@ -1,15 +1,16 @@
-"""Pictures on disk: PNG in and out, and contact sheets."""
+"""Pictures on disk: in and out, and contact sheets."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, UnidentifiedImageError
 
-from scarfmt.arrays import F32
+from scarfmt.arrays import F32, U8
 from scarfmt.atomic import atomic_write
 from scarfmt.errors import InvalidInput
 
@@ -34,17 +35,45 @@ def write_png(path: str | Path, image: NDArray[np.floating]) -> None:
 
 
 def read_image(path: str | Path) -> F32:
-    """A picture file as (height, width, 3) float32 in [0, 1].
+    """A picture file as (height, width, 3) float32 in [0, 1]; see :func:`read_pixels`."""
+    return read_pixels(path).astype(np.float32) / np.float32(255)
+
+
+def read_pixels(path: str | Path) -> U8:
+    """A picture file as (height, width, 3) uint8, rows as stored: EXIF's orientation is not applied, as in COLMAP.
+
+    What is transparent shows black, which is what is behind a scene when it is drawn.
 
     Raises:
-        InvalidInput: the file is no picture pillow can read.
+        InvalidInput: ``input-image``: as :func:`opened_image`.
+        OSError: the file cannot be opened.
+    """
+    with opened_image(path) as image:
+        if not image.has_transparency_data:
+            return np.asarray(image.convert("RGB"))
+        pixels = np.asarray(image.convert("RGBA"), dtype=np.uint32)
+    return ((pixels[..., :3] * pixels[..., 3:] + 127) // 255).astype(np.uint8)
+
+
+@contextmanager
+def opened_image(path: str | Path) -> Iterator[Image.Image]:
+    """A picture file, its header read, and its pixels when they are asked for within.
+
+    Raises:
+        InvalidInput: ``input-image``: it is no picture pillow can read, is cut short, or has over 8 bits a channel.
         OSError: the file cannot be opened.
     """
     try:
         with Image.open(path) as image:
-            return np.asarray(image.convert("RGB"), dtype=np.float32) / np.float32(255)
-    except UnidentifiedImageError as error:
+            if image.mode.startswith(("I", "F")):
+                raise InvalidInput("input-image", f"{path} has more than 8 bits a channel: convert it to 8")
+            yield image
+    except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError) as error:
         raise InvalidInput("input-image", f"{path} is not a readable picture: give a PNG or JPEG file") from error
+    except OSError as error:
+        if error.errno is not None:  # else pillow's own, of what the file holds
+            raise
+        raise InvalidInput("input-image", f"{path} is damaged ({error}): copy it again") from error
 
 
 def contact_sheet(images: Sequence[NDArray[np.floating]], labels: Sequence[str] = (), columns: int = 4) -> F32:

@@ -22,27 +22,27 @@ MARCHES = [
 ]
 
 
-def extension() -> dict[str, Any]:
-    """How the package's metadata builds the library."""
-    with (REPOSITORY / "pyproject.toml").open("rb") as file:
-        found: dict[str, Any] = tomllib.load(file)["tool"]["setuptools"]["ext-modules"][0]
-    return found
+EXTENSIONS: list[dict[str, Any]] = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["tool"]["setuptools"][
+    "ext-modules"
+]
+"""How the package's metadata builds the libraries."""
+EACH = pytest.mark.parametrize("told", EXTENSIONS, ids=lambda told: told["name"])
 
 
-def test_every_unit_and_header_is_told_to_the_build() -> None:
+@EACH
+def test_every_unit_and_header_is_told_to_the_build(told: dict[str, Any]) -> None:
     """A header left out would not be in the source distribution."""
-    folder = REPOSITORY / "scarfmt" / "kernel"
-    told = extension()
+    folder = REPOSITORY.joinpath(*told["name"].split(".")).parent
     assert {Path(path).name for path in told["sources"]} == {path.name for path in folder.glob("*.c")}
-    assert {Path(path).name for path in told["depends"]} == {path.name for path in folder.glob("*.h")}
+    assert {path.name for path in folder.glob("*.h")} <= {Path(path).name for path in told["depends"]}
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="processors of another kind")
+@EACH
 @pytest.mark.parametrize("march", MARCHES)
-def test_units_compile_for_every_processor(march: str, tmp_path: Path) -> None:
+def test_units_compile_for_every_processor(march: str, told: dict[str, Any], tmp_path: Path) -> None:
     """Also where the whole unit has AVX-512: GCC 12 fails on narrower clones in it."""
-    told = extension()
     sources = [str(REPOSITORY / source) for source in told["sources"]]
     command = [str(COMPILER), "-shared", "-fPIC", *told["extra-compile-args"], f"-march={march}"]
     run = subprocess.run([*command, "-o", str(tmp_path / "native.so"), *sources], capture_output=True, text=True)
@@ -52,17 +52,17 @@ def test_units_compile_for_every_processor(march: str, tmp_path: Path) -> None:
 def test_a_build_without_a_compiler_says_so(tmp_path: Path) -> None:
     """Where people look, and in the package, so that `scarfmt --version` can repeat it; it is no failure."""
     pytest.importorskip("setuptools", minversion="77")
-    told = extension()
-    for path in ("setup.py", "pyproject.toml", "README.md", "LICENSE", "NOTICE", "scarfmt/__init__.py"):
-        (tmp_path / path).parent.mkdir(exist_ok=True)
-        shutil.copy(REPOSITORY / path, tmp_path / path)
-    (tmp_path / "scarfmt" / "kernel").mkdir()
-    for path in (*told["sources"], *told["depends"], "scarfmt/kernel/__init__.py"):
+    paths = [path for told in EXTENSIONS for path in (*told["sources"], *told["depends"])]
+    metadata = ("setup.py", "pyproject.toml", "README.md", "LICENSE", "NOTICE", "scarfmt/__init__.py")
+    for path in (*metadata, "scarfmt/kernel/__init__.py", *paths):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(REPOSITORY / path, tmp_path / path)
     environment = {**os.environ, "CC": str(tmp_path / "no-compiler"), "PYTHONPATH": ""}
     command = [sys.executable, "setup.py", "build_ext", "--inplace"]
     run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
-    assert "the compiled kernel could not be built" in run.stderr
-    assert "no-compiler" in (tmp_path / "scarfmt" / "kernel" / "native.failed.txt").read_text()
-    assert not (tmp_path / "scarfmt" / "kernel" / "native.so").exists()
+    for told in EXTENSIONS:
+        assert f"{told['name']} could not be built" in run.stderr
+        folder = tmp_path.joinpath(*told["name"].split(".")).parent
+        assert "no-compiler" in (folder / "native.failed.txt").read_text()
+        assert not (folder / "native.so").exists()

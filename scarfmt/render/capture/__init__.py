@@ -1,4 +1,6 @@
-"""Cameras of a photo capture, from the files that programs write: :func:`load_cameras`. The content decides the format.
+"""A photo capture, from files that programs write: its cameras (:func:`load_cameras`), points (:func:`load_points`).
+
+The content decides the format.
 
 Only NumPy and json are imported: a wrong file is told before anything slow begins.
 """
@@ -6,23 +8,30 @@ Only NumPy and json are imported: a wrong file is told before anything slow begi
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from scarfmt.render.camera import Camera
-from scarfmt.render.capture.colmap import colmap_cameras, model_files
+from scarfmt.render.capture.colmap import colmap_cameras, colmap_distorted, model_files
+from scarfmt.render.capture.distorted import Distorted
 from scarfmt.render.capture.listing import inria_camera, own_camera
+from scarfmt.render.capture.points import Points, colmap_points, ply_points
 from scarfmt.render.capture.record import MAX_CAMERAS, MAX_LISTING_BYTES, Record, wrong
-from scarfmt.render.capture.transforms import DATAPARSER, transforms_cameras
+from scarfmt.render.capture.transforms import DATAPARSER, transforms_cameras, transforms_distorted, transforms_points
 
-__all__ = ["held_out", "load_cameras"]
+__all__ = ["held_out", "load_cameras", "load_distorted", "load_points"]
 
 _MODEL_FILES = {f"{kind}{ending}" for kind in ("cameras", "images") for ending in (".bin", ".txt")}
 _KNOWN = (
     'a JSON object with "images" (scarfmt) or "frames" (transforms.json), a JSON array (INRIA\'s cameras.json), or a'
     " folder of COLMAP with cameras and images, .bin or .txt"
 )
+_BLENDER = {"transforms_train.json": "train", "transforms_test.json": "test"}
+"""Of NeRF's synthetic scenes: a file for each split."""
+_POINTS = ("points3d.ply", "points3D.ply", "input.ply")
+"""Beside a list that names none: this project's, COLMAP's, and what INRIA's trainer copies."""
 
 
 def load_cameras(path: str | PathLike[str]) -> list[Camera]:
@@ -30,7 +39,8 @@ def load_cameras(path: str | PathLike[str]) -> list[Camera]:
 
     Args:
         path: a JSON file of this project, INRIA's `cameras.json`, Nerfstudio's or Blender's `transforms.json`; or a
-            folder with one of these, or with a sparse model of COLMAP, also in its `sparse` or `sparse/0`.
+            folder with one of these, with Blender's `transforms_train.json` and `transforms_test.json`, or with a
+            sparse model of COLMAP, also in its `sparse` or `sparse/0`.
 
     Returns:
         At least one camera, in the order of the file (COLMAP: of the photos' names); marked train and test where the
@@ -43,7 +53,8 @@ def load_cameras(path: str | PathLike[str]) -> list[Camera]:
     Warns:
         InputWarning: lens distortion is ignored, or a size had to be assumed.
     """
-    found = _in_folder(Path(path)) if Path(path).is_dir() else _in_file(Path(path))
+    files = listings(Path(path))
+    found = [_marked(camera, file, files) for file in files for camera in _cameras(file)]
     if not found:
         raise wrong(str(path), "lists no cameras; export them again")
     return found
@@ -54,19 +65,62 @@ def held_out(cameras: list[Camera]) -> list[Camera]:
     return [camera for camera in cameras if camera.split == "test"] or cameras
 
 
-def _in_folder(folder: Path) -> list[Camera]:
-    """A list tells more than a sparse model: which cameras are for tests. `transforms.json` has a frame of its own."""
-    model = model_files(folder)
-    if (folder / "cameras.json").is_file():
-        return _in_file(folder / "cameras.json")
-    if model is not None:
-        return colmap_cameras(*model)
-    if (folder / "transforms.json").is_file():
-        return _in_file(folder / "transforms.json")
-    raise wrong(str(folder), f"no cameras in this folder; known are {_KNOWN}")
+def load_distorted(path: str | PathLike[str]) -> list[Distorted]:
+    """The views of a capture with their lenses as they are; none where all are pinholes.
+
+    Args:
+        path: as for :func:`load_cameras`.
+
+    Raises:
+        InvalidInput: ``input-cameras``.
+        OSError: it cannot be read.
+    """
+    return [view for file in listings(Path(path)) for view in _distorted(file)]
 
 
-def _in_file(path: Path) -> list[Camera]:
+def load_points(path: str | PathLike[str]) -> Points | None:
+    """Points of a photo capture, in the frame of its cameras; None where it has none.
+
+    Args:
+        path: as for :func:`load_cameras`. Points are COLMAP's `points3D`, the `ply_file_path` of a `transforms.json`,
+            or a `points3d.ply` beside a list of cameras.
+
+    Raises:
+        InvalidInput: ``input-cameras``, ``input-corrupt``, ``input-limit``: they cannot be read.
+        OSError: a file cannot be read.
+    """
+    file = listings(Path(path))[0]
+    if file.name in _MODEL_FILES:
+        return colmap_points(file.parent)
+    match _json(file):
+        case {"frames": list(), "ply_file_path": str(name)} as document if name:
+            return transforms_points(str(file), document, _dataparser(file), ply_points(file.parent / name))
+    beside = next((file.parent / name for name in _POINTS if (file.parent / name).is_file()), None)
+    return None if beside is None else ply_points(beside)
+
+
+def listings(path: Path) -> list[Path]:
+    """The files that list the cameras of a capture: one, or Blender's two; of a COLMAP model its `images`.
+
+    A list tells more than a sparse model: which cameras are for tests. `transforms.json` has a frame of its own.
+
+    Raises:
+        InvalidInput: ``input-cameras``: the folder holds none.
+    """
+    if not path.is_dir():
+        return [path]
+    if (path / "cameras.json").is_file():
+        return [path / "cameras.json"]
+    if (model := model_files(path)) is not None:
+        return [model[1]]
+    if (path / "transforms.json").is_file():
+        return [path / "transforms.json"]
+    if blender := [path / name for name in _BLENDER if (path / name).is_file()]:
+        return blender
+    raise wrong(str(path), f"no cameras in this folder; known are {_KNOWN}")
+
+
+def _cameras(path: Path) -> list[Camera]:
     if path.name in _MODEL_FILES:
         model = model_files(path.parent)
         if model is None:
@@ -77,11 +131,31 @@ def _in_file(path: Path) -> list[Camera]:
             return [own_camera(record) for record in _records(path, "images", entries)]
         case {"frames": list(frames)} as document:
             _check_number(path, frames)
-            beside = path.parent / DATAPARSER
-            return transforms_cameras(str(path), document, frames, _json(beside) if beside.is_file() else None)
+            return transforms_cameras(str(path), document, frames, _dataparser(path))
         case list(entries):
             return [inria_camera(record) for record in _records(path, "", entries)]
     raise wrong(str(path), f"is no list of cameras; known are {_KNOWN}")
+
+
+def _marked(camera: Camera, file: Path, files: list[Path]) -> Camera:
+    """`camera`, marked by which of several files lists it."""
+    return camera if len(files) == 1 else replace(camera, split=_BLENDER[file.name])
+
+
+def _distorted(path: Path) -> list[Distorted]:
+    if path.name in _MODEL_FILES:
+        model = model_files(path.parent)
+        return [] if model is None else colmap_distorted(*model)
+    match _json(path):
+        case {"frames": list(frames)} as document:
+            _check_number(path, frames)
+            return transforms_distorted(str(path), document, frames, _dataparser(path))
+    return []
+
+
+def _dataparser(path: Path) -> Any:
+    beside = path.parent / DATAPARSER
+    return _json(beside) if beside.is_file() else None
 
 
 def _records(path: Path, key: str, entries: list[Any]) -> list[Record]:

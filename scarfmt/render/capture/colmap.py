@@ -19,6 +19,7 @@ import numpy as np
 from scarfmt.arrays import F64
 from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import Camera
+from scarfmt.render.capture.distorted import Distorted
 from scarfmt.render.capture.record import EXPORT_AGAIN, MAX_CAMERAS, Record, wrong
 from scarfmt.scene.rotation import matrix_from_quaternion
 
@@ -62,12 +63,41 @@ MODELS = (
 
 @dataclass(frozen=True)
 class Lens:
-    """Intrinsics of one camera: size, focal lengths and principal point in pixels, and whether it distorts."""
+    """Intrinsics of one camera, as the file has them; `record` is where they stand.
 
+    Attributes:
+        record: for faults.
+        model: of COLMAP.
+        size: width and height, pixels.
+        parameters: of the model.
+    """
+
+    record: Record
+    model: LensModel
     size: tuple[int, int]
-    focal: tuple[float, float]
-    centre: tuple[float, float]
-    distorts: bool
+    parameters: tuple[float, ...]
+
+    @property
+    def distorts(self) -> bool:
+        """Whether it is no pinhole."""
+        pinhole = self.model.focal_lengths + 2
+        return self.model.focal_lengths == 0 or any(value != 0 for value in self.parameters[pinhole:])
+
+    def pinhole(self) -> tuple[tuple[int, int], tuple[float, float], tuple[float, float]]:
+        """Size, focal lengths and principal point, pixels, distortion left out.
+
+        Raises:
+            InvalidInput: ``input-cameras``: a fisheye lens, or a value out of range.
+        """
+        if self.model.focal_lengths == 0:
+            message = f"lenses of model {self.model.name} cannot be drawn"
+            raise self.record.fault("model", f"{message}; run 'colmap image_undistorter', and give its folder")
+        names = [*(("f",) if self.model.focal_lengths == 1 else ("fx", "fy")), "cx", "cy"]
+        values = {"width": self.size[0], "height": self.size[1], **dict(zip(names, self.parameters, strict=False))}
+        named = Record(self.record.file, self.record.place, values)
+        focal = [named.positive(name) for name in names[:-2]]
+        centre = named.number("cx"), named.number("cy")
+        return (named.pixels("width"), named.pixels("height")), (focal[0], focal[-1]), centre
 
 
 @dataclass(frozen=True)
@@ -99,6 +129,30 @@ def colmap_cameras(cameras: Path, images: Path) -> list[Camera]:
         InvalidInput: ``input-cameras``.
         OSError: a file cannot be read.
     """
+    lenses, poses = _lenses_and_poses(cameras, images)
+    pinholes = {number: lens.pinhole() for number, lens in lenses.items()}
+    found = [record.camera("pose", pose, *pinholes[number], name) for record, number, pose, name in poses]
+    if any(lens.distorts for lens in lenses.values()):
+        warnings.warn(f"{cameras}: lens distortion is ignored", InputWarning, stacklevel=3)
+    return sorted(found, key=lambda camera: camera.name)
+
+
+def colmap_distorted(cameras: Path, images: Path) -> list[Distorted]:
+    """The views of a sparse model with their lenses as they are; none where all lenses are pinholes.
+
+    Raises:
+        InvalidInput: ``input-cameras``.
+        OSError: a file cannot be read.
+    """
+    lenses, poses = _lenses_and_poses(cameras, images)
+    if not any(lenses[number].distorts for _, number, _, _ in poses):
+        return []
+    used = [(lenses[number], pose, name) for _, number, pose, name in poses]
+    return [Distorted(lens.model.name, lens.parameters, *lens.size, pose, name) for lens, pose, name in used]
+
+
+def _lenses_and_poses(cameras: Path, images: Path) -> tuple[dict[int, Lens], list[tuple[Record, int, F64, str]]]:
+    """Lenses by number; for each image its place in the file, number of its lens, (4, 4) pose and name."""
     binary = cameras.suffix == ".bin"
     lenses = dict(_binary_lenses(cameras) if binary else _text_lenses(cameras))
     found = []
@@ -106,11 +160,8 @@ def colmap_cameras(cameras: Path, images: Path) -> list[Camera]:
         record = Record(str(images), f"image {index + 1}", {})
         if pose.camera not in lenses:
             raise record.fault("camera_id", f"camera {pose.camera} is not in {cameras.name}; {EXPORT_AGAIN}")
-        lens = lenses[pose.camera]
-        found.append(record.camera("pose", _matrix(record, pose), lens.size, lens.focal, lens.centre, pose.name))
-    if any(lens.distorts for lens in lenses.values()):
-        warnings.warn(f"{cameras}: lens distortion is ignored", InputWarning, stacklevel=3)
-    return sorted(found, key=lambda camera: camera.name)
+        found.append((record, pose.camera, _matrix(record, pose), pose.name))
+    return lenses, found
 
 
 def _matrix(record: Record, pose: Pose) -> F64:
@@ -126,19 +177,10 @@ def _matrix(record: Record, pose: Pose) -> F64:
 
 
 def _lens(record: Record, model: LensModel, size: tuple[int, int], parameters: list[float]) -> Lens:
-    if model.focal_lengths == 0:
-        message = f"lenses of model {model.name} cannot be drawn; run 'colmap image_undistorter', and give its folder"
-        raise record.fault("model", message)
     if len(parameters) != model.parameters:
         message = f"{model.name} has {model.parameters} parameters, here are {len(parameters)}; {EXPORT_AGAIN}"
         raise record.fault("params", message)
-    names = [*(("f",) if model.focal_lengths == 1 else ("fx", "fy")), "cx", "cy"]
-    values = {"width": size[0], "height": size[1], **dict(zip(names, parameters, strict=False))}
-    named = Record(record.file, record.place, values)
-    focal = [named.positive(name) for name in names[:-2]]
-    centre = named.number("cx"), named.number("cy")
-    distorts = any(value != 0 for value in parameters[len(names) :])
-    return Lens((named.pixels("width"), named.pixels("height")), (focal[0], focal[-1]), centre, distorts)
+    return Lens(record, model, size, tuple(parameters))
 
 
 # Binary files

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from scarfmt.arrays import F64
+from scarfmt.arrays import F64, Bools
 from scarfmt.errors import InputWarning
 from scarfmt.render.camera import Camera
 
@@ -45,10 +45,15 @@ def warn_of_strangers(positions: F64, cameras: Sequence[Camera]) -> None:
         warnings.warn(message, InputWarning, stacklevel=3)
 
 
-def _part_in_view(positions: F64, camera: Camera) -> float:
+def in_view(positions: F64, camera: Camera) -> Bools:
+    """(N,) bool: which of (N, 3) float64 positions `camera` has in its picture, hidden or not."""
     seen = positions @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]
     x, y, depth = seen[:, 0], seen[:, 1], seen[:, 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         column, row = camera.fx * x / depth + camera.cx, camera.fy * y / depth + camera.cy
-    inside = (column > 0) & (column < camera.width) & (row > 0) & (row < camera.height)
-    return float(((depth > camera.near) & inside).mean()) if len(positions) else 0.0
+    inside: Bools = (column > 0) & (column < camera.width) & (row > 0) & (row < camera.height) & (depth > camera.near)
+    return inside
+
+
+def _part_in_view(positions: F64, camera: Camera) -> float:
+    return float(in_view(positions, camera).mean()) if len(positions) else 0.0

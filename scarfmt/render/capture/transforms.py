@@ -23,12 +23,15 @@ from typing import Any
 import numpy as np
 
 from scarfmt.arrays import F64
-from scarfmt.errors import InputWarning
+from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.camera import Camera
+from scarfmt.render.capture.distorted import Distorted
+from scarfmt.render.capture.points import Points
 from scarfmt.render.capture.record import MAX_PIXELS_WIDE, Record, focal_of_angle, inverted
 
 DATAPARSER = "dataparser_transforms.json"
 PINHOLE_MODELS = ("", "PINHOLE", "SIMPLE_PINHOLE", "OPENCV", "SIMPLE_RADIAL", "RADIAL", "FULL_OPENCV")
+_FISHEYE = "OPENCV_FISHEYE"
 _DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")
 _SIZES = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
 _SHARED = (*_SIZES, "camera_model", "is_fisheye", *_DISTORTIONS)
@@ -52,20 +55,43 @@ def transforms_cameras(file: str, document: Mapping[str, Any], frames: list[Any]
     Raises:
         InvalidInput: ``input-cameras``.
     """
-    shared = {key: document[key] for key in _SHARED if key in document}
     splits = _splits(file, document)
     placed = _Placement.of(file, document, dataparser)
-    records = [
-        Record(file, f"frames[{index}]", shared | Record.of(file, f"frames[{index}]", frame).values)
-        for index, frame in enumerate(frames)
-    ]
+    records = _frames(file, document, frames)
+    for record in records:
+        if _lens_model(record) not in PINHOLE_MODELS:
+            raise _not_drawn(record)
     cameras = [_camera(record, placed, splits) for record in records]
-    if any(record.values.get(key) not in (0, None) for record in records for key in _DISTORTIONS):
+    if any(_distorts(record) for record in records):
         warnings.warn(f"{file}: lens distortion (k1, ...) is ignored", InputWarning, stacklevel=3)
     if any("w" not in record.values and _picture_size(record) is None for record in records):
         message = f"{file} names no size of pictures: {_BLENDER_PIXELS}x{_BLENDER_PIXELS} is assumed"
         warnings.warn(message, InputWarning, stacklevel=3)
     return cameras
+
+
+def transforms_distorted(file: str, document: Mapping[str, Any], frames: list[Any], dataparser: Any) -> list[Distorted]:
+    """The views of a `transforms.json` with their lenses as they are; none where all lenses are pinholes.
+
+    Arguments and errors are those of :func:`transforms_cameras`.
+    """
+    records = _frames(file, document, frames)
+    if not any(_distorts(record) for record in records):
+        return []
+    splits = _splits(file, document)
+    placed = _Placement.of(file, document, dataparser)
+    return [_distorted(record, _camera(record, placed, splits)) for record in records]
+
+
+def transforms_points(file: str, document: Mapping[str, Any], dataparser: Any, points: Points) -> Points:
+    """Points of the file's world where :func:`transforms_cameras` places the cameras.
+
+    Raises:
+        InvalidInput: ``input-cameras``.
+    """
+    placed = _Placement.of(file, document, dataparser)
+    turned = points.positions @ placed.transform[:3, :3].T + placed.transform[:3, 3]
+    return Points(placed.scale * turned, points.colours)
 
 
 class _Placement:
@@ -95,13 +121,45 @@ class _Placement:
         return placed
 
 
+def _frames(file: str, document: Mapping[str, Any], frames: list[Any]) -> list[Record]:
+    shared = {key: document[key] for key in _SHARED if key in document}
+    return [
+        Record(file, f"frames[{index}]", shared | Record.of(file, f"frames[{index}]", frame).values)
+        for index, frame in enumerate(frames)
+    ]
+
+
+def _lens_model(record: Record) -> str:
+    return _FISHEYE if record.values.get("is_fisheye") is True else record.text("camera_model").upper()
+
+
+def _distorts(record: Record) -> bool:
+    coefficients = any(record.values.get(key) not in (0, None) for key in _DISTORTIONS)
+    return coefficients or _lens_model(record) not in PINHOLE_MODELS
+
+
+def _not_drawn(record: Record) -> InvalidInput:
+    message = f"lenses of model {_lens_model(record)[:40]} cannot be drawn"
+    return record.fault("camera_model", f"{message}; undistort the photos, and give the resulting cameras")
+
+
+def _distorted(record: Record, camera: Camera) -> Distorted:
+    """Distortion as OpenCV defines it, whose coefficients the file has; they are radial but for p1 and p2."""
+    k1, k2, k3, k4, p1, p2 = (record.number(key, 0.0) for key in _DISTORTIONS)
+    pinhole = (camera.fx, camera.fy, camera.cx, camera.cy)
+    parameters: tuple[float, ...]
+    if _lens_model(record) == _FISHEYE:
+        model, parameters = _FISHEYE, (*pinhole, k1, k2, k3, k4)
+    elif _lens_model(record) not in PINHOLE_MODELS or k4 != 0:
+        raise _not_drawn(record)
+    elif k3 == 0:
+        model, parameters = "OPENCV", (*pinhole, k1, k2, p1, p2)
+    else:
+        model, parameters = "FULL_OPENCV", (*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0)
+    return Distorted(model, parameters, camera.width, camera.height, camera.world_to_camera, camera.name, camera.split)
+
+
 def _camera(record: Record, placed: _Placement, splits: dict[str, str]) -> Camera:
-    model = record.text("camera_model").upper()
-    if record.values.get("is_fisheye") is True:
-        model = "FISHEYE"
-    if model not in PINHOLE_MODELS:
-        message = f"lenses of model {model[:40]} cannot be drawn; undistort the photos, and give the resulting cameras"
-        raise record.fault("camera_model", message)
     width, height = size = _size(record)
     focal_x = _focal(record, "fl_x", "camera_angle_x", width, None)
     focal_y = _focal(record, "fl_y", "camera_angle_y", height, focal_x)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from scarfmt.arrays import F64
+from scarfmt.arrays import F64, U8
 from scarfmt.render.camera import Camera
 from scarfmt.scene.rotation import quaternion_from_matrix
 
@@ -122,3 +122,21 @@ def in_json(content: object, path: Path) -> Path:
     """`content` in a file, NaN and infinity as Python's json writes them."""
     path.write_text(json.dumps(content))
     return path
+
+
+def colmap_points_binary(positions: F64, colours: U8) -> bytes:
+    """`points3D.bin`: tracks of different lengths."""
+    rows = [
+        struct.pack("<Q3d3BdQ", 5 + i, *position, *colour, 0.5, i % 4) + bytes(8 * (i % 4))
+        for i, (position, colour) in enumerate(zip(positions.tolist(), colours.tolist(), strict=True))
+    ]
+    return struct.pack("<Q", len(positions)) + b"".join(rows)
+
+
+def colmap_points_text(positions: F64, colours: U8) -> str:
+    """`points3D.txt`."""
+    rows = [
+        f"{5 + i} {_numbers(position)} {' '.join(map(str, colour))} 0.5 " + "1 2 " * (i % 4)
+        for i, (position, colour) in enumerate(zip(positions.tolist(), colours.tolist(), strict=True))
+    ]
+    return "\n".join(["# 3D point list", *rows, ""])

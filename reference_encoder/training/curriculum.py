@@ -1,0 +1,132 @@
+"""The curriculum of training: what is on at which part of the run (paper §3.6).
+
+Everything is a fraction of the run, so that short runs keep the order of long ones. `CURRICULA` has the presets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Span = tuple[float, float]
+"""From and to, as fractions of the run; from is inside, to is not."""
+NEVER = (1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Curriculum:
+    """When things start and end; fractions 0..1 of the run.
+
+    Attributes:
+        statistics: gathered for growing and pruning.
+        growth: anchors grow and are pruned.
+        pause: no growth, because noise has just begun.
+        noise: scaling and offsets are drawn with uniform noise of one step; after it they are rounded, with a
+            straight-through gradient, and before it exact.
+        rate: from the first number on geometry and masks cost their bits, in full from the second.
+        layers_from: each iteration draws a layer; before, all of the scene is trained.
+        injection: beta grows from 0 to 1; codebooks start at its beginning (paper: 10k to 30k of 40k).
+        entropy_from: the index network learns along.
+        hard_from: features are the quantised ones, codewords are chosen by distortion plus lambda times bits, the
+            picture's gradient reaches decoder and books, and masks are 0 or 1.
+        fine_tune_from: everything is the integers of the file; networks and decoder alone go on learning.
+        starved: take the paper's formula at its word: in the soft phase a feature gets 1 - beta of its gradient.
+    """
+
+    statistics: Span = (0.0125, 0.375)
+    growth: Span = (0.0375, 0.375)
+    pause: Span = (0.075, 0.1)
+    noise: Span = (0.075, 0.75)
+    rate: Span = (0.1, 0.25)
+    layers_from: float = 0.1
+    injection: Span = (0.25, 0.75)
+    entropy_from: float = 0.5
+    hard_from: float = 0.75
+    fine_tune_from: float = 0.95
+    starved: bool = False
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What is on at one iteration.
+
+    Attributes:
+        gathers, grows: statistics of anchors; growing and pruning.
+        noisy, rounded: how scaling and offsets are drawn; exact if neither.
+        rate: weight of the rate of geometry and masks, 0..1.
+        draws_layer: whether a layer is drawn.
+        quantises: whether there are codebooks.
+        beta: share of the quantised feature in the one that is drawn, 0..1.
+        feature_gradient: what a feature gets of the picture's gradient past the quantiser; in the hard phase it
+            comes through the quantiser, and this is 0.
+        entropy: whether the index network learns.
+        hard: see `Curriculum.hard_from`.
+        fine_tunes: see `Curriculum.fine_tune_from`.
+    """
+
+    gathers: bool
+    grows: bool
+    noisy: bool
+    rounded: bool
+    rate: float
+    draws_layer: bool
+    quantises: bool
+    beta: float
+    feature_gradient: float
+    entropy: bool
+    hard: bool
+    fine_tunes: bool
+
+
+def moment(curriculum: Curriculum, done: float) -> Moment:
+    """What is on when the fraction `done`, 0..1, of a run is behind."""
+    beta, hard = _risen(curriculum.injection, done), done >= curriculum.hard_from
+    return Moment(
+        gathers=_within(curriculum.statistics, done),
+        grows=_within(curriculum.growth, done) and not _within(curriculum.pause, done),
+        noisy=_within(curriculum.noise, done),
+        rounded=done >= curriculum.noise[1],
+        rate=_risen(curriculum.rate, done),
+        draws_layer=done >= curriculum.layers_from,
+        quantises=done >= curriculum.injection[0],
+        beta=1.0 if hard else beta,
+        feature_gradient=0.0 if hard else (1.0 - beta if curriculum.starved else 1.0),
+        entropy=done >= curriculum.entropy_from,
+        hard=hard,
+        fine_tunes=done >= curriculum.fine_tune_from,
+    )
+
+
+def _within(span: Span, done: float) -> bool:
+    return span[0] <= done < span[1]
+
+
+def _risen(span: Span, done: float) -> float:
+    """0 before a span, 1 after it, linear inside; a span without length is a step."""
+    first, last = span
+    if done >= last:
+        return 1.0
+    return 0.0 if done <= first else (done - first) / (last - first)
+
+
+def layer_odds(layers: int) -> tuple[float, ...]:
+    """Chances of the layers to be drawn: all alike, but the last twice as likely, which keeps its quality."""
+    return tuple((2.0 if number == layers - 1 else 1.0) / (layers + 1) for number in range(layers))
+
+
+CURRICULA = {
+    "default": Curriculum(),
+    # What the paper states, of 40k iterations: 10k without a quantiser and with noise, 20k of injection, 10k hard with
+    # the rate. It names no layer draw, no rate before 30k and no fine-tuning. Growth is that of PCGS.
+    "paper": Curriculum(
+        noise=(0.0, 0.25),
+        pause=NEVER,
+        rate=(0.75, 0.75),
+        layers_from=0.75,
+        entropy_from=0.75,
+        fine_tune_from=1.0,
+        starved=True,
+    ),
+    # The paper's ablation: hard quantisation from the start.
+    "cold": Curriculum(injection=(0.0, 0.0), hard_from=0.0, entropy_from=0.0),
+}
+"""By name: what `scarfmt train` and the ablations choose from."""

@@ -1,0 +1,170 @@
+"""What a user can ask of training, what is told while it runs, and what comes out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from scarfmt.errors import InvalidInput
+from scarfmt.limits import MAX_LAYERS
+
+PRESETS = ("default", "paper")
+DEVICES = ("cpu", "cuda")
+CONTEXTS = ("decoded", "grid2d3d", "grid3d", "waves", "none")
+ENTROPY_MODELS = ("static", "mlp", "gru", "gru+attention")
+DEFAULT_MINUTES = 60.0
+PAPER_ITERATIONS = 40_000
+MAX_MINUTES = 100_000.0
+MAX_ITERATIONS = 10_000_000
+MIN_LAMBDA, MAX_LAMBDA = 1e-3, 1e3
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """Options of training.
+
+    Attributes:
+        minutes: how long it may take, above 0; all schedules are fractions of it. Excludes `iterations`.
+        iterations: how many it takes, in place of a time. None of both: what the preset says (:meth:`settled`).
+        layers: of the file, 1..16.
+        lambda_: factor of the rate in the loss, 0.001..1000: 1 as tuned, more for smaller files.
+        preset: "default" (what pays in bytes) or "paper" (its curriculum, codebooks and entropy model).
+        device: "cpu" or "cuda".
+        context: what the index network sees: "decoded", "grid2d3d", "grid3d", "waves" or "none"; None for what the
+            preset says.
+        entropy: what codes the indices: "static", "mlp", "gru" or "gru+attention"; None for what the preset says.
+        seed: of everything random. With `iterations`, the same capture, options, packages and machine give the same
+            bytes; with `minutes` the number of iterations depends on how fast the machine happens to be.
+    """
+
+    minutes: float | None = None
+    iterations: int | None = None
+    layers: int = 4
+    lambda_: float = 1.0
+    preset: str = "default"
+    device: str = "cpu"
+    context: str | None = None
+    entropy: str | None = None
+    seed: int = 0
+
+    def settled(self) -> TrainOptions:
+        """These with one of `minutes` and `iterations` set: 60 minutes unless said, 40,000 iterations as in the paper.
+
+        Raises:
+            InvalidInput: ``input-options``.
+        """
+        self.check()
+        if self.minutes is not None or self.iterations is not None:
+            return self
+        if self.preset == "paper":
+            return replace(self, iterations=PAPER_ITERATIONS)
+        return replace(self, minutes=DEFAULT_MINUTES)
+
+    def check(self) -> None:
+        """Check ranges and choices.
+
+        Raises:
+            InvalidInput: ``input-options``.
+        """
+        if self.minutes is not None and self.iterations is not None:
+            raise _wrong("minutes", "minutes and iterations exclude each other: give one of them")
+        if self.minutes is not None and not 0 < self.minutes <= MAX_MINUTES:
+            raise _wrong("minutes", f"{self.minutes} minutes: above 0, at most {MAX_MINUTES:.0f} are possible")
+        if self.iterations is not None and not 1 <= self.iterations <= MAX_ITERATIONS:
+            raise _wrong("iterations", f"{self.iterations} iterations: 1..{MAX_ITERATIONS} are possible")
+        if not 1 <= self.layers <= MAX_LAYERS:
+            raise _wrong("layers", f"{self.layers} layers: 1..{MAX_LAYERS} are possible")
+        if not MIN_LAMBDA <= self.lambda_ <= MAX_LAMBDA:
+            raise _wrong("lambda_", f"lambda {self.lambda_} is not in {MIN_LAMBDA:g}..{MAX_LAMBDA:g}")
+        if self.seed < 0:
+            raise _wrong("seed", f"seed {self.seed}: 0 is least")
+        _check_choice("preset", self.preset, PRESETS)
+        _check_choice("device", self.device, DEVICES)
+        if self.context is not None:
+            _check_choice("context", self.context, CONTEXTS)
+        if self.entropy is not None:
+            _check_choice("entropy", self.entropy, ENTROPY_MODELS)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where training stands.
+
+    Attributes:
+        iteration: the last one done, from 1.
+        iterations: all of them, as planned now.
+        seconds: spent, those before a resumption included.
+        seconds_left: until the end, as expected now.
+        phase: what is being learnt, a few words.
+        psnr: dB on held-out photos, all layers, as last measured; None before that, or with no photo held out.
+        bytes: of the file, all layers, as last measured or estimated; None before that.
+        anchors: how many there are.
+        gaussians: how many of their slots are open.
+        loss: of the last iterations, averaged.
+    """
+
+    iteration: int
+    iterations: int
+    seconds: float
+    seconds_left: float
+    phase: str
+    psnr: float | None
+    bytes: int | None
+    anchors: int
+    gaussians: int
+    loss: float
+
+
+@dataclass(frozen=True)
+class LayerQuality:
+    """What a file is worth up to one of its layers.
+
+    Attributes:
+        bytes: of the file cut after this layer.
+        psnr: mean over the held-out photos of the decoded file's PSNR, dB, pictures rounded to 8 bits; NaN without any.
+        ssim: mean of the SSIM; NaN without any.
+    """
+
+    bytes: int
+    psnr: float = math.nan
+    ssim: float = math.nan
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What training gives.
+
+    Attributes:
+        data: a whole .scar file.
+        layers: of each layer, from the first.
+        iterations: how many were done.
+        seconds: spent, those before a resumption included.
+    """
+
+    data: bytes
+    layers: tuple[LayerQuality, ...]
+    iterations: int
+    seconds: float
+
+
+Report = Callable[[Progress], None]
+Stop = Callable[[], bool]
+
+
+def silent(_progress: Progress) -> None:
+    """A report that goes nowhere."""
+
+
+def never() -> bool:
+    """A stop that nobody asks for."""
+    return False
+
+
+def _check_choice(name: str, said: str, choices: tuple[str, ...]) -> None:
+    if said not in choices:
+        raise _wrong(name, f"{said!r} is not one of {', '.join(choices)}")
+
+
+def _wrong(name: str, message: str) -> InvalidInput:
+    return InvalidInput("input-options", message, field=name)

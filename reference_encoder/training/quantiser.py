@@ -1,0 +1,303 @@
+"""The RVQ-VAE that is trained with the scene: projector, dual codebook, decoder (paper §3.2, §3.3, §3.5, §3.6).
+
+Stage 1 has a coarse codebook, all later stages share a residual one, as the format does (SPEC §7.6). Indices are
+chosen stage by stage by distortion plus lambda times bits. Until the last phase, books follow by moving averages;
+then they are opened: gradients of pictures, and nothing else, move them.
+
+    quantiser.fit(f, weight)                  projector and decoder, once, when quantisation begins
+    quantiser.start(quantiser.project(f), weight)   books
+    each step: made = quantiser(f[batch]);  made.loss.backward();  optimiser.step();
+               quantiser.update(made.encoded, made.indices)
+    last phase: quantiser.open_books()
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+from torch.nn.functional import embedding, l1_loss, mse_loss
+
+from reference_encoder.latent.gradient import ESTIMATORS
+from reference_encoder.training.codebook import Codebook
+from reference_encoder.tuning import LEARNED_DECAY, RVQ_PRIOR_USES
+from scarfmt.errors import InvalidInput
+from scarfmt.scene.codebooks import MAX_CODEWORDS, MAX_LATENT
+from scarfmt.scene.model import MAX_STAGES
+
+PROJECTORS = ("linear", "paper")
+_WARM_STEPS, _WARM_BATCH, _WARM_RATE = 300, 4096, 3e-3
+
+
+@dataclass(frozen=True)
+class Quantised:
+    """What the quantiser makes of n features.
+
+    Attributes:
+        encoded: (n, d) float32 outputs of the projector, without gradient.
+        latent: (n, d) float32 sums of codewords, with the estimator's gradient to the projector.
+        features: (n, D) float32 decoded from them.
+        indices: (n, M) int64 of all stages.
+        loss: L1(f, f_q) + commitment * |z_e - sg(e)|^2 (paper §3.5), scalar. The first f has no gradient: given
+            detached features, the loss reaches only projector, decoder and open books.
+    """
+
+    encoded: torch.Tensor
+    latent: torch.Tensor
+    features: torch.Tensor
+    indices: torch.Tensor
+    loss: torch.Tensor
+
+
+class Quantiser(nn.Module):
+    """Features to indices and back.
+
+    Args:
+        dimension: d_z, 1..64, at most `features`.
+        features: D.
+        stages: M, 1..8.
+        codewords: of either book, 2..4096, codeword 0 being the zero vector.
+        estimator: gradient through the quantiser, "rotation" or "straight-through" (paper §3.3).
+        projector: "linear", with a linear decoder: what measures best (decision 0005); "paper": a hidden layer on
+            both sides, and LayerNorm after the projector (paper §3.6).
+        commitment: weight of the commitment loss, the paper's beta times lambda_commit.
+        seed: of everything random.
+
+    Raises:
+        InvalidInput: ``input-options`` for numbers out of range or unknown names.
+    """
+
+    uses: torch.Tensor
+
+    def __init__(
+        self,
+        dimension: int,
+        features: int,
+        stages: int = 4,
+        codewords: int = 1024,
+        *,
+        estimator: str = "rotation",
+        projector: str = "linear",
+        commitment: float = 0.25,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        _check(dimension, features, stages, codewords, estimator, projector)
+        self.stages, self.codewords, self.commitment = stages, codewords, commitment
+        self.linear = projector == "linear"
+        self._estimate = ESTIMATORS[estimator]
+        # Layers draw their first weights from torch's global generator.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.projector, self.decoder = _networks(dimension, features, self.linear)
+        self.books = nn.ModuleList(Codebook(codewords, dimension) for _ in range(min(stages, 2)))
+        self.register_buffer("uses", torch.full((stages, codewords), 1 / codewords))
+        self._generator = torch.Generator().manual_seed(seed)
+        self._open = False
+
+    def get_extra_state(self) -> torch.Tensor:
+        """State of the generator, for a checkpoint."""
+        return self._generator.get_state()
+
+    def set_extra_state(self, state: torch.Tensor) -> None:
+        """Go on drawing from where a checkpoint was."""
+        self._generator.set_state(state.cpu())
+
+    def book(self, stage: int) -> Codebook:
+        """The codebook of a stage, 0-based."""
+        found = self.books[min(stage, 1)]
+        assert isinstance(found, Codebook)
+        return found
+
+    def network_parameters(self) -> Iterator[nn.Parameter]:
+        """Of projector and decoder: for the optimiser of the VQ loss."""
+        yield from self.projector.parameters()
+        yield from self.decoder.parameters()
+
+    def book_parameters(self) -> Iterator[nn.Parameter]:
+        """Of the books: for the optimiser of the last phase, once they are open."""
+        yield from self.books.parameters()
+
+    def open_books(self) -> None:
+        """From now on gradients move the codewords, not moving averages, and none restarts."""
+        self._open = True
+        self.books.requires_grad_(True)
+
+    @property
+    def restarts(self) -> int:
+        """How often codewords have restarted."""
+        return sum(int(self.book(number).restarts) for number in range(len(self.books)))
+
+    def project(self, f: torch.Tensor) -> torch.Tensor:
+        """(n, d) latents of (n, D) features."""
+        out: torch.Tensor = self.projector(f)
+        return out
+
+    def decode(self, z: torch.Tensor) -> torch.Tensor:
+        """(n, D) features of (n, d) latents: a DECODER_MLP of one or two layers (SPEC §7.9)."""
+        out: torch.Tensor = self.decoder(z)
+        return out
+
+    def fit(self, f: torch.Tensor, weight: torch.Tensor) -> None:
+        """Projector and decoder for (n, D) features, n > 0, without any quantisation; (n,) `weight` of squared errors.
+
+        Linear ones take the weighted principal axes, which no training beats; a squared distance of latents is then
+        the squared error of features.
+        """
+        weight = _usable(weight.detach())
+        if self.linear:
+            self._fit_axes(f.detach().double(), weight.double())
+        else:
+            self._warm_up(f.detach(), weight)
+
+    @torch.no_grad()
+    def _fit_axes(self, f: torch.Tensor, weight: torch.Tensor) -> None:
+        encoder, decoder = self.projector[0], self.decoder[0]
+        assert isinstance(encoder, nn.Linear)
+        assert isinstance(decoder, nn.Linear)
+        mean = (weight @ f) / weight.sum()
+        centred = f - mean
+        axes = torch.linalg.eigh((centred * weight[:, None]).T @ centred)[1].flip(1)[:, : encoder.out_features]
+        # An eigenvector has no sign of its own.
+        axes = axes * axes.gather(0, axes.abs().argmax(0, keepdim=True)).sign()
+        encoder.weight.copy_(axes.T)
+        encoder.bias.copy_(-(mean @ axes))
+        decoder.weight.copy_(axes)
+        decoder.bias.copy_(mean)
+
+    def _warm_up(self, f: torch.Tensor, weight: torch.Tensor) -> None:
+        optimiser = torch.optim.Adam(self.network_parameters(), lr=_WARM_RATE)
+        chances, batch_size = weight.double().cpu(), min(_WARM_BATCH, len(f))
+        for _ in range(_WARM_STEPS):
+            drawn = torch.multinomial(chances, batch_size, replacement=True, generator=self._generator)
+            batch = f[drawn.to(f.device)]
+            loss = l1_loss(self.decode(self.project(batch)), batch)
+            optimiser.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            optimiser.step()
+
+    @torch.no_grad()
+    def start(self, z: torch.Tensor, weight: torch.Tensor) -> None:
+        """Books at weighted k-means centres of (n, d) latents, n > 0, stage by stage; (n,) `weight`.
+
+        The shared book serves what every stage so far leaves, and moves on when another stage joins.
+        """
+        left, weight = z.detach(), _usable(weight.detach())
+        seen: list[torch.Tensor] = []
+        for stage in range(self.stages):
+            book = self.book(stage)
+            seen = [*seen, left] if stage > 1 else [left]
+            book.fit(torch.cat(seen), weight.repeat(len(seen)), self._generator, fresh=stage < 2)
+            left = left - book.words[book.nearest(left)]
+        indices = self.choose(z)
+        self.uses.copy_(self._frequencies(indices))
+
+    @torch.no_grad()
+    def choose(
+        self, z: torch.Tensor, bits: torch.Tensor | None = None, lambda_: float | torch.Tensor = 0.0
+    ) -> torch.Tensor:
+        """(n, M) int64 indices of least |z - e|^2 + lambda * bits, stage after stage.
+
+        Args:
+            z: (n, d) float32.
+            bits: (M, codewords) price of each code, None for nothing.
+            lambda_: squared units of z a bit, one or (n,).
+        """
+        left, out = z.detach(), []
+        for stage in range(self.stages):
+            prices = None
+            if bits is not None:
+                scale = lambda_[:, None] if isinstance(lambda_, torch.Tensor) else lambda_
+                prices = scale * bits[stage]
+            codes = self.book(stage).nearest(left, prices)
+            left = left - self.book(stage).words[codes]
+            out.append(codes)
+        return torch.stack(out, 1)
+
+    def look_up(self, indices: torch.Tensor, stages: torch.Tensor | int | None = None) -> torch.Tensor:
+        """(n, d) sums of the codewords of the first `stages`, one number or (n,), of (n, M) indices; None for all."""
+        kept = self.stages if stages is None else stages
+        total = torch.zeros(len(indices), self.book(0).words.shape[1], device=indices.device)
+        for stage in range(self.stages):
+            # The zero vector has no gradient.
+            words = embedding(indices[:, stage], self.book(stage).words, padding_idx=0)
+            if isinstance(kept, torch.Tensor):
+                total = total + words * (kept > stage)[:, None]
+            elif kept > stage:
+                total = total + words
+        return total
+
+    def forward(
+        self,
+        f: torch.Tensor,
+        stages: torch.Tensor | int | None = None,
+        lambda_: float | torch.Tensor = 0.0,
+        bits: torch.Tensor | None = None,
+    ) -> Quantised:
+        """Quantise (n, D) features to the first `stages`, one number or (n,), of M; see `choose` for the rest."""
+        encoded = self.project(f)
+        indices = self.choose(encoded, bits, lambda_)
+        words = self.look_up(indices, stages)
+        latent = self._estimate(encoded, words.detach()) + (words - words.detach())
+        features = self.decode(latent)
+        commitment = mse_loss(encoded, self.look_up(indices).detach())
+        loss = l1_loss(features, f.detach()) + self.commitment * commitment
+        return Quantised(encoded.detach(), latent, features, indices, loss)
+
+    @torch.no_grad()
+    def update(self, z: torch.Tensor, indices: torch.Tensor) -> None:
+        """One moving-average step towards (n, d) latents, n > 0, that chose (n, M) indices; call it after backward.
+
+        Of open books only the frequencies of codes are followed.
+        """
+        seen, left = [], z.detach()
+        for stage in range(self.stages):
+            seen.append(left)
+            left = left - self.book(stage).words[indices[:, stage]]
+        self.uses.lerp_(self._frequencies(indices), 1 - LEARNED_DECAY)
+        if self._open:
+            return
+        for number in range(len(self.books)):
+            own = slice(1) if number == 0 else slice(1, None)
+            stale = self.book(number).learn(torch.cat(seen[own]), indices[:, own].T.flatten(), self._generator)
+            # Priced like the others: at the price of what nobody uses it would find no vectors.
+            self.uses[own, stale] = 1 / self.codewords
+
+    def _frequencies(self, indices: torch.Tensor) -> torch.Tensor:
+        """(M, codewords) shares."""
+        counts = [torch.bincount(column, minlength=self.codewords) for column in indices.T]
+        return torch.stack(counts) / max(len(indices), 1)
+
+    def bits(self) -> torch.Tensor:
+        """(M, codewords) float32 bits of each code of each stage, by how often it has been used lately."""
+        shares = self.uses + RVQ_PRIOR_USES / self.codewords
+        return -torch.log2(shares / shares.sum(1, keepdim=True))
+
+
+def _usable(weight: torch.Tensor) -> torch.Tensor:
+    """Weights, all 1 where none is above 0."""
+    return weight if bool((weight > 0).any()) else torch.ones_like(weight)
+
+
+def _networks(dimension: int, features: int, linear: bool) -> tuple[nn.Sequential, nn.Sequential]:
+    if linear:
+        return nn.Sequential(nn.Linear(features, dimension)), nn.Sequential(nn.Linear(dimension, features))
+    hidden = [nn.Linear(features, features), nn.ReLU()]
+    projector = nn.Sequential(*hidden, nn.Linear(features, dimension), nn.LayerNorm(dimension))
+    return projector, nn.Sequential(nn.Linear(dimension, features), nn.ReLU(), nn.Linear(features, features))
+
+
+def _check(dimension: int, features: int, stages: int, codewords: int, estimator: str, projector: str) -> None:
+    ranges = (
+        ("dimension", dimension, 1, min(MAX_LATENT, features)),
+        ("stages", stages, 1, MAX_STAGES),
+        ("codewords", codewords, 2, MAX_CODEWORDS),
+    )
+    for name, value, least, most in ranges:
+        if not least <= value <= most:
+            raise InvalidInput("input-options", f"{value} {name}: {least}..{most} are possible", field=name)
+    for name, said, choices in (("estimator", estimator, tuple(ESTIMATORS)), ("projector", projector, PROJECTORS)):
+        if said not in choices:
+            raise InvalidInput("input-options", f"{said!r} is not one of {', '.join(choices)}", field=name)

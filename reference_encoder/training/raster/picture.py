@@ -1,0 +1,76 @@
+"""A picture of Gaussians that gradients flow through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from reference_encoder.training.raster.binning import list_tiles
+from reference_encoder.training.raster.composite import composite
+from reference_encoder.training.raster.projection import Gaussians, Lens, ellipses, see, to_camera, to_pixels
+from scarfmt.errors import InvalidInput
+from scarfmt.render.camera import Camera
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What a camera sees of M Gaussians.
+
+    Attributes:
+        image: (H, W, 3) float32, linear in the colours and not clipped, with a gradient.
+        means: (M, 2) float32 pixel positions of the centres; after a backward pass `means.grad` is the gradient with
+            respect to them. Of Gaussians not in front of the camera, some number.
+        shown: (M,) bool, whether a Gaussian may touch the centre of a pixel.
+        weights: (M,) float32, sum of alpha times transmittance over the pixels, without gradient.
+    """
+
+    image: Tensor
+    means: Tensor
+    shown: Tensor
+    weights: Tensor
+
+
+def _check(gaussians: Gaussians, background: Tensor) -> None:
+    count = len(gaussians.centres)
+    expected: list[tuple[str, Tensor, tuple[int, ...]]] = [
+        ("centres", gaussians.centres, (count, 3)),
+        ("scales", gaussians.scales, (count, 3)),
+        ("rotations", gaussians.rotations, (count, 4)),
+        ("opacities", gaussians.opacities, (count,)),
+        ("colours", gaussians.colours, (count, 3)),
+        ("background", background, (3,)),
+    ]
+    for name, found, shape in expected:
+        if found.shape != shape or found.dtype != torch.float32:
+            message = f"expected float32 {shape}, got {found.dtype} {tuple(found.shape)}"
+            raise InvalidInput("input-shape", message, field=name)
+
+
+def rasterise(gaussians: Gaussians, camera: Camera, background: Tensor) -> Picture:
+    """Draw Gaussians by the image model of :mod:`scarfmt.render.rasterise`, in float32.
+
+    Results and gradients are the same bits whatever the number of threads (`torch.get_num_threads()` are used).
+
+    Args:
+        gaussians: M of them.
+        camera: where from.
+        background: (3,) float32 colour behind everything.
+
+    Raises:
+        InvalidInput: ``input-shape``; ``input-dependency`` where the compiled kernel is missing.
+    """
+    _check(gaussians, background)
+    lens = Lens.of(camera, gaussians.centres)
+    local = to_camera(gaussians.centres, lens)
+    means = to_pixels(local, lens)
+    if means.requires_grad:
+        means.retain_grad()
+    seen = see(local.detach(), means.detach(), gaussians, lens)
+    listing = list_tiles(means.detach()[seen.which], seen.halves, camera)
+    shapes = ellipses(local, gaussians, seen, lens)
+    image, weights = composite(means, shapes, gaussians, background, seen, listing, camera)
+    shown = torch.zeros(len(means), dtype=torch.bool, device=means.device)
+    shown[seen.which] = True
+    return Picture(image, means, shown, means.new_zeros(len(means)).index_copy_(0, seen.which, weights))

@@ -1,0 +1,65 @@
+"""The curriculum: what is on when."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from reference_encoder.training.curriculum import CURRICULA, Curriculum, layer_odds, moment
+
+PAPER = CURRICULA["paper"]
+EVERY = np.linspace(0, 1, 401).tolist()
+
+
+def test_the_papers_phases_are_those_of_its_iterations() -> None:
+    """10k continuous with noise, 20k of linear injection, 10k hard with the rate, of 40k (paper §3.6)."""
+    warm, begins, half, hard = (moment(PAPER, step / 40_000) for step in (9_999, 10_000, 20_000, 30_000))
+    assert (warm.noisy, warm.quantises, warm.beta, warm.rate) == (True, False, 0.0, 0.0)
+    assert (begins.noisy, begins.quantises, begins.beta) == (False, True, 0.0)
+    assert (half.beta, half.hard, half.entropy, half.rate) == (0.5, False, False, 0.0)
+    assert (hard.beta, hard.hard, hard.entropy, hard.rate) == (1.0, True, True, 1.0)
+
+
+def test_the_papers_formula_starves_the_feature() -> None:
+    """Its gradient is 1 - beta; by default it keeps all of it until the quantiser passes it on."""
+    assert moment(PAPER, 0.5).feature_gradient == pytest.approx(0.5)
+    assert moment(Curriculum(), 0.5).feature_gradient == 1.0
+    assert moment(Curriculum(), 0.8).feature_gradient == 0.0
+
+
+@pytest.mark.parametrize("name", CURRICULA)
+def test_beta_and_rate_never_fall(name: str) -> None:
+    """Each from 0 or more to 1, and a picture is never drawn with codes before there are books."""
+    found = [moment(CURRICULA[name], done) for done in EVERY]
+    for values in ([one.beta for one in found], [one.rate for one in found]):
+        assert values == sorted(values)
+        assert values[-1] == 1.0
+    assert all(one.quantises for one in found if one.beta > 0)
+    assert all(one.quantises for one in found if one.hard or one.entropy)
+    assert not any(one.noisy and one.rounded for one in found)
+
+
+def test_growth_is_over_before_pictures_are_hard() -> None:
+    """It pauses while noise begins, and never goes on without statistics."""
+    found = [moment(Curriculum(), done) for done in EVERY]
+    assert not any(one.grows and not one.gathers for one in found)
+    assert not any(one.grows and one.hard for one in found)
+    grows = [moment(Curriculum(), done).grows for done in (0.0, 0.05, 0.0875, 0.2, 0.375)]
+    assert grows == [False, True, False, True, False]
+
+
+def test_a_cold_start_is_hard_from_the_first_step() -> None:
+    first = moment(CURRICULA["cold"], 0.0)
+    assert (first.hard, first.beta, first.quantises) == (True, 1.0, True)
+
+
+def test_integers_alone_come_last() -> None:
+    assert [moment(Curriculum(), done).fine_tunes for done in (0.94, 0.95, 1.0)] == [False, True, True]
+    assert not moment(PAPER, 0.99).fine_tunes
+
+
+@pytest.mark.parametrize("layers", [1, 4])
+def test_the_last_layer_is_drawn_twice_as_often(layers: int) -> None:
+    odds = layer_odds(layers)
+    assert sum(odds) == pytest.approx(1.0)
+    assert all(odds[-1] == pytest.approx(2 * other) for other in odds[:-1])
