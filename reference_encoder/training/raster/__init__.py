@@ -1,13 +1,15 @@
-"""Differentiable rasteriser for training: torch projects, bins and sorts, a kernel of its own composites.
+"""Differentiable rasteriser for training (docs/training.md, docs/decisions/0034).
 
 picture      what a trainer calls: Gaussians and a camera in, a picture with gradients out
-projection   EWA projection and its gradient; which Gaussians show
-binning      which splats may show in which tile
-composite    blending on the CPU (composite.c) and its gradient
+gaussians    what is drawn
+prepare      on the CPU: projection, order and tiles (project.c, bins.c)
+composite    on the CPU: blending (composite.c) and its gradient
 loading      the compiled library
+projection   in torch: EWA projection and its gradient; which Gaussians show
+binning      in torch: which splats may show in which tile
 """
 
+from reference_encoder.training.raster.gaussians import Gaussians
 from reference_encoder.training.raster.picture import Picture, rasterise
-from reference_encoder.training.raster.projection import Gaussians
 
 __all__ = ["Gaussians", "Picture", "rasterise"]

@@ -19,7 +19,7 @@ class Listing:
         columns: tiles side by side.
         offsets: (tiles + 1,) int64, where the list of a tile starts.
         listed: (I,) int32 numbers, of a tile in the order of the splats.
-        owners: (I,) int32, the splat of each number.
+        owners: (I,) int32, the splats of those listed.
         starts: (S + 1,) int64, the first number of each splat.
     """
 
@@ -55,4 +55,4 @@ def list_tiles(means: Tensor, halves: Tensor, camera: Camera) -> Listing:
     tiles = corner[owners] + row * (columns - wide_here) + within
     sorted_tiles, listed = tiles.sort(stable=True)
     numbers = torch.arange(columns * rows + 1, dtype=torch.int32, device=means.device)
-    return Listing(columns, torch.searchsorted(sorted_tiles, numbers), listed.int(), owners, starts)
+    return Listing(columns, torch.searchsorted(sorted_tiles, numbers), listed.int(), owners[listed], starts)

@@ -1,25 +1,48 @@
-"""The compiled compositing kernel: found, loaded, and what it is given declared (docs/decisions/0034)."""
+"""The compiled rasteriser: found, loaded, and what it is given declared (docs/decisions/0034)."""
 
 from __future__ import annotations
 
 import ctypes
 import importlib.util
-from ctypes import POINTER, byref, c_float, c_int64, c_void_p, sizeof
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from ctypes import POINTER, c_double, c_float, c_int64, c_void_p, sizeof
 from functools import cache
 from pathlib import Path
 
+import torch
+from torch import Tensor
+
 from scarfmt.errors import InvalidInput
 
-INTERFACE = 1
+INTERFACE = 2
 """The number of the interface in composite.c."""
 TILE = 16
 """Pixels of a tile, each way."""
 GRADIENTS = 9
 """Numbers that the backward pass leaves for an intersection."""
+ELLIPSE, SPLAT = 6, 12
+"""Floats of an `Ellipse` and of a `Splat` of raster.h."""
+
+
+class Scene(ctypes.Structure):
+    """M Gaussians: `Scene` of raster.h."""
+
+    _fields_ = [(name, c_void_p) for name in ("centres", "scales", "rotations", "opacities", "colours")]
+
+
+class Lens(ctypes.Structure):
+    """A camera: `Lens` of raster.h."""
+
+    _fields_ = [
+        ("pose", c_double * 12),
+        *[(name, c_float) for name in ("fx", "fy", "cx", "cy", "width", "height", "near", "dilation")],
+        *[(name, c_float) for name in ("limit_x", "limit_y", "widest", "min_alpha")],
+    ]
 
 
 class Job(ctypes.Structure):
-    """What a call of the kernel is given: `Job` of composite.c, which says what each is."""
+    """What compositing is given: `Job` of composite.h, which says what each is."""
 
     _fields_ = [
         *[(name, c_int64) for name in ("width", "height", "columns", "tiles")],
@@ -30,13 +53,21 @@ class Job(ctypes.Structure):
     ]
 
 
+_SPLATS = 4 * SPLAT
 _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_composite_interface": (c_int64, []),
     "scar_composite_tile": (c_int64, []),
-    "scar_composite_job": (c_int64, []),
+    "scar_composite_structs": (c_int64, []),
     "scar_composite": (None, [POINTER(Job), POINTER(c_int64)]),
     "scar_composite_back": (None, [POINTER(Job), POINTER(c_int64)]),
-    "scar_composite_gather": (None, [c_void_p, c_int64, c_void_p, c_int64, c_int64, c_void_p]),
+    "scar_composite_weights": (None, [*[c_void_p] * 3, c_int64, c_int64, c_void_p]),
+    "scar_composite_gather": (None, [*[c_void_p] * 4, c_int64, c_int64, *[c_void_p] * 4]),
+    "scar_project": (None, [POINTER(Scene), POINTER(Lens), c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_project_back": (None, [POINTER(Scene), POINTER(Lens), c_int64, c_int64, *[c_void_p] * 6]),
+    "scar_nearest_first": (c_int64, [c_void_p, c_int64, *[c_void_p] * 3]),
+    "scar_arrange": (None, [POINTER(Scene), c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_count_tiles": (None, [c_void_p, c_int64, c_int64, c_int64, *[c_void_p] * 3]),
+    "scar_list_tiles": (None, [c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
 }
 
 
@@ -57,9 +88,10 @@ def load() -> ctypes.CDLL:
             function.restype, function.argtypes = result, arguments
     except (OSError, AttributeError) as error:
         raise _absent(f"it was built for another machine or version: {error}") from error
-    found = library.scar_composite_interface(), library.scar_composite_tile(), library.scar_composite_job()
-    if found != (INTERFACE, TILE, sizeof(Job)):
-        raise _absent(f"it was built from another version: {found}, not {(INTERFACE, TILE, sizeof(Job))}")
+    expected = INTERFACE, TILE, sizeof(Job) + sizeof(Lens) + sizeof(Scene) + _SPLATS
+    found = library.scar_composite_interface(), library.scar_composite_tile(), library.scar_composite_structs()
+    if found != expected:
+        raise _absent(f"it was built from another version: {found}, not {expected}")
     return library
 
 
@@ -76,10 +108,27 @@ def _absent(why: str) -> InvalidInput:
     return InvalidInput("input-dependency", f"training on the CPU needs the compiled rasteriser: {why}; {advice}")
 
 
-def run(name: str, job: Job, counter: c_int64) -> None:
-    """Let this thread work on the tiles of `job` that are not taken: `counter` is common to all threads.
+def pointer(tensor: Tensor, dtype: torch.dtype = torch.float32) -> int:
+    """Where the numbers of a tensor lie.
 
     Raises:
-        InvalidInput: ``input-dependency``.
+        TypeError: they are of another type than `dtype`, not in one piece, or on another device.
     """
-    getattr(load(), name)(byref(job), byref(counter))
+    if tensor.dtype != dtype or not tensor.is_contiguous() or tensor.device.type != "cpu":
+        raise TypeError(f"{tensor.dtype} of strides {tensor.stride()} on {tensor.device}, not {dtype} in C order")
+    return tensor.data_ptr()
+
+
+@cache
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, "raster")
+
+
+def on_threads(work: Callable[[int, int], None], count: int) -> None:
+    """Call `work` with (first, past) of shares of `count` things on as many threads as torch uses, with this one."""
+    threads = torch.get_num_threads()
+    shares = [(count * thread // threads, count * (thread + 1) // threads) for thread in range(threads)]
+    others = [_pool(threads - 1).submit(work, *share) for share in shares[1:]]
+    work(*shares[0])
+    for other in others:
+        other.result()

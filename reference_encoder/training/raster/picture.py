@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from reference_encoder.training.raster.binning import list_tiles
 from reference_encoder.training.raster.composite import composite
-from reference_encoder.training.raster.projection import Gaussians, Lens, ellipses, see, to_camera, to_pixels
+from reference_encoder.training.raster.gaussians import Gaussians
+from reference_encoder.training.raster.prepare import prepare
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
 
@@ -62,15 +62,8 @@ def rasterise(gaussians: Gaussians, camera: Camera, background: Tensor) -> Pictu
         InvalidInput: ``input-shape``; ``input-dependency`` where the compiled kernel is missing.
     """
     _check(gaussians, background)
-    lens = Lens.of(camera, gaussians.centres)
-    local = to_camera(gaussians.centres, lens)
-    means = to_pixels(local, lens)
-    if means.requires_grad:
-        means.retain_grad()
-    seen = see(local.detach(), means.detach(), gaussians, lens)
-    listing = list_tiles(means.detach()[seen.which], seen.halves, camera)
-    shapes = ellipses(local, gaussians, seen, lens)
-    image, weights = composite(means, shapes, gaussians, background, seen, listing, camera)
-    shown = torch.zeros(len(means), dtype=torch.bool, device=means.device)
-    shown[seen.which] = True
-    return Picture(image, means, shown, means.new_zeros(len(means)).index_copy_(0, seen.which, weights))
+    prepared = prepare(gaussians, camera)
+    if prepared.means.requires_grad:
+        prepared.means.retain_grad()
+    image, weights = composite(prepared, gaussians, background, camera)
+    return Picture(image, prepared.means, prepared.places >= 0, weights)

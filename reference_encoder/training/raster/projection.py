@@ -13,30 +13,12 @@ from typing import Any, cast
 import torch
 from torch import Tensor
 
+from reference_encoder.training.raster.gaussians import Gaussians
 from scarfmt.render.camera import Camera
 from scarfmt.render.projection import FRUSTUM_MARGIN, MIN_ALPHA
 
 _BOUND_SLACK = 2e-3
 """Bounds of an ellipse are widened by so much of a pixel, so that rounding to binary32 never drops a pixel."""
-
-
-@dataclass(frozen=True)
-class Gaussians:
-    """M Gaussians as a renderer wants them; float32, any of them with a gradient.
-
-    Attributes:
-        centres: (M, 3) world units.
-        scales: (M, 3) standard deviations along the axes, world units, positive.
-        rotations: (M, 4) quaternions w x y z of any length.
-        opacities: (M,) 0..1.
-        colours: (M, 3), 1 is white.
-    """
-
-    centres: Tensor
-    scales: Tensor
-    rotations: Tensor
-    opacities: Tensor
-    colours: Tensor
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,79 @@
+/* Splats sorted by depth and listed by tiles: what binning.py does in torch. Serial: each is a pass through memory. */
+
+#include <math.h>
+#include <string.h>
+
+#include "raster.h"
+
+#define DIGIT_BITS 11
+#define DIGITS (1 << DIGIT_BITS)
+
+/* Fills `which` with the numbers of the keys that are not UNSEEN, of the least first, of equal ones the first; how many.
+`entries` and `spare` have room for `count` each. */
+EXPORT int64_t scar_nearest_first(const uint32_t *keys, int64_t count, uint64_t *entries, uint64_t *spare, int64_t *which) {
+    int64_t seen = 0;
+    for (int64_t i = 0; i < count; i++) {
+        entries[seen] = (uint64_t)keys[i] << 32 | (uint64_t)i;
+        seen += keys[i] != UNSEEN;
+    }
+    for (int shift = 32; shift < 64; shift += DIGIT_BITS) {
+        int64_t starts[DIGITS + 1] = {0};
+        for (int64_t i = 0; i < seen; i++) starts[(entries[i] >> shift) % DIGITS + 1]++;
+        for (int i = 0; i < DIGITS; i++) starts[i + 1] += starts[i];
+        for (int64_t i = 0; i < seen; i++) spare[starts[(entries[i] >> shift) % DIGITS]++] = entries[i];
+        uint64_t *sorted = spare;
+        spare = entries, entries = sorted;
+    }
+    for (int64_t i = 0; i < seen; i++) which[i] = (int64_t)(entries[i] & UINT32_MAX);
+    return seen;
+}
+
+static int32_t between(float value, int32_t most) { return value < 0 ? 0 : value > (float)most ? most : (int32_t)value; }
+
+/* Fills the (seen, 4) `spans`, first and last column and row of tiles with pixel centres in the bounds of a splat; the
+(seen + 1,) `starts`, numbers of intersections; and the (tiles + 1,) `offsets`, where the lists of tiles start. */
+EXPORT void scar_count_tiles(const Splat *splats, int64_t seen, int64_t width, int64_t height, int32_t *spans,
+                             int64_t *starts, int64_t *offsets) {
+    int64_t columns = (width + TILE - 1) / TILE, tiles = columns * ((height + TILE - 1) / TILE);
+    memset(offsets, 0, sizeof(int64_t) * (tiles + 1));
+    starts[0] = 0;
+    for (int64_t i = 0; i < seen; i++) {
+        const Splat *s = splats + i;
+        float half_x = s->ellipse.half_x, half_y = s->ellipse.half_y;
+        int32_t *span = spans + 4 * i;
+        /* Whole numbers up from 0: to add one and cut off rounds up, or names the next where it was whole. */
+        span[0] = between(s->mean_x - half_x + 0.499f, (int32_t)width - 1) / TILE;
+        span[1] = between(s->mean_x + half_x - 0.5f, (int32_t)width - 1) / TILE;
+        span[2] = between(s->mean_y - half_y + 0.499f, (int32_t)height - 1) / TILE;
+        span[3] = between(s->mean_y + half_y - 0.5f, (int32_t)height - 1) / TILE;
+        for (int32_t row = span[2]; row <= span[3]; row++)
+            for (int32_t column = span[0]; column <= span[1]; column++) offsets[row * columns + column + 1]++;
+        starts[i + 1] = starts[i] + (int64_t)(span[1] - span[0] + 1) * (span[3] - span[2] + 1);
+    }
+    for (int64_t tile = 0; tile < tiles; tile++) offsets[tile + 1] += offsets[tile];
+}
+
+/* Fills `listed` and `owners` of a Listing; `fill` is a copy of the offsets, and is used up. */
+EXPORT void scar_list_tiles(const int32_t *spans, int64_t seen, int64_t columns, int64_t *fill, int32_t *listed,
+                            int32_t *owners) {
+    int32_t number = 0;
+    for (int64_t i = 0; i < seen; i++) {
+        const int32_t *span = spans + 4 * i;
+        for (int32_t row = span[2]; row <= span[3]; row++)
+            for (int32_t column = span[0]; column <= span[1]; column++, number++) {
+                int64_t place = fill[row * columns + column]++;
+                listed[place] = number;
+                owners[place] = (int32_t)i;
+            }
+    }
+}
+
+/* Fills splats `first` to `past`. */
+EXPORT void scar_arrange(const Scene *g, const int64_t *which, int64_t first, int64_t past, const float *means,
+                         const Ellipse *ellipses, Splat *splats) {
+    for (int64_t i = first; i < past; i++) {
+        int64_t w = which[i];
+        const float *colour = g->colours + 3 * w, *mean = means + 2 * w;
+        splats[i] = (Splat){mean[0], mean[1], ellipses[w], log2f(g->opacities[w]), colour[0], colour[1], colour[2]};
+    }
+}

@@ -1,0 +1,19 @@
+/* Tiles with what every processor has. */
+
+#include "composite.h"
+
+#define TARGET unused
+#define TILES tiles_plain
+#include "composite_vectors.h"
+
+PART V where(M mask, V yes, V no) { return (V)((mask & (M)yes) | (~mask & (M)no)); }
+PART V larger(V a, V b) { return where(a > b, a, b); }
+PART V smaller(V a, V b) { return where(a < b, a, b); }
+
+PART int any(M mask) {
+    int32_t found = 0;
+    for (int i = 0; i < SPAN; i++) found |= mask[i];
+    return found != 0;
+}
+
+#include "composite_tiles.h"

@@ -1,0 +1,60 @@
+"""What torch projects and lists is what the compiled library does: other devices draw the same picture."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+
+from reference_encoder.training.raster.binning import list_tiles
+from reference_encoder.training.raster.gaussians import Gaussians
+from reference_encoder.training.raster.prepare import Prepared, prepare
+from reference_encoder.training.raster.projection import Lens, Seen, ellipses, see, to_camera, to_pixels
+
+from .scenes import SCENES, leaves, mixed, turned_camera
+
+CAMERA = turned_camera(70, 50)
+
+
+def both(scene: Gaussians) -> tuple[Prepared, Gaussians, Seen, torch.Tensor, torch.Tensor]:
+    """What the library prepares; Gaussians with gradients, what torch sees of them, means and ellipses."""
+    here, lens = leaves(scene, torch.float32), Lens.of(CAMERA, scene.centres)
+    local = to_camera(here.centres, lens)
+    means = to_pixels(local, lens)
+    seen = see(local.detach(), means.detach(), here, lens)
+    return prepare(leaves(scene, torch.float32), CAMERA), here, seen, means, ellipses(local, here, seen, lens)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_same_ellipses_in_the_same_order(name: str) -> None:
+    prepared, _, seen, means, shapes = both(SCENES[name](0))
+    assert torch.equal(prepared.which, seen.which)
+    torch.testing.assert_close(prepared.means, means, rtol=1e-5, atol=1e-4)
+    torch.testing.assert_close(prepared.ellipses, shapes, rtol=2e-4, atol=1e-6)
+    torch.testing.assert_close(prepared.splats[:, 5], seen.half_row, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(prepared.splats[:, 6:8], seen.halves, rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_same_gradients(name: str) -> None:
+    scene = SCENES[name](0)
+    _, here, _, means, shapes = both(scene)
+    other = leaves(scene, torch.float32)
+    prepared = prepare(other, CAMERA)
+    generator = torch.Generator().manual_seed(1)
+    to_means, to_shapes = torch.randn(means.shape, generator=generator), torch.randn(shapes.shape, generator=generator)
+    torch.autograd.backward([means, shapes], [to_means, to_shapes])
+    torch.autograd.backward([prepared.means, prepared.ellipses], [to_means, to_shapes])
+    for one, two in ((here.centres, other.centres), (here.scales, other.scales), (here.rotations, other.rotations)):
+        assert one.grad is not None
+        assert two.grad is not None
+        assert float((one.grad - two.grad).abs().max() / one.grad.abs().max()) < 1e-4
+
+
+def test_the_same_tiles() -> None:
+    """Of the same splats: what is listed is a matter of whole numbers."""
+    prepared = prepare(mixed(0, 500), CAMERA)
+    listing, expected = list_tiles(prepared.splats[:, :2], prepared.splats[:, 6:8], CAMERA), prepared.listing
+    assert torch.equal(listing.offsets, expected.offsets)
+    assert torch.equal(listing.starts, expected.starts)
+    assert torch.equal(listing.listed, expected.listed)
+    assert torch.equal(listing.owners, expected.owners)
