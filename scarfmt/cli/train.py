@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import tempfile
 from collections.abc import Iterator
@@ -144,7 +145,7 @@ def train(capture: str, output: str, folder: str | None, as_json: bool, force: b
         if not quiet:
             _print_capture(photos)
         with _stoppable(quiet) as stop:
-            trained = _train(photos, options, run, report, stop)
+            trained = _train(photos, options, run, quiet, report, stop)
             with open_output(output, force) as target:
                 target.write(trained.data)
         interrupted = stop()
@@ -199,8 +200,16 @@ def _read(path: str, resolution: int | None, hold_out: int, workspace: Path, rep
     return load_capture(path, resolution, hold_out, workspace, report)
 
 
-def _train(capture: Capture, options: TrainOptions, run: Path | None, report: Report, stop: Stop) -> Trained:
+def _train(
+    capture: Capture, options: TrainOptions, run: Path | None, quiet: bool, report: Report, stop: Stop
+) -> Trained:
     from reference_encoder.training.run import train as train_capture  # type: ignore[import-not-found,unused-ignore]
+
+    from reference_encoder.training.checkpoints import last_iteration
+
+    before = None if run is None else last_iteration(run)
+    if before is not None and not quiet:
+        click.echo(f"going on from iteration {before:,}", err=True)
 
     def tell(now: Progress) -> None:
         report(_described(now), now.iteration / max(now.iterations, 1))
@@ -230,7 +239,9 @@ def _described(now: Progress) -> str:
         words.append(f"{now.psnr:.2f} dB")
     if now.bytes is not None:
         words.append(f"{now.bytes / 1000:,.0f} kB")
-    words += [f"{now.anchors:,} anchors", f"{_duration(now.seconds_left)} left"]
+    words.append(f"{now.anchors:,} anchors")
+    if math.isfinite(now.seconds_left):
+        words.append(f"{_duration(now.seconds_left)} left")
     return " · ".join(words)
 
 
@@ -248,5 +259,5 @@ def _print_capture(capture: Capture) -> None:
 def _print_trained(trained: Trained) -> None:
     click.echo(f"{trained.iterations:,} iterations in {_duration(trained.seconds)}", err=True)
     for number, layer in enumerate(trained.layers, 1):
-        quality = "" if layer.psnr != layer.psnr else f"  {layer.psnr:6.2f} dB  SSIM {layer.ssim:.4f}"
+        quality = "" if math.isnan(layer.psnr) else f"  {layer.psnr:6.2f} dB  SSIM {layer.ssim:.4f}"
         click.echo(f"layer {number}: {layer.bytes:>12,} bytes{quality}", err=True)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -129,11 +130,14 @@ def test_a_failure_of_the_trainer_leaves_its_checkpoint_and_no_file(
     assert run("train", capture, tmp_path / "a.scar").exit_code == 2
     assert [path.name for path in tmp_path.iterdir()] == ["a.scar.run"]
     assert (tmp_path / "a.scar.run" / "checkpoint-00000005.pt").is_file()
+    trainer.meanwhile = lambda: None
+    assert "going on from iteration 5\n" in run("train", capture, tmp_path / "a.scar").stderr
 
 
 def test_progress_says_where_training_stands() -> None:
     assert _described(NOW) == "grow · 1,200/12,000 · 27.31 dB · 512 kB · 38,201 anchors · 9 min left"
     assert _described(Progress(0, 9, 0, 30.4, "warm up", None, None, 5, 5, 1.0)).endswith("0/9 · 5 anchors · 30 s left")
+    assert _described(replace(NOW, seconds_left=math.inf)).endswith("38,201 anchors")
 
 
 def test_a_missing_package_is_told_with_its_extra(run: Run, trainer: Trainer, capture: Path, tmp_path: Path) -> None:
