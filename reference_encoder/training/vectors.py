@@ -10,7 +10,7 @@ from torch import Tensor
 
 from reference_encoder.training.curriculum import Moment
 from reference_encoder.training.fixed_latents import Coordinates
-from reference_encoder.training.quantiser import Quantiser
+from reference_encoder.training.quantiser import Quantised, Quantiser
 
 _RATE, _LAST_RATE = 1e-3, 1e-4
 """Learning rates of projector and decoder on their own loss, and when pictures move them and the books too."""
@@ -64,7 +64,7 @@ class Vectors:
                 return shown
         price = self._price() if now.hard else 0.0
         given = latent if now.hard else latent.detach()
-        made = self.quantiser(given, self.stages[layer], price, self.quantiser.bits())
+        made: Quantised = self.quantiser(given, self.stages[layer], price, self.quantiser.bits())
         self.loss, self._seen = made.loss, (made.encoded, made.indices)
         if now.hard:
             return made.features

@@ -1,5 +1,7 @@
 """Layers of training: gates only ever open, cells nest, plans are what files can hold."""
 
+import itertools
+
 import pytest
 import torch
 from hypothesis import given
@@ -15,7 +17,7 @@ def test_a_gate_that_is_open_stays_open(seed: int, layers: int) -> None:
     last = 4 * torch.randn(5, 3, generator=generator)
     falls = 4 * torch.randn(5, 3, layers - 1, generator=generator)
     shown = [gate_logits(last, falls, layer) > 0 for layer in range(layers)]
-    for earlier, later in zip(shown, shown[1:], strict=False):
+    for earlier, later in itertools.pairwise(shown):
         assert bool((later | ~earlier).all())
 
 
