@@ -9,7 +9,8 @@ _GAIN = 0.004
 """Of the logarithm of a price, a draw of its layer, for a prefix twice too large over ln 2."""
 _MEMORY = 0.95
 _LEAST, _MOST = 1e-4, 30.0
-_FAR = 3.0
+_FAR = 1.5
+"""Times that a size too large or too small acts at once on its price; more closes slots for good that are only early."""
 
 
 @dataclass
@@ -36,20 +37,24 @@ class Prices:
 
     def a_bit(self, layer: int) -> float:
         """Loss a bit of a layer costs now."""
-        return self.price[layer] * self._excess(layer) / self.pixels
+        excess = min(max(self._excess(layer), 1 / _FAR), _FAR)
+        return self.price[layer] * excess / self.pixels
 
     def _excess(self, layer: int) -> float:
-        """How many times too large a prefix is, within reason."""
+        """How many times too large a prefix is."""
         if self.wanted is None or not self.estimate[layer]:
             return 1.0
-        excess = self.estimate[layer] * self.real[layer] / self.wanted[layer]
-        return min(max(excess, 1 / _FAR), _FAR)
+        return self.estimate[layer] * self.real[layer] / self.wanted[layer]
 
-    def saw(self, layer: int, bits: float) -> None:
-        """Take in an estimate of a layer's bits."""
+    def saw(self, layer: int, bits: float, follows: bool = True) -> None:
+        """Take in an estimate of a layer's bits.
+
+        Args:
+            follows: whether prices follow it: not while anchors still grow, and rate counts in part.
+        """
         before = self.estimate[layer] or bits / 8
         self.estimate[layer] = _MEMORY * before + (1 - _MEMORY) * bits / 8
-        if self.wanted is not None:
+        if self.wanted is not None and follows:
             moved = math.log(self.price[layer]) + _GAIN * math.log(self._excess(layer))
             self.price[layer] = min(max(math.exp(moved), _LEAST), _MOST)
 

@@ -72,7 +72,7 @@ class Trainer:
         camera, target = views[self._next_photo()]
         outcome = iterate(self.state, camera, target, mode, self.background)
         if outcome.bits is not None:
-            self.prices.saw(mode.layer, outcome.bits)
+            self.prices.saw(mode.layer, outcome.bits, follows=now.draws_layer and not now.grows)
         self.state.descent.step(done, lambda name: _share(name, now))
         if self.state.vectors is not None:
             self.state.vectors.step()
