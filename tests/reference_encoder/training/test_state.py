@@ -1,0 +1,59 @@
+"""A scene in training: what is rounded is what the file has, and structure changes move nothing else."""
+
+import torch
+
+from reference_encoder.training.anchors import Anchors
+from reference_encoder.training.curriculum import CURRICULA, moment
+from reference_encoder.training.emit import integers
+from tests.reference_encoder.training import small
+
+
+def test_rounded_values_are_the_integers_of_the_file() -> None:
+    """Training's last layer sees v * width of the integers that are written; earlier ones the cells round them."""
+    state = small.state()
+    rows = torch.arange(len(state.anchors))
+    (scaling, latent), offsets = integers(state, rows)
+    widths = torch.exp(state.log_widths.detach())
+    last = state.priced(rows, 2, True)
+    assert torch.allclose(last.values, torch.cat([torch.tensor(scaling), torch.tensor(latent)], dim=1) * widths)
+    assert torch.allclose(last.offsets, torch.tensor(offsets) * torch.exp(state.log_offset_widths.detach()))
+    first = state.priced(rows, 0, True)
+    assert torch.allclose(first.values[:, :6], torch.round(torch.tensor(scaling) / 3) * 3 * widths[:6])
+
+
+def test_noise_stays_within_a_cell() -> None:
+    """Noise stands for rounding: never more than half a cell of the layer."""
+    state = small.state()
+    rows = torch.arange(len(state.anchors))
+    for layer, coarseness in ((0, 3.0), (2, 1.0)):
+        noisy = state.priced(rows, layer, False).values
+        exact = torch.cat([state.anchors.scaling, state.anchors.latent], dim=1)
+        assert bool(((noisy - exact).abs() <= 0.5 * coarseness * torch.exp(state.log_widths) + 1e-5).all())
+
+
+def test_anchors_come_and_go_without_moving_others() -> None:
+    """Rows kept stay as they are, in all that is learnt and remembered of them."""
+    state = small.state()
+    rows = torch.tensor([5, 2, 9])
+    before = state.anchors.taken(rows)
+    fresh = Anchors.fresh(torch.zeros(2, 3).long(), torch.zeros(2), torch.zeros(2, small.LATENT), state.plan.count)
+    state.rearrange(rows, fresh)
+    assert len(state.anchors) == 5
+    after = state.anchors.taken(torch.arange(3))
+    assert all(torch.equal(getattr(before, name), getattr(after, name)) for name in vars(before))
+    assert len(state.statistics.seen) == 5
+
+
+def test_a_checkpoint_brings_everything_back() -> None:
+    """A state taken up by another draws the same noise, and has the same values."""
+    state, other = small.state(), small.state(seed=1)
+    kept = state.checkpoint()
+    generator = kept["generator"].clone()
+    other.resume(kept)
+    state.generator.set_state(generator)
+    rows = torch.arange(len(state.anchors))
+    now = moment(CURRICULA["default"], 0.4)
+    mine, theirs = state.of_layer(rows, 1, now), other.of_layer(rows, 1, now)
+    assert torch.equal(mine.features, theirs.features)
+    assert torch.equal(mine.gates, theirs.gates)
+    assert torch.equal(mine.offsets, theirs.offsets)

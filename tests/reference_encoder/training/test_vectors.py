@@ -1,0 +1,64 @@
+"""Features as codewords: the curriculum's mixture, its gradients, what the file gets (paper §3.6)."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from reference_encoder.training.curriculum import CURRICULA, Moment, moment
+from reference_encoder.training.vectors import Vectors
+from tests.reference_encoder.training import small
+
+SOFT = moment(CURRICULA["default"], 0.5)
+
+
+def _begun() -> tuple[Vectors, torch.Tensor]:
+    state = small.state(200, vectors=True)
+    assert state.vectors is not None
+    latent = state.anchors.latent.detach()
+    state.vectors.begin(latent, torch.ones(len(latent)))
+    return state.vectors, latent
+
+
+@pytest.mark.parametrize("beta", [0.0, 0.3, 1.0])
+def test_injection_mixes_and_passes_the_gradient(beta: float) -> None:
+    """Forward f + beta (f_q - f); backward the picture steers f by the share that the curriculum says."""
+    vectors, latent = _begun()
+    now: Moment = replace(SOFT, beta=beta, feature_gradient=0.25)
+    given = latent.clone().requires_grad_()
+    shown = vectors.features(given, 1, now)
+    quantised = vectors.quantiser(latent, 1).features
+    assert torch.allclose(shown, latent + beta * (quantised - latent), atol=1e-5)
+    shown.sum().backward()
+    assert given.grad is not None
+    assert torch.allclose(given.grad, torch.full_like(latent, 0.25))
+
+
+def test_in_the_hard_phase_pictures_move_books_and_decoder() -> None:
+    """Once open, gradients reach codewords, decoder and features; before that no codeword."""
+    vectors, latent = _begun()
+    vectors.open()
+    given = latent.clone().requires_grad_()
+    vectors.features(given, 2, replace(SOFT, hard=True)).square().sum().backward()
+    assert given.grad is not None
+    assert float(given.grad.abs().sum()) > 0
+    assert all(p.grad is not None and float(p.grad.abs().sum()) > 0 for p in vectors.quantiser.book_parameters())
+
+
+def test_more_stages_say_more() -> None:
+    """A later layer is nearer to the features, and costs more bits."""
+    vectors, latent = _begun()
+    errors = [float((vectors.features(latent, layer, None) - latent).square().mean()) for layer in (0, 2)]
+    assert errors[1] < errors[0]
+    assert 0 < vectors.index_bits(0) < vectors.index_bits(2)
+
+
+def test_a_checkpoint_keeps_books_and_phase() -> None:
+    """Taken up again, the same features become the same codewords."""
+    vectors, latent = _begun()
+    vectors.open()
+    other = small.state(200, vectors=True, seed=3).vectors
+    assert other is not None
+    other.resume(vectors.checkpoint())
+    assert other.opened
+    assert torch.equal(other.codes(latent), vectors.codes(latent))
