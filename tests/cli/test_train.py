@@ -61,9 +61,9 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_options_reach_the_trainer(run: Run, trainer: Trainer, capture: Path, tmp_path: Path) -> None:
-    said = ("--iterations", 7, "--layers", 3, "--lambda", 2, "--size", 50_000, "--preset", "paper", "--device", "cuda", "--seed", 5)
+    said = ("--iterations", 7, "--layers", 3, "--lambda", 2, "--preset", "paper", "--device", "cuda", "--seed", 5)
     more = ("--context", "grid2d3d", "--entropy", "gru", "--hold-out", 3, "--resolution", 24, "--run", tmp_path / "r")
-    result = run("train", capture, tmp_path / "a.scar", *said, *more)
+    result = run("train", capture, tmp_path / "a.scar", "--size", 50_000, *said, *more)
     assert result.exit_code == 0, result.output
     ((read, options, folder),) = trainer.given
     chosen = {"preset": "paper", "device": "cuda", "context": "grid2d3d", "entropy": "gru"}

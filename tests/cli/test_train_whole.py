@@ -1,4 +1,4 @@
-"""train with its trainer: a tiny capture becomes a file, the same one again, also after a kill; Ctrl-C ends it early."""
+"""train with its trainer: a tiny capture becomes a file, also after a kill the same one; Ctrl-C ends it early."""
 
 from __future__ import annotations
 
