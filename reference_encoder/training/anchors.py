@@ -12,9 +12,7 @@ from torch.nn import functional
 SLOTS = 10
 NETWORKS = ("opacity", "cov", "color")
 _OUTPUTS = {"opacity": 1, "cov": 7, "color": 3}
-OPEN = 2.0
-"""Gate logit of a new slot."""
-ATTRIBUTES = ("latent", "scaling", "offsets", "gates", "falls")
+ATTRIBUTES = ("latent", "scaling", "offsets")
 """What is learnt of each anchor, in the order of checkpoints."""
 
 
@@ -44,31 +42,32 @@ class Anchors:
         latent: (N, d) float32.
         scaling: (N, 6) float32, natural logs; [:3] multiply offsets, [3:] sizes.
         offsets: (N, K, 3) float32, in units of exp(scaling[:3]).
-        gates: (N, K) float32, logits in the last layer.
-        falls: (N, K, layers - 1) float32 (`layers.gate_logits`).
+        first: (N, K) int64, not learnt by descent: the first layer, 0-based, that shows each slot; as many as there are
+            layers for none.
+        born: (N,) int64 iteration after which each was made.
     """
 
     lattice: Tensor
     latent: Tensor
     scaling: Tensor
     offsets: Tensor
-    gates: Tensor
-    falls: Tensor
+    first: Tensor
+    born: Tensor
 
     def __len__(self) -> int:
         return len(self.lattice)
 
     @classmethod
-    def fresh(cls, lattice: Tensor, log_size: Tensor, latent: Tensor, layers: int) -> Anchors:
-        """Anchors about which only (n,) `log_size` and (n, d) `latent` are known."""
+    def fresh(cls, lattice: Tensor, log_size: Tensor, latent: Tensor, born: int = 0) -> Anchors:
+        """Anchors about which only (n,) `log_size` and (n, d) `latent` are known, shown by all layers."""
         n = len(lattice)
         return cls(
             lattice,
             latent.clone(),
             log_size[:, None].repeat(1, 6).float(),
             torch.zeros(n, SLOTS, 3),
-            torch.full((n, SLOTS), OPEN),
-            torch.full((n, SLOTS, layers - 1), -2.0),
+            torch.zeros(n, SLOTS, dtype=torch.long),
+            torch.full((n,), born),
         )
 
     def taken(self, rows: Tensor) -> Anchors:

@@ -24,15 +24,10 @@ from scarfmt.container.schema import ColourSpace, CoordinateFrame, Profile, Stre
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
 
 
-@torch.no_grad()
 def slot_layers(state: State) -> Tensor:
     """(N, K) int64 layer, from 1, that turns each slot on; 0 for never."""
-    rows = torch.arange(len(state.anchors))
-    count = state.plan.count
-    found = torch.zeros(len(rows), SLOTS, dtype=torch.long)
-    for layer in reversed(range(count)):
-        found[state.logits(rows, layer) > 0] = layer + 1
-    return found
+    first = state.anchors.first
+    return torch.where(first < state.plan.count, first + 1, 0)
 
 
 @torch.no_grad()
@@ -40,7 +35,7 @@ def quantised_scene(state: State, metadata: Mapping[str, Any], source_count: int
     """All integers of the file, as training rounds them.
 
     Args:
-        state: gates that open, widths, values, networks.
+        state: slots, widths, values, networks.
         metadata: JSON-able annotations.
         source_count: of anchors before any was left out.
     """

@@ -24,14 +24,14 @@ class Values:
         features: (n, D).
         scaling: (n, 6) natural logs.
         offsets: (n, K, 3).
-        gates: (n, K) 1 for slots that are on, else 0.
+        shown: (n, K) bool, slots that are on.
     """
 
     positions: Tensor
     features: Tensor
     scaling: Tensor
     offsets: Tensor
-    gates: Tensor
+    shown: Tensor
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ def expanded(values: Values, networks: SceneNetworks, camera: Camera, bits: int 
     eye = torch.from_numpy(camera.centre).to(values.positions)
     inputs = outlook(values.features, values.positions, eye, networks.with_distance)
     opacity = torch.tanh(networks.run("opacity", inputs, bits))
-    shown = (opacity >= MIN_ALPHA) & (values.gates > 0.5)
+    shown = (opacity >= MIN_ALPHA) & values.shown
     rows, slots = shown.nonzero(as_tuple=True)
     flat = rows * SLOTS + slots
     covariance = networks.run("cov", inputs, bits).reshape(-1, 7)[flat]
@@ -83,7 +83,7 @@ def expanded(values: Values, networks: SceneNetworks, camera: Camera, bits: int 
         centres=centres,
         scales=sizes[:, 3:] * torch.sigmoid(covariance[:, :3]),
         rotations=covariance[:, 3:],
-        opacities=(opacity * values.gates).reshape(-1)[flat],
+        opacities=opacity.reshape(-1)[flat],
         colours=colour,
     )
     return Expanded(gaussians, rows, slots)

@@ -1,16 +1,17 @@
-"""What a bit may cost the picture in each layer, so that prefixes get the sizes that were asked for."""
+"""What a bit may cost the picture in each layer: fixed, or such that prefixes get their sizes."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
 
-_GAIN = 0.004
-"""Of the logarithm of a price, a draw of its layer, for a prefix twice too large over ln 2."""
+from torch import Tensor
+
+from reference_encoder.training.masks import Worth
+
 _MEMORY = 0.95
-_LEAST, _MOST = 1e-4, 30.0
-_FAR = 1.5
-"""Times that a size too large or too small acts at once on its price; more closes slots for good that are only early."""
+_SHRINKS = 0.85
+"""Of the bytes before, at least, between two looks at masks: what closes never opens again in the last layer."""
 
 
 @dataclass
@@ -36,30 +37,35 @@ class Prices:
         self.real = self.real or [1.0] * len(self.price)
 
     def a_bit(self, layer: int) -> float:
-        """Loss a bit of a layer costs now."""
-        excess = min(max(self._excess(layer), 1 / _FAR), _FAR)
-        return self.price[layer] * excess / self.pixels
+        """Loss that a bit of a layer costs now."""
+        return self.price[layer] / self.pixels
 
-    def _excess(self, layer: int) -> float:
-        """How many times too large a prefix is."""
-        if self.wanted is None or not self.estimate[layer]:
-            return 1.0
-        return self.estimate[layer] * self.real[layer] / self.wanted[layer]
-
-    def saw(self, layer: int, bits: float, follows: bool = True) -> None:
-        """Take in an estimate of a layer's bits.
-
-        Args:
-            follows: whether prices follow it: not while anchors still grow, and rate counts in part.
-        """
+    def saw(self, layer: int, bits: float) -> None:
+        """Take in an estimate of a layer's bits."""
         before = self.estimate[layer] or bits / 8
         self.estimate[layer] = _MEMORY * before + (1 - _MEMORY) * bits / 8
-        if self.wanted is not None and follows:
-            moved = math.log(self.price[layer]) + _GAIN * math.log(self._excess(layer))
-            self.price[layer] = min(max(math.exp(moved), _LEAST), _MOST)
 
     def wrote(self, sizes: list[int]) -> None:
         """Take in what the writer made of each prefix, bytes."""
         for layer, size in enumerate(sizes):
             if self.estimate[layer]:
                 self.real[layer] = size / self.estimate[layer]
+
+    def follow(self, found: Worth, allowed: Tensor, weight: float) -> list[float]:
+        """Loss a bit by layer at which masks are decided now; prices follow where sizes are wanted.
+
+        Args:
+            found: what slots are worth.
+            allowed: (N, K) slots that may be shown.
+            weight: how much rate counts already, 0..1.
+        """
+        if self.wanted is None:
+            return [weight * self.a_bit(layer) for layer in range(len(self.price))]
+        chosen: list[float] = []
+        for layer in reversed(range(len(self.price))):
+            now = found.bits(layer, allowed)
+            bits = max(8 * self.wanted[layer] / self.real[layer], _SHRINKS * now if layer == len(self.price) - 1 else 0)
+            price = max([found.price_of(layer, bits, allowed), *chosen[:1]])
+            chosen.insert(0, price)
+            self.price[layer] = math.sqrt(self.price[layer] * price * self.pixels)
+        return chosen

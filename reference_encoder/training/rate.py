@@ -16,11 +16,10 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from reference_encoder.training.anchors import SLOTS
-from reference_encoder.training.layers import hard_gate
 
 POSITION_BITS = 15.0
 """Of an anchor on its lattice, with its class."""
-GATE_BITS = 3.0
+MASK_BITS = 3.0
 """Of a slot that is on: its mask."""
 CLOSED_BITS = 0.25
 """Of every slot of an anchor that is there."""
@@ -88,13 +87,13 @@ class Priced:
     Attributes:
         values: (n, 6 + d) scalings and latents; d = 0 where codewords carry features.
         offsets: (n, K, 3).
-        logits: (n, K) of gates.
+        shown: (n, K) bool, slots that are on.
         widths, offset_widths: (6 + d,) and (3,) of cells.
     """
 
     values: Tensor
     offsets: Tensor
-    logits: Tensor
+    shown: Tensor
     widths: Tensor
     offset_widths: Tensor
 
@@ -123,13 +122,12 @@ def rate(context: Context, priced: Priced, index_bits: float = 0.0) -> Rate:
     """Bits of a layer.
 
     Args:
-        priced: values, gates and cells; what is off costs nothing, and that is how gates learn to close.
+        priced: values, slots and cells; what is off costs nothing.
         index_bits: of the codewords of an anchor.
     """
-    gates = hard_gate(priced.logits)
-    present = hard_gate(priced.logits.amax(dim=1))
+    present = priced.shown.any(dim=1)
     bits = context.bits(priced.values, priced.widths) * present[:, None]
-    slot_bits = (context.offset_bits(priced.offsets, priced.offset_widths).sum(dim=2) * gates).sum()
+    slot_bits = (context.offset_bits(priced.offsets, priced.offset_widths).sum(dim=2) * priced.shown).sum()
     positions = (POSITION_BITS + CLOSED_BITS * SLOTS) * present.sum()
     latent = bits[:, 6:].sum() + index_bits * present.sum()
-    return Rate(positions, GATE_BITS * gates.sum(), bits[:, :6].sum(), latent, slot_bits)
+    return Rate(positions, MASK_BITS * priced.shown.sum(), bits[:, :6].sum(), latent, slot_bits)

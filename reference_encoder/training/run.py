@@ -159,7 +159,7 @@ def begun(capture: Capture, options: TrainOptions) -> Trainer:
     points = torch.from_numpy(capture.points)
     plan = LayerPlan.of(options.layers)
     frame = Frame(points.min(dim=0).values, VOXEL * typical_distance(points))
-    anchors = new_anchors(points, frame, recipe.features, plan.count)
+    anchors = new_anchors(points, frame, recipe.features)
     priced = 6 + (0 if recipe.stages else recipe.features)
     state = State(
         frame=frame,

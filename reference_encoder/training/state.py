@@ -14,7 +14,7 @@ from reference_encoder.training.curriculum import Moment
 from reference_encoder.training.descent import Descent, Rates
 from reference_encoder.training.expand import Values
 from reference_encoder.training.growth import Growth, Statistics, inherited
-from reference_encoder.training.layers import LayerPlan, coarse, gate_logits, hard_gate
+from reference_encoder.training.layers import LayerPlan, coarse
 from reference_encoder.training.rate import Context, Priced
 from reference_encoder.training.vectors import Vectors
 
@@ -28,8 +28,6 @@ WEIGHT_BITS = 8
 _RATES = {
     "latent": Rates(0.0075, 0.0015),
     "scaling": Rates(0.007, 0.001),
-    "gates": Rates(0.02, 0.005),
-    "falls": Rates(0.03, 0.005),
     "log_widths": Rates(0.005, 0.001),
     "log_offset_widths": Rates(0.005, 0.001),
 }
@@ -87,17 +85,18 @@ class State:
     def rearrange(self, rows: Tensor, fresh: Anchors) -> None:
         """Keep anchors `rows`, and add `fresh` ones."""
         anchors = self.anchors
-        anchors.lattice = torch.cat([anchors.lattice[rows], fresh.lattice])
+        for name in ("lattice", "first", "born"):
+            setattr(anchors, name, torch.cat([getattr(anchors, name)[rows], getattr(fresh, name)]))
         for name in ATTRIBUTES:
             setattr(anchors, name, self.descent.rearrange(name, rows, getattr(fresh, name)))
         self.statistics = self.statistics.taken(rows, len(fresh))
 
     @torch.no_grad()
-    def grow(self, growth: Growth) -> None:
-        """Add anchors that were asked for."""
+    def grow(self, growth: Growth, iteration: int) -> None:
+        """Add anchors that were asked for, after so many iterations."""
         size = torch.log(growth.size * self.frame.voxel)
         latent = inherited(self.anchors.latent.detach(), growth)
-        fresh = Anchors.fresh(growth.lattice, size, latent, self.plan.count)
+        fresh = Anchors.fresh(growth.lattice, size, latent, iteration)
         self.rearrange(torch.arange(len(self.anchors)), fresh)
 
     @torch.no_grad()
@@ -112,12 +111,12 @@ class State:
             values = torch.cat([values, anchors.latent], dim=1)
         self.log_widths.copy_(widths.log())
         self.log_offset_widths.fill_(math.log(_START_WIDTHS["offsets"]))
-        offsets = anchors.offsets[anchors.gates > 0]
+        offsets = anchors.offsets[anchors.first < self.plan.count]
         self.context.start(values, offsets)
 
     def open_slots(self) -> int:
         """Slots that are on in the last layer."""
-        return int((self.anchors.gates > 0).sum())
+        return int((self.anchors.first < self.plan.count).sum())
 
     def checkpoint(self) -> dict[str, Any]:
         """All of it, for a checkpoint."""
@@ -147,17 +146,17 @@ class State:
         if self.vectors is not None:
             self.vectors.resume(kept["vectors"])
 
-    def logits(self, rows: Tensor, layer: int) -> Tensor:
-        """(n, K) logits of the gates of anchors `rows` in a layer."""
-        return gate_logits(self.anchors.gates[rows], self.anchors.falls[rows], layer)
+    def shown(self, rows: Tensor, layer: int) -> Tensor:
+        """(n, K) bool, slots of anchors `rows` that a layer shows."""
+        return self.anchors.first[rows] <= layer
 
     def exact(self, rows: Tensor) -> Values:
         """Values as they are, every slot on that the last layer opens."""
         a = self.anchors
-        gates = hard_gate(self.logits(rows, self.plan.count - 1))
+        shown = self.shown(rows, self.plan.count - 1)
         latent = a.latent[rows]
         features = latent if self.vectors else self.networks.features(latent)
-        return Values(self.frame.world(a.lattice[rows]), features, a.scaling[rows], a.offsets[rows], gates)
+        return Values(self.frame.world(a.lattice[rows]), features, a.scaling[rows], a.offsets[rows], shown)
 
     def of_layer(self, rows: Tensor, layer: int, now: Moment | None) -> Values:
         """Values of anchors `rows` as a layer has them.
@@ -175,7 +174,7 @@ class State:
         else:
             features = self.anchors.latent[rows]
         positions = self.frame.world(self.anchors.lattice[rows])
-        return Values(positions, features, priced.values[:, :6], priced.offsets, hard_gate(priced.logits))
+        return Values(positions, features, priced.values[:, :6], priced.offsets, priced.shown)
 
     def priced(self, rows: Tensor, layer: int, rounded: bool) -> Priced:
         """What bits of anchors `rows` depend on in a layer: rounded as the file will be, else with noise of a cell."""
@@ -189,7 +188,7 @@ class State:
         else:
             values = values + self._noise(values.shape) * (widths * 3.0**steps)
             offsets = a.offsets[rows] + self._noise((len(rows), SLOTS, 3)) * offset_widths
-        return Priced(values, offsets, self.logits(rows, layer), widths * 3.0**steps, offset_widths)
+        return Priced(values, offsets, self.shown(rows, layer), widths * 3.0**steps, offset_widths)
 
     def _noise(self, shape: tuple[int, ...] | torch.Size) -> Tensor:
         return torch.rand(shape, generator=self.generator) - 0.5
@@ -211,11 +210,11 @@ def _rounded(values: Tensor, widths: Tensor, steps: int) -> Tensor:
     return values + (integers * (3.0**steps * widths) - values).detach()
 
 
-def new_anchors(points: Tensor, frame: Frame, latent: int, layers: int) -> Anchors:
+def new_anchors(points: Tensor, frame: Frame, latent: int) -> Anchors:
     """An anchor on every lattice point that some of (P, 3) float64 `points` round to, sized by its neighbours."""
     lattice = torch.unique(torch.round((points - frame.origin) / frame.voxel).long(), dim=0)
     size = torch.log(_neighbour_distance(frame.voxel * lattice.double()).clamp_min(1e-4 * frame.voxel))
-    return Anchors.fresh(lattice, size.float(), torch.zeros(len(lattice), latent), layers)
+    return Anchors.fresh(lattice, size.float(), torch.zeros(len(lattice), latent))
 
 
 def _neighbour_distance(points: Tensor) -> Tensor:

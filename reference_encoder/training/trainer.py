@@ -16,7 +16,7 @@ from reference_encoder.training.evaluate import Views
 from reference_encoder.training.growth import GRADIENT_LIMIT, grown
 from reference_encoder.training.index_entropy import JointIndexModel
 from reference_encoder.training.iterate import Mode, Outcome, iterate
-from reference_encoder.training.layers import falls_to
+from reference_encoder.training.masks import first_layers, worth
 from reference_encoder.training.price import Prices
 from reference_encoder.training.state import State
 from scarfmt.coding.writer import QuantisedScene
@@ -25,6 +25,8 @@ _GROW_EVERY = 100
 _LEAST_DRAWN = 0.4
 """Of the iterations between two rounds of growth: slots drawn more often are judged."""
 _LEAST_SEEN = 0.8
+_DECIDE_EVERY, _LOOKS = 400, 48
+"""Iterations between two decisions of masks, and photos that each looks at."""
 _REFRESH_EVERY, _INDEX_EVERY = 1000, 5
 """Iterations between two looks at the indices of the scene, and between two steps of what codes them."""
 _LARGEST_AFTER_PRUNING = 0.05
@@ -46,7 +48,7 @@ class Trainer:
         order: photos still to come before all are drawn again.
         joint: what learns to code indices along with the scene, if codewords carry features.
         index_bits: L_feat of its last step, bits an anchor.
-        noisy, layered, indexed: whether noise, layers, learning to code indices have begun.
+        noisy, decided, indexed: whether noise, masks, learning to code indices have begun.
     """
 
     state: State
@@ -60,7 +62,7 @@ class Trainer:
     joint: JointIndexModel | None = None
     index_bits: float = 0.0
     noisy: bool = False
-    layered: bool = False
+    decided: bool = False
     indexed: bool = False
 
     def step(self, done: float) -> Outcome:
@@ -72,7 +74,7 @@ class Trainer:
         camera, target = views[self._next_photo()]
         outcome = iterate(self.state, camera, target, mode, self.background)
         if outcome.bits is not None:
-            self.prices.saw(mode.layer, outcome.bits, follows=now.draws_layer and not now.grows)
+            self.prices.saw(mode.layer, outcome.bits)
         self.state.descent.step(done, lambda name: _share(name, now))
         if self.state.vectors is not None:
             self.state.vectors.step()
@@ -105,8 +107,6 @@ class Trainer:
         """What happens once, at the start of a phase."""
         if now.noisy or now.rounded:
             self._start_values()
-        if now.draws_layer:
-            self._start_layers()
         if now.quantises:
             self._start_vectors()
         vectors = self.state.vectors
@@ -116,8 +116,9 @@ class Trainer:
     def settle(self) -> None:
         """Make sure that there is a file to write, however early a run ends."""
         self._start_values()
-        self._start_layers()
         self._start_vectors()
+        if not self.decided:
+            self._decide_masks(1.0)
 
     def _start_values(self) -> None:
         if not self.noisy:
@@ -144,9 +145,9 @@ class Trainer:
 
     def _restructure(self, now: Moment) -> None:
         if now.grows and self.iteration % _GROW_EVERY == 0:
-            self._grow(now)
-        elif now.rate > 0 and not now.rounded and self.iteration % (10 * _GROW_EVERY) == 0:
-            self._drop_closed()
+            self._grow()
+        if now.rate > 0 and not now.hard and self.iteration % _DECIDE_EVERY == 0:
+            self._decide_masks(now.rate)
 
     def checkpoint(self) -> dict[str, Any]:
         """All that a run needs to go on, for a checkpoint."""
@@ -155,7 +156,7 @@ class Trainer:
             "prices": {"price": self.prices.price, "estimate": self.prices.estimate, "real": self.prices.real},
             "iteration": self.iteration,
             "order": self.order,
-            "begun": [self.noisy, self.layered],
+            "begun": [self.noisy, self.decided],
             "joint": None if self.joint is None else self.joint.state(),
         }
 
@@ -165,26 +166,22 @@ class Trainer:
         for name, values in kept["prices"].items():
             setattr(self.prices, name, list(values))
         self.iteration, self.order = kept["iteration"], list(kept["order"])
-        self.noisy, self.layered = kept["begun"]
+        self.noisy, self.decided = kept["begun"]
         if self.joint is not None:
             self.joint.restore(kept["joint"])
 
-    @torch.no_grad()
-    def _start_layers(self) -> None:
-        """Let the layers before the last begin with the slots that show most, as many as their share of bytes buys."""
-        if self.layered:
-            return
-        self.layered = True
-        state, count = self.state, self.state.plan.count
-        gates = state.anchors.gates
-        weight = state.statistics.weight.clamp_min(1e-6)
-        some = weight[gates > 0]
-        wanted = []
-        for share in state.plan.shares[:-1]:
-            limit = torch.quantile(some[:: max(1, len(some) // 1_000_000)], 1 - share)
-            wanted.append(torch.log(weight / limit).clamp(-1.5, 1.5))
-        if count > 1:
-            state.anchors.falls.copy_(falls_to(gates.detach(), wanted))
+    def _decide_masks(self, weight: float) -> None:
+        """Which slots each layer shows from now on; those of new anchors stay until they had time to learn."""
+        state, self.decided = self.state, True
+        count = min(_LOOKS, len(self.small))
+        chosen = torch.randperm(len(self.small), generator=state.generator)[:count].tolist()
+        found = worth(state, [self.small[number] for number in chosen], self.background)
+        first = state.anchors.first
+        young = state.anchors.born > self.iteration - 2 * _DECIDE_EVERY if state.anchors.born.any() else None
+        allowed = first < state.plan.count
+        decided = first_layers(found, self.prices.follow(found, allowed, weight), allowed)
+        state.anchors.first = decided if young is None else torch.where(young[:, None], first, decided)
+        self._keep((state.anchors.first < state.plan.count).any(dim=1))
 
     def _drawn(self, weights: Sequence[float]) -> int:
         return int(torch.multinomial(torch.tensor(weights), 1, generator=self.state.generator))
@@ -195,7 +192,7 @@ class Trainer:
         return self.order.pop()
 
     @torch.no_grad()
-    def _grow(self, now: Moment) -> None:
+    def _grow(self) -> None:
         state = self.state
         a = state.anchors
         centres = a.lattice[:, None].double() + (a.offsets * torch.exp(a.scaling[:, None, :3])).double() / (
@@ -205,15 +202,10 @@ class Trainer:
             a.lattice, centres, state.statistics, GRADIENT_LIMIT, int(_GROW_EVERY * _LEAST_DRAWN), state.generator
         )
         if len(growth.lattice):
-            state.grow(growth)
+            state.grow(growth, self.iteration)
         unseen = state.statistics.unseen(int(_GROW_EVERY * _LEAST_SEEN))
-        closed = (state.anchors.gates <= 0).all(dim=1) if now.rate > 0 else torch.zeros_like(unseen)
-        self._keep(~(unseen | closed))
+        self._keep(~unseen)
         state.anchors.scaling[:, 3:].clamp_(max=math.log(_LARGEST_AFTER_PRUNING * state.extent))
-
-    @torch.no_grad()
-    def _drop_closed(self) -> None:
-        self._keep((self.state.anchors.gates > 0).any(dim=1))
 
     def _keep(self, kept: Tensor) -> None:
         if not bool(kept.all()):
@@ -225,8 +217,6 @@ class Trainer:
 def _share(name: str, now: Moment) -> float:
     """Of the learning rate of a parameter, by what is settled already."""
     if now.rounded and name in ("log_widths", "log_offset_widths"):
-        return 0.0
-    if now.hard and name in ("gates", "falls"):
         return 0.0
     if now.fine_tunes and name in ("latent", "scaling", "offsets"):
         return 0.0
