@@ -41,6 +41,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "gain": (SHORT, FULL),
     # The table of docs/decisions/0005 has four times as many steps and vectors; what is new shows here, too.
     "latent": (SHORT, ("--no-write", "--steps", "200", "--limit", "5000")),
+    "rvq_saturation": (SHORT, FULL),
     "ablation": (SHORT, ("--again",)),
     "mechanisms": (SHORT, FULL),
     "example": (SHORT, FULL),

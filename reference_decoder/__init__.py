@@ -3,7 +3,8 @@
     decode      a request answered: layers, tiles or a box, attributes
     dequantise  integers to binary32 in one stated order (SPEC §9.1, §9.2)
     explicit    Gaussians of the explicit profile (SPEC §9.3, §9.4); anchors: those of the anchor profile (SPEC §9.6)
-    bake, stream_ply   anchors to plain Gaussians; a scene to `.ply` tile by tile
+    eyes, bake, refine   anchors to plain Gaussians: seen from where, slot by slot, together (numba)
+    stream_ply  a scene to `.ply` tile by tile
 
 Decoding to integers is `scarfmt.coding`; here integers become Gaussians. Nothing here imports `reference_encoder`.
 """

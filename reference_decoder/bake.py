@@ -8,7 +8,9 @@ colour. What is kept per slot, with weights w_e = o_e / distance^2 (how much of 
 - colour: spherical harmonics by least squares weighted by w_e, in the direction from the eye to the slot's
   centre. A ridge draws the bands above 0 towards none, since eyes seldom surround an anchor.
 
-Slots whose opacity never reaches 1/255 are left out. Work goes in chunks of anchors.
+Slots whose opacity never reaches 1/255 are left out. Work goes in chunks of anchors. Each slot is fitted by itself, and
+what is lost is nearly all lost by its opacity, which depends on the view: :mod:`reference_decoder.refine` fits all of
+them together to pictures.
 """
 
 from __future__ import annotations
@@ -31,9 +33,6 @@ MIN_OPACITY = 1 / 255
 """Less is never drawn (3DGS, appendix C)."""
 RIDGE = 0.001
 """Added to the normal matrix for the bands above 0, as a part of the sum of the weights."""
-DEFAULT_EYES = 32
-# Eyes of unknown cameras stand at this many times the scene's radius.
-_EYE_DISTANCE = 2.0
 
 
 @dataclass(frozen=True)
@@ -45,25 +44,11 @@ class _Views:
     colour: F64
 
 
-def default_eyes(positions: F64, count: int = DEFAULT_EYES) -> F64:
-    """(count, 3) float64 eyes evenly round a scene of which only (N, 3) anchor positions are known.
-
-    On a Fibonacci sphere about the median, twice as far away as 90 % of the anchors.
-    """
-    centre = np.median(positions, axis=0)
-    radius = np.quantile(np.linalg.norm(positions - centre, axis=1), 0.9) if len(positions) > 1 else 1.0
-    k = np.arange(count) + 0.5
-    z, angle = 1 - 2 * k / count, np.pi * (1 + 5**0.5) * k
-    ring = np.sqrt(1 - z * z)
-    directions = np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
-    return np.asarray(centre + _EYE_DISTANCE * max(float(radius), np.finfo(float).tiny) * directions)
-
-
-def comments(eyes: int, sh_degree: int) -> tuple[str, ...]:
+def comments(eyes: int, steps: int, sh_degree: int) -> tuple[str, ...]:
     """Header comments that say what a baked PLY is."""
     return (
         "baked from a .scar anchor model; lossy, view dependence fitted",
-        f"fitted over {eyes} eyes, spherical harmonics of degree {sh_degree}",
+        f"fitted over {eyes} eyes in {steps} steps, spherical harmonics of degree {sh_degree}",
     )
 
 

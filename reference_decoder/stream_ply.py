@@ -1,36 +1,56 @@
-"""From a file to a PLY, tile by tile: memory does not grow with the scene."""
+"""From a file to a PLY: tile by tile, in memory that does not grow with the scene; anchors are baked whole."""
 
 from __future__ import annotations
 
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import BinaryIO, Unpack
 
 import numpy as np
 
-from reference_decoder.bake import bake, default_eyes
+from reference_decoder.bake import bake
 from reference_decoder.bake import comments as bake_comments
-from reference_decoder.decode import iter_made, iter_tiles
+from reference_decoder.decode import decode_scene, iter_made
 from reference_decoder.decoded import Decoded
+from reference_decoder.eyes import default_views
 from reference_decoder.request import DecodeRequest, RequestFields, requested
-from scarfmt.arrays import F32, F64
+from scarfmt.arrays import F32
 from scarfmt.atomic import atomic_write
 from scarfmt.coding.reader import SceneReader
+from scarfmt.coding.writer import Report, silent
 from scarfmt.container.header import HeaderFields
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import Origin, opened
 from scarfmt.counters import Counters, transfers
 from scarfmt.formats.export_ply import ply_header, ply_rows, property_names
+from scarfmt.render.camera import Camera
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 Rows = tuple[F32, tuple[str, ...]]
 """Rows of a PLY, (n, properties) float32, and the comments that belong to them."""
 _SPOOL_BYTES = 1 << 26
-_EYE_SAMPLE = 1 << 16
+BAKE_STEPS = 256
+
+
+@dataclass(frozen=True)
+class Baking:
+    """How an anchor model becomes plain Gaussians.
+
+    Attributes:
+        views: cameras to fit for, best those the scene was captured from; without any,
+            :func:`reference_decoder.eyes.default_views`.
+        steps: of refining, one picture each (:mod:`reference_decoder.refine`), which needs the extra `render`; with 0,
+            each Gaussian is fitted by itself.
+        sh_degree: of the fitted spherical harmonics, 0..3.
+    """
+
+    views: Sequence[Camera] = ()
+    steps: int = BAKE_STEPS
+    sh_degree: int = 2
 
 
 def export_ply(
@@ -38,11 +58,11 @@ def export_ply(
     destination: str | os.PathLike[str] | BinaryIO,
     request: DecodeRequest | None = None,
     *,
-    eyes: F64 | None = None,
-    bake_degree: int = 2,
+    baking: Baking | None = None,
     comments: Sequence[str] = (),
     force: bool = False,
     counters: Counters | None = None,
+    report: Report = silent,
     **fields: Unpack[RequestFields],
 ) -> int:
     """Write what a file holds as an INRIA PLY. An anchor model is baked, which loses its view dependence.
@@ -50,12 +70,11 @@ def export_ply(
     Args:
         source, request, fields: as for :func:`reference_decoder.decode.decode`; all attributes are needed.
         destination: a path, written whole or not at all, or an open binary file.
-        eyes: anchor profile: (E, 3) camera centres to fit at. Give those the scene was captured from: the default,
-            a sphere round the scene, sees anchors as no training camera did.
-        bake_degree: anchor profile: degree of the fitted spherical harmonics, 0..3.
+        baking: anchor profile: how it is baked.
         comments: header comment lines, ASCII, after those of a baked model.
         force: overwrite an existing file.
-        counters: all that is read and computed is added to them.
+        counters: all that is read, decoded and fitted is added to them; pictures drawn to refine are not.
+        report: called with (stage, fraction done) while anchors are refined.
 
     Returns:
         Gaussians written.
@@ -64,17 +83,12 @@ def export_ply(
         InvalidInput: the file exists and `force` is not set, a comment cannot be written, or the request does not fit.
         Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
     """
-    wanted = requested(request, fields)
-
-    def parts(attributes: frozenset[str] | None = None) -> Iterator[Decoded]:
-        chosen = wanted if attributes is None else replace(wanted, attributes=attributes)
-        return iter_tiles(source, chosen, counters=counters)
-
+    wanted, baking = requested(request, fields), baking or Baking()
     ply_header(0, [], comments)  # a comment that cannot be written is better refused before than after decoding
     header, anchors = _facts(source, wanted, counters)
     explicit = header.profile == Profile.EXPLICIT
-    names = property_names(((header.sh_degree if explicit else bake_degree) + 1) ** 2 - 1)
-    rows = _rows(source, wanted, counters) if explicit else _baked(parts, eyes, bake_degree, counters)
+    names = property_names(((header.sh_degree if explicit else baking.sh_degree) + 1) ** 2 - 1)
+    rows = _rows(source, wanted, counters) if explicit else _baked(source, wanted, baking, counters, report)
     with _target(destination, force) as target:
         if not explicit or wanted.tiles is not None or wanted.box is not None:
             return _write_counting(rows, target, names, comments)
@@ -118,24 +132,20 @@ def _rows(source: Origin, request: DecodeRequest, counters: Counters | None) -> 
 
 
 def _baked(
-    parts: Callable[[frozenset[str] | None], Iterator[Decoded]],
-    eyes: F64 | None,
-    degree: int,
-    counters: Counters | None,
+    source: Origin, request: DecodeRequest, baking: Baking, counters: Counters | None, report: Report
 ) -> Iterator[Rows]:
-    """The Gaussians that the anchors of each tile are baked into."""
-    for part in parts(None):
-        scene = part.activated(counters=counters)
-        assert isinstance(scene, AnchorModel)
-        if eyes is None:
-            eyes = default_eyes(_sample(parts(frozenset({"positions"}))))
-        yield ply_rows(bake(scene, eyes, degree, counters)), bake_comments(len(eyes), degree)
+    """The Gaussians that anchors are baked into."""
+    model = decode_scene(source, request, counters=counters)
+    assert isinstance(model, AnchorModel)
+    if not len(model):
+        return
+    views = baking.views or default_views(model)
+    scene = bake(model, np.array([view.centre for view in views]), baking.sh_degree, counters)
+    if baking.steps:
+        from reference_decoder.refine import refined
 
-
-def _sample(parts: Iterator[Decoded]) -> F64:
-    """(n, 3) positions of some anchors of every tile."""
-    kept = [part.positions[:: 1 + len(part) // _EYE_SAMPLE] for part in parts if part.positions is not None]
-    return np.concatenate(kept)
+        scene = refined(model, scene, views, baking.steps, report)
+    yield ply_rows(scene), bake_comments(len(views), baking.steps, baking.sh_degree)
 
 
 @contextmanager

@@ -3,6 +3,7 @@
     import scarfmt
 
     scarfmt.encode("scene.ply")                      # bytes of a file
+    scarfmt.train("capture/").data                   # bytes of one trained from photos
     scarfmt.decode_scene("scene.scar", layers=2)     # Gaussians of its first two layers
     scarfmt.decode("scene.scar").values              # exact values, as every decoder has them
     with scarfmt.open("scene.scar") as file: ...     # more than one question to one file
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 
     from reference_decoder.request import DecodeRequest
     from reference_encoder.options import EncodeOptions
-    from scarfmt.api import ScarFile, decode, decode_scene, encode, inspect, open, truncate, validate
+    from reference_encoder.training.capture import load_capture
+    from reference_encoder.training.options import TrainOptions
+    from scarfmt.api import ScarFile, decode, decode_scene, encode, inspect, open, train, truncate, validate
     from scarfmt.errors import InputWarning, ScarError
     from scarfmt.render.capture import load_cameras
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
@@ -34,13 +37,16 @@ __all__ = [
     "InputWarning",
     "ScarError",
     "ScarFile",
+    "TrainOptions",
     "__version__",
     "decode",
     "decode_scene",
     "encode",
     "inspect",
     "load_cameras",
+    "load_capture",
     "open",
+    "train",
     "truncate",
     "validate",
 ]
@@ -52,7 +58,9 @@ _HOMES = {
     "GaussianScene": "scarfmt.scene.gaussians",
     "InputWarning": "scarfmt.errors",
     "ScarError": "scarfmt.errors",
+    "TrainOptions": "reference_encoder.training.options",
     "load_cameras": "scarfmt.render.capture",
+    "load_capture": "reference_encoder.training.capture",
 }
 """Where a name lives that is not one of `scarfmt.api`."""
 

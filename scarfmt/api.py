@@ -7,8 +7,10 @@ What a call costs beyond reading is imported when it is called: torch and numba 
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Iterator
 from functools import cached_property
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, Unpack
 
@@ -18,6 +20,9 @@ from reference_decoder.decode import iter_tiles
 from reference_decoder.decoded import Decoded
 from reference_decoder.dequantise import tile_boxes
 from reference_decoder.request import DecodeRequest, RequestFields, requested
+from reference_encoder.training.options import Report as TrainReport
+from reference_encoder.training.options import Stop, Trained, TrainOptions, never
+from reference_encoder.training.options import silent as untold
 from scarfmt.arrays import F64
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import Report, silent
@@ -33,6 +38,7 @@ from scarfmt.tools.validate import Validation
 
 if TYPE_CHECKING:
     from reference_encoder.options import EncodeOptions
+    from reference_encoder.training.capture import Capture
 
 
 class ScarFile:
@@ -192,6 +198,43 @@ def encode(
 
         scene, _ = clean(load(scene))
     return encode_scene(scene, options, report)
+
+
+def train(
+    capture: Capture | str | os.PathLike[str],
+    options: TrainOptions | None = None,
+    *,
+    folder: str | os.PathLike[str] | None = None,
+    report: TrainReport = untold,
+    stop: Stop = never,
+) -> Trained:
+    """Train a file from photos. Needs the extra ``train``.
+
+    Args:
+        capture: of :func:`scarfmt.load_capture`, or what that reads.
+        options: None for the defaults.
+        folder: for checkpoints, log and plot; if it holds a checkpoint of the same capture and options, training goes
+            on from that. They stay until :func:`~reference_encoder.training.checkpoints.discard_checkpoints`. None to
+            keep nothing.
+        report: called with a :class:`~reference_encoder.training.options.Progress` as the work proceeds.
+        stop: asked every iteration; once it says yes, training ends early with the best file so far.
+
+    Returns:
+        The file's bytes as `data`, and what each layer costs and is worth.
+
+    Raises:
+        InvalidInput: ``input-options``, ``input-dependency``, ``input-checkpoint``, or the capture cannot be used.
+    """
+    settled = (options or TrainOptions()).settled()
+    from reference_encoder.training.run import train as train_capture  # type: ignore[import-not-found,unused-ignore]
+
+    from reference_encoder.training.capture import Capture, load_capture
+
+    kept = None if folder is None else Path(folder)
+    with tempfile.TemporaryDirectory(prefix="scarfmt-") as temporary:
+        read = capture if isinstance(capture, Capture) else load_capture(capture, workspace=kept or Path(temporary))
+        trained: Trained = train_capture(read, settled, kept, report, stop)
+    return trained
 
 
 def inspect(source: Origin, *, metadata: bool = False, limits: Limits = DEFAULT_LIMITS) -> dict[str, Any]:

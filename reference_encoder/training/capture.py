@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from reference_encoder.training.area import area_filtered
+from reference_encoder.training.options import HOLD_OUT, LEAST_RESOLUTION
 from reference_encoder.training.pictures import bare_photos, black, named, photo_files, wrong_capture
 from reference_encoder.training.poses import posed, undistorted
 from reference_encoder.training.start import drawn_points
@@ -28,8 +29,6 @@ from scarfmt.render.capture.points import Points
 from scarfmt.render.images import read_pixels
 
 FEWEST_PHOTOS = 2
-HOLD_OUT = 8
-"""The papers' convention: of the photos sorted by name, the first and every 8th after it."""
 
 
 @dataclass(frozen=True)
@@ -134,8 +133,8 @@ def pixels(photo: Photo) -> U8:
 
 
 def _check(resolution: int | None, hold_out: int) -> None:
-    if resolution is not None and resolution < 16:
-        message = f"{resolution} pixels show too little: 16 are least"
+    if resolution is not None and resolution < LEAST_RESOLUTION:
+        message = f"{resolution} pixels show too little: {LEAST_RESOLUTION} are least"
         raise InvalidInput("input-options", message, field="resolution")
     if hold_out < 0 or hold_out == 1:
         message = f"every {hold_out}th photo cannot be held out: 0 (none) or 2 and more are possible"

@@ -85,6 +85,11 @@ def load_checkpoint(folder: Path, whose: str) -> tuple[int, State] | None:
     return None
 
 
+def last_iteration(folder: Path) -> int | None:
+    """That of the newest checkpoint by name, damaged or not; None where there is none."""
+    return next((iteration for iteration, _ in _checkpoints(folder)), None)
+
+
 def discard_checkpoints(folder: Path) -> None:
     """Remove the checkpoints of a training that has ended; its log and plot stay."""
     _keep(folder, 0)

@@ -13,6 +13,10 @@ PRESETS = ("default", "paper")
 DEVICES = ("cpu", "cuda")
 CONTEXTS = ("decoded", "grid2d3d", "grid3d", "waves", "none")
 ENTROPY_MODELS = ("static", "mlp", "gru", "gru+attention")
+HOLD_OUT = 8
+"""The papers' convention: of the photos sorted by name, the first and every 8th after it are for tests."""
+LEAST_RESOLUTION = 16
+"""Pixels of a photo's longest side."""
 DEFAULT_MINUTES = 60.0
 PAPER_ITERATIONS = 40_000
 MAX_MINUTES = 100_000.0

@@ -119,6 +119,8 @@ def _once(workspace: Path, source: str, make: Callable[[Path], None]) -> Path:
         return target
     new = not workspace.exists()
     workspace.mkdir(parents=True, exist_ok=True)
+    for killed in workspace.glob(f".{UNDISTORTED}.*.part"):
+        shutil.rmtree(killed, ignore_errors=True)
     temporary = workspace / f".{UNDISTORTED}.{secrets.token_hex(6)}.part"
     try:
         temporary.mkdir()

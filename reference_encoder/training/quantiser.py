@@ -235,10 +235,16 @@ class Quantiser(nn.Module):
         stages: torch.Tensor | int | None = None,
         lambda_: float | torch.Tensor = 0.0,
         bits: torch.Tensor | None = None,
+        indices: torch.Tensor | None = None,
     ) -> Quantised:
-        """Quantise (n, D) features to the first `stages`, one number or (n,), of M; see `choose` for the rest."""
+        """Quantise (n, D) features to the first `stages`, one number or (n,), of M; see `choose` for the rest.
+
+        Args:
+            indices: (n, M) chosen some steps ago, taken as they are: choosing costs most of the time. None: chosen now.
+        """
         encoded = self.project(f)
-        indices = self.choose(encoded, bits, lambda_)
+        if indices is None:
+            indices = self.choose(encoded, bits, lambda_)
         words = self.look_up(indices, stages)
         latent = self._estimate(encoded, words.detach()) + (words - words.detach())
         features = self.decode(latent)

@@ -24,6 +24,7 @@ from scarfmt.cli.encode import encode
 from scarfmt.cli.failures import FailureGroup
 from scarfmt.cli.inspect import inspect
 from scarfmt.cli.render import render
+from scarfmt.cli.train import train
 from scarfmt.cli.truncate import truncate
 from scarfmt.cli.validate import validate
 
@@ -50,6 +51,7 @@ def cli() -> None:
     \b
     A first round:
       scarfmt encode scene.ply scene.scar       compress a trained scene
+      scarfmt train photos/ scene.scar          or train one from photos
       scarfmt inspect scene.scar                what is in it, layer by layer
       scarfmt truncate scene.scar small.scar --layers 2
       scarfmt decode small.scar small.ply       back to what viewers open
@@ -60,7 +62,7 @@ def cli() -> None:
     """
 
 
-for _command in (encode, decode, inspect, truncate, validate, dump, compare, render, conformance, completion):
+for _command in (encode, train, decode, inspect, truncate, validate, dump, compare, render, conformance, completion):
     cli.add_command(_command)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
-from scarfmt.cli.failures import doubts_told
+from scarfmt.cli.failures import doubts_told, requires_extra
 from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json, timeout_option
 from scarfmt.cli.views import CAMERAS_HELP
 from scarfmt.scene.streams import ATTRIBUTES
@@ -16,7 +16,7 @@ from scarfmt.scene.streams import ATTRIBUTES
 if TYPE_CHECKING:
     from reference_decoder.decoded import Decoded
     from reference_decoder.request import DecodeRequest
-    from scarfmt.arrays import F64
+    from reference_decoder.stream_ply import Baking
     from scarfmt.container.source import ByteSource
     from scarfmt.counters import Counters
 
@@ -79,6 +79,7 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--attributes", metavar="NAME,...", callback=parse_attributes, help=ATTRIBUTES_HELP)
 @click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians, for .ply; loses quality.")
 @click.option("--cameras", type=click.Path(exists=True), help=f"Cameras to --bake for: {CAMERAS_HELP}.")
+@click.option("--bake-steps", type=click.IntRange(min=0), help="Pictures that --bake is refined by [default: 256].")
 @click.option("--allow-truncated", is_flag=True, help="Decode the complete layers of a truncated file.")
 @click.option("--threads", type=click.IntRange(1, 256), help="Tiles decoded at once [default: one a processor].")
 @click.option(
@@ -93,11 +94,13 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @timeout_option
+@requires_extra("render")
 def decode(
     input_: str,
     output: str,
     bake: bool,
     cameras: str | None,
+    bake_steps: int | None,
     stats: bool,
     as_json: bool,
     force: bool,
@@ -118,8 +121,8 @@ def decode(
       scarfmt decode scene.scar points.npz --attributes positions,opacity
     """
     extension = ".ply" if output == STANDARD else check_extension(output, (".ply", ".npz"))
-    if cameras is not None and not bake:
-        raise click.UsageError("--cameras is for --bake")
+    if not bake and (cameras is not None or bake_steps is not None):
+        raise click.UsageError("--cameras and --bake-steps are for --bake")
     if wanted["attributes"] is not None and extension == ".ply":
         raise click.UsageError("--attributes needs an .npz output: a PLY holds all of them")
     if as_json and output == STANDARD:
@@ -131,10 +134,10 @@ def decode(
     counters = Counters()
     start = time.perf_counter()
     with doubts_told(quiet):
-        eyes = _eyes(cameras)
+        baking = _baking(cameras, bake_steps) if bake else None
     with open_output(output, force) as target, open_input(input_) as source:
         if extension == ".ply":
-            done = _write_ply(source, target, bake, eyes, request, counters)
+            done = _write_ply(source, target, baking, request, counters, quiet)
         else:
             done = _write_npz(source, target, request, counters)
         if not quiet:
@@ -152,29 +155,35 @@ def decode(
 
 
 def _write_ply(
-    source: ByteSource, target: BinaryIO, bake: bool, eyes: F64 | None, request: DecodeRequest, counters: Counters
+    source: ByteSource,
+    target: BinaryIO,
+    baking: Baking | None,
+    request: DecodeRequest,
+    counters: Counters,
+    quiet: bool,
 ) -> str:
-    """Write a PLY tile by tile; returns what was written, for people."""
+    """Write a PLY; returns what was written, for people."""
     from reference_decoder.stream_ply import export_ply
+    from scarfmt.cli.progress import progress
     from scarfmt.container.file import read_header
     from scarfmt.container.schema import Profile
 
     header = read_header(source, allow_truncated=True)
-    if header.fields.profile == Profile.ANCHOR and not bake:
+    if header.fields.profile == Profile.ANCHOR and baking is None:
         raise click.UsageError("an anchor model has no fixed Gaussians: decode to .npz, or give --bake")
-    count = export_ply(source, target, request, eyes=eyes, counters=counters)
+    with progress(quiet) as report:
+        count = export_ply(source, target, request, baking=baking, counters=counters, report=report)
     return f"{count:,} Gaussians"
 
 
-def _eyes(cameras: str | None) -> F64 | None:
-    """(E, 3) camera centres of a list, to bake for."""
-    if cameras is None:
-        return None
-    import numpy as np
-
+def _baking(cameras: str | None, steps: int | None) -> Baking:
+    """How to bake, for cameras of a list: those that are not held out for tests."""
+    from reference_decoder.stream_ply import BAKE_STEPS, Baking
     from scarfmt.render.capture import load_cameras
 
-    return np.array([camera.centre for camera in load_cameras(cameras)]).reshape(-1, 3)
+    listed = [] if cameras is None else load_cameras(cameras)
+    views = [camera for camera in listed if camera.split != "test"] or listed
+    return Baking(views, BAKE_STEPS if steps is None else steps)
 
 
 def _write_npz(source: ByteSource, target: BinaryIO, request: DecodeRequest, counters: Counters) -> str:

@@ -42,11 +42,12 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def requires_extra(extra: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
+def requires_extra(extra: str, torch: str = "neural") -> Callable[[Callable[P, T]], Callable[P, T]]:
     """A decorator: a package missing while the command runs is an error that names the pip extra to install.
 
     Args:
-        extra: that of the command; torch has one of its own, being larger than all the rest.
+        extra: that of the command.
+        torch: that which brings torch; one of its own, where much works without it, as it is larger than all the rest.
     """
 
     def decorate(command: Callable[P, T]) -> Callable[P, T]:
@@ -58,7 +59,7 @@ def requires_extra(extra: str) -> Callable[[Callable[P, T]], Callable[P, T]]:
                 package = (error.name or "").partition(".")[0]
                 if package in ("scarfmt", "reference_encoder", "reference_decoder", ""):
                     raise
-                raise missing_package(package, "neural" if package == "torch" else extra) from error
+                raise missing_package(package, torch if package == "torch" else extra) from error
 
         return run
 

@@ -117,6 +117,23 @@ def open_output(name: str, force: bool) -> Iterator[BinaryIO]:
         yield file
 
 
+class _Free(Exception):
+    """The output could be written."""
+
+
+def check_output(name: str, force: bool) -> None:
+    """Refuse, before long work, what :func:`open_output` would refuse after it. Nothing is left behind.
+
+    Raises:
+        As :func:`open_output`.
+    """
+    try:
+        with open_output(name, force):
+            raise _Free
+    except _Free:
+        return
+
+
 def check_stdout() -> None:
     """Refuse to work for a standard output that is closed, where a result would vanish.
 

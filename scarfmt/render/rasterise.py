@@ -42,11 +42,11 @@ from scarfmt.render.several import each_view
 from scarfmt.scene.gaussians import GaussianScene
 
 TILE = 16
-_PIXELS = TILE * TILE
+PIXELS = TILE * TILE
 # Planes of a tile's state, one value per pixel each: all in one array, so that LLVM can prove that they do
 # not overlap and turns the loop over a row into vector code.
-_TRANSMITTANCE, _OPEN, _COLOUR, _FINAL, _LANES = 0, _PIXELS, 2 * _PIXELS, 5 * _PIXELS, 8 * _PIXELS
-_STATE = 8 * _PIXELS + 4 * TILE
+TRANSMITTANCE, OPEN, COLOUR, FINAL, LANES = 0, PIXELS, 2 * PIXELS, 5 * PIXELS, 8 * PIXELS
+STATE = 8 * PIXELS + 4 * TILE
 # Columns worked on together: enough for most splats, and for vectors.
 _SPAN = TILE // 2
 # Splats of at most so many columns are drawn pixel by pixel.
@@ -80,7 +80,7 @@ class Contributions:
 
 
 @device
-def _bin_splats(splats: F64, depths: F32, columns: int, rows: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def bin_splats(splats: F64, depths: F32, columns: int, rows: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Splat numbers per tile, rising: (tiles + 1,) offsets into the (intersections,) list."""
     offsets = np.zeros(columns * rows + 1, dtype=np.int64)
     spans = np.empty((len(splats), 4), dtype=np.int16)
@@ -111,7 +111,7 @@ def _bin_splats(splats: F64, depths: F32, columns: int, rows: int) -> tuple[NDAr
 
 
 @device
-def _gathered(splats: F64, members: NDArray[np.int32]) -> F64:
+def gathered_splats(splats: F64, members: NDArray[np.int32]) -> F64:
     """Copies of the splats of a tile side by side: what is drawn in order of depth is better not far apart."""
     gathered = np.empty((len(members), SPLAT_COLUMNS))
     for k in range(len(members)):
@@ -122,7 +122,7 @@ def _gathered(splats: F64, members: NDArray[np.int32]) -> F64:
 
 
 @device
-def _nearest_first(depths: F32, members: NDArray[np.int32]) -> NDArray[np.uint64]:
+def nearest_first(depths: F32, members: NDArray[np.int32]) -> NDArray[np.uint64]:
     """Which of the `members` of a tile is nearest, which is next, and so on; of two as near, the first.
 
     Sorted by the bits of depths, which for positive floats order like their values: those of many members by digits,
@@ -151,19 +151,19 @@ def _nearest_first(depths: F32, members: NDArray[np.int32]) -> NDArray[np.uint64
 
 
 @device
-def _first_row(splat: F64, top: float) -> int:
+def first_row_of(splat: F64, top: float) -> int:
     """First row of the tile starting at `top` whose pixel centres the splat can reach."""
     return int(max(0.0, np.ceil(splat[MEAN_Y] - splat[HALF_Y] - top - 0.5)))
 
 
 @device
-def _last_row(splat: F64, top: float) -> int:
+def last_row_of(splat: F64, top: float) -> int:
     """Last such row, less than `TILE`."""
     return int(min(TILE - 1.0, np.floor(splat[MEAN_Y] + splat[HALF_Y] - top - 0.5)))
 
 
 @device
-def _columns(splat: F64, left: float) -> tuple[int, int]:
+def columns_of(splat: F64, left: float) -> tuple[int, int]:
     """First and last column of the tile starting at `left` whose pixel centres the splat can reach."""
     first = int(max(0.0, np.ceil(splat[MEAN_X] - splat[HALF_X] - left - 0.5)))
     return first, int(min(TILE - 1.0, np.floor(splat[MEAN_X] + splat[HALF_X] - left - 0.5)))
@@ -179,21 +179,21 @@ def _spans(first: int, last: int) -> tuple[int, int]:
 
 
 @device
-def _open_tile(state: F64, wide: int, high: int) -> None:
+def open_tile(state: F64, wide: int, high: int) -> None:
     """Start a tile of which `wide` x `high` pixels lie in the picture; the others count as closed."""
-    for pixel in range(_PIXELS):
-        state[_TRANSMITTANCE + pixel] = 1.0
-        state[_OPEN + pixel] = 1.0 if pixel % TILE < wide and pixel // TILE < high else 0.0
-        state[_COLOUR + pixel] = 0.0
-        state[_COLOUR + _PIXELS + pixel] = 0.0
-        state[_COLOUR + 2 * _PIXELS + pixel] = 0.0
+    for pixel in range(PIXELS):
+        state[TRANSMITTANCE + pixel] = 1.0
+        state[OPEN + pixel] = 1.0 if pixel % TILE < wide and pixel // TILE < high else 0.0
+        state[COLOUR + pixel] = 0.0
+        state[COLOUR + PIXELS + pixel] = 0.0
+        state[COLOUR + 2 * PIXELS + pixel] = 0.0
 
 
 @device
 def _tile_is_open(state: F64) -> bool:
     still_open = 0.0
-    for pixel in range(_PIXELS):
-        still_open = max(still_open, state[_OPEN + pixel])
+    for pixel in range(PIXELS):
+        still_open = max(still_open, state[OPEN + pixel])
     return still_open > 0.0
 
 
@@ -216,45 +216,45 @@ def _exp(power: float) -> float:
 
 
 @device
-def _alpha(opacity: float, power: float) -> float:
+def alpha_at(opacity: float, power: float) -> float:
     """Alpha of a splat at a pixel; 0 where the rules say to skip it."""
     alpha = min(MAX_ALPHA, opacity * _exp(power))
     return 0.0 if (power > 0.0 or alpha < MIN_ALPHA) else alpha
 
 
 @device
-def _shade(planes: F64, pixel: int, alpha: float, red: float, green: float, blue: float) -> tuple[float, float]:
+def shade(planes: F64, pixel: int, alpha: float, red: float, green: float, blue: float) -> tuple[float, float]:
     """Blend a colour over a pixel of `planes`; its weight there, and the transmittance behind it.
 
     The one statement of the image model: pictures and sensitivities both follow it.
     """
-    before = planes[_TRANSMITTANCE + pixel]
+    before = planes[TRANSMITTANCE + pixel]
     after = before * (1.0 - alpha)
-    still = planes[_OPEN + pixel] if after >= MIN_TRANSMITTANCE else 0.0
+    still = planes[OPEN + pixel] if after >= MIN_TRANSMITTANCE else 0.0
     weight = alpha * before * still
-    planes[_OPEN + pixel] = still
-    planes[_TRANSMITTANCE + pixel] = after if still > 0.0 else before
-    planes[_COLOUR + pixel] += weight * red
-    planes[_COLOUR + _PIXELS + pixel] += weight * green
-    planes[_COLOUR + 2 * _PIXELS + pixel] += weight * blue
+    planes[OPEN + pixel] = still
+    planes[TRANSMITTANCE + pixel] = after if still > 0.0 else before
+    planes[COLOUR + pixel] += weight * red
+    planes[COLOUR + PIXELS + pixel] += weight * green
+    planes[COLOUR + 2 * PIXELS + pixel] += weight * blue
     return weight, after
 
 
 @device
-def _behind(planes: F64, place: int) -> float:
+def colour_behind(planes: F64, place: int) -> float:
     """What lies behind the splats blended so far, in one colour of a pixel: the finished picture less what is there."""
-    behind: float = planes[_FINAL + place] - planes[_COLOUR + place]
+    behind: float = planes[FINAL + place] - planes[COLOUR + place]
     return behind
 
 
 @device
 def _contrast(planes: F64, pixel: int, alpha: float, red: float, green: float, blue: float) -> tuple[float, float]:
-    """Blend as :func:`_shade`; the weight, and the squared distance of the colour from what is behind."""
-    weight, after = _shade(planes, pixel, alpha, red, green, blue)
+    """Blend as :func:`shade`; the weight, and the squared distance of the colour from what is behind."""
+    weight, after = shade(planes, pixel, alpha, red, green, blue)
     share = 1.0 / max(after, MIN_TRANSMITTANCE)
-    over_red = red - _behind(planes, pixel) * share
-    over_green = green - _behind(planes, pixel + _PIXELS) * share
-    over_blue = blue - _behind(planes, pixel + 2 * _PIXELS) * share
+    over_red = red - colour_behind(planes, pixel) * share
+    over_green = green - colour_behind(planes, pixel + PIXELS) * share
+    over_blue = blue - colour_behind(planes, pixel + 2 * PIXELS) * share
     return weight, over_red * over_red + over_green * over_green + over_blue * over_blue
 
 
@@ -264,8 +264,8 @@ def _blend(state: F64, splat: F64, left: float, top: float) -> None:
     a, b, c = -0.5 * splat[CONIC_A], -splat[CONIC_B], -0.5 * splat[CONIC_C]
     opacity, red, green, blue = splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE]
     dx0 = left + 0.5 - splat[MEAN_X]
-    first_row, last_row = _first_row(splat, top), _last_row(splat, top)
-    first, last = _columns(splat, left)
+    first_row, last_row = first_row_of(splat, top), last_row_of(splat, top)
+    first, last = columns_of(splat, left)
     if last - first < _NARROW:
         faintest = splat[FAINTEST]
         for row in range(first_row, last_row + 1):
@@ -273,9 +273,9 @@ def _blend(state: F64, splat: F64, left: float, top: float) -> None:
             for column in range(first, last + 1):
                 dx = dx0 + column
                 power = a * dx * dx + b * dx * dy + c * dy * dy
-                alpha = _alpha(opacity, power) if power > faintest else 0.0
+                alpha = alpha_at(opacity, power) if power > faintest else 0.0
                 if alpha > 0.0:
-                    _shade(state, row * TILE + column, alpha, red, green, blue)
+                    shade(state, row * TILE + column, alpha, red, green, blue)
         return
     # Constant loop bounds let LLVM see that no index is negative, without which it does not vectorise.
     begin, end = _spans(first, last)
@@ -288,16 +288,16 @@ def _blend(state: F64, splat: F64, left: float, top: float) -> None:
             for place in range(_SPAN):
                 pixel = row * TILE + place
                 dx = dx0 + (first_column + place)
-                alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
-                _shade(planes, pixel, alpha, red, green, blue)
+                alpha = alpha_at(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
+                shade(planes, pixel, alpha, red, green, blue)
 
 
 @device
-def _composite_tile(
+def composite_tile(
     state: F64, splats: F64, order: NDArray[np.uint64], left: float, top: float, wide: int, high: int
 ) -> int:
     """Blend the tile's splats in `order` until all pixels are closed; how many were blended."""
-    _open_tile(state, wide, high)
+    open_tile(state, wide, high)
     for k in range(len(order)):
         if k % _CHECK_EVERY == 0 and not _tile_is_open(state):
             return k
@@ -320,15 +320,15 @@ def _render_tiles(
         tile = tiles[k]
         row, column = tile // columns, tile % columns
         wide, high = min(TILE, image.shape[1] - column * TILE), min(TILE, image.shape[0] - row * TILE)
-        here, state = members[offsets[tile] : offsets[tile + 1]], np.empty(_STATE)
-        order = _nearest_first(depths, here)
-        _composite_tile(state, _gathered(splats, here), order, float(column * TILE), float(row * TILE), wide, high)
+        here, state = members[offsets[tile] : offsets[tile + 1]], np.empty(STATE)
+        order = nearest_first(depths, here)
+        composite_tile(state, gathered_splats(splats, here), order, float(column * TILE), float(row * TILE), wide, high)
         for y in range(high):
             for x in range(wide):
                 pixel = y * TILE + x
                 for channel in range(3):
-                    behind = state[_TRANSMITTANCE + pixel] * background[channel]
-                    colour = state[_COLOUR + channel * _PIXELS + pixel]
+                    behind = state[TRANSMITTANCE + pixel] * background[channel]
+                    colour = state[COLOUR + channel * PIXELS + pixel]
                     image[row * TILE + y, column * TILE + x, channel] = colour + behind
 
 
@@ -336,13 +336,13 @@ def _render_tiles(
 def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
     """Blend one splat as :func:`_blend` does; fill `out` with its sums of w, w^2 and contrast, and its largest w.
 
-    Needs the finished picture in the `_FINAL` planes: what lies behind is what is finished less what is in front.
+    Needs the finished picture in the `FINAL` planes: what lies behind is what is finished less what is in front.
     """
     a, b, c = -0.5 * splat[CONIC_A], -splat[CONIC_B], -0.5 * splat[CONIC_C]
     opacity, red, green, blue = splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE]
     dx0 = left + 0.5 - splat[MEAN_X]
-    first_row, last_row = _first_row(splat, top), _last_row(splat, top)
-    first, last = _columns(splat, left)
+    first_row, last_row = first_row_of(splat, top), last_row_of(splat, top)
+    first, last = columns_of(splat, left)
     if last - first < _NARROW:
         faintest = splat[FAINTEST]
         weight_sum, weight_sq, contrast_sq, weight_max = 0.0, 0.0, 0.0, 0.0
@@ -351,7 +351,7 @@ def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
             for column in range(first, last + 1):
                 dx = dx0 + column
                 power = a * dx * dx + b * dx * dy + c * dy * dy
-                alpha = _alpha(opacity, power) if power > faintest else 0.0
+                alpha = alpha_at(opacity, power) if power > faintest else 0.0
                 if alpha > 0.0:
                     weight, contrast = _contrast(state, row * TILE + column, alpha, red, green, blue)
                     weight_sum += weight
@@ -361,7 +361,7 @@ def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
         out[0], out[1], out[2], out[3] = weight_sum, weight_sq, contrast_sq, weight_max
         return
     for lane in range(4 * TILE):
-        state[_LANES + lane] = 0.0
+        state[LANES + lane] = 0.0
     begin, end = _spans(first, last)
     for first_column in range(begin, end, _SPAN):
         planes = state[first_column:]
@@ -372,20 +372,20 @@ def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
             for place in range(_SPAN):
                 pixel = row * TILE + place
                 dx = dx0 + (first_column + place)
-                alpha = _alpha(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
+                alpha = alpha_at(opacity, a * dx * dx + b * dx * dy + c * dy * dy)
                 weight, contrast = _contrast(planes, pixel, alpha, red, green, blue)
                 squared = weight * weight
-                largest = planes[_LANES + 3 * TILE + place]
-                planes[_LANES + place] += weight
-                planes[_LANES + TILE + place] += squared
-                planes[_LANES + 2 * TILE + place] += squared * contrast
-                planes[_LANES + 3 * TILE + place] = weight if weight > largest else largest
+                largest = planes[LANES + 3 * TILE + place]
+                planes[LANES + place] += weight
+                planes[LANES + TILE + place] += squared
+                planes[LANES + 2 * TILE + place] += squared * contrast
+                planes[LANES + 3 * TILE + place] = weight if weight > largest else largest
     for quantity in range(4):
         out[quantity] = 0.0
     for column in range(TILE):
         for quantity in range(3):
-            out[quantity] += state[_LANES + quantity * TILE + column]
-        out[3] = max(out[3], state[_LANES + 3 * TILE + column])
+            out[quantity] += state[LANES + quantity * TILE + column]
+        out[3] = max(out[3], state[LANES + 3 * TILE + column])
 
 
 @kernel
@@ -407,14 +407,14 @@ def _measure_tiles(
         left, top = float(column * TILE), float(row * TILE)
         wide, high = min(TILE, size[0] - column * TILE), min(TILE, size[1] - row * TILE)
         first, last = offsets[tile], offsets[tile + 1]
-        here, state = members[first:last], np.empty(_STATE)
-        order, gathered = _nearest_first(depths, here), _gathered(splats, here)
-        seen = _composite_tile(state, gathered, order, left, top, wide, high)
+        here, state = members[first:last], np.empty(STATE)
+        order, gathered = nearest_first(depths, here), gathered_splats(splats, here)
+        seen = composite_tile(state, gathered, order, left, top, wide, high)
         for channel in range(3):
-            for pixel in range(_PIXELS):
-                colour = state[_COLOUR + channel * _PIXELS + pixel]
-                state[_FINAL + channel * _PIXELS + pixel] = colour + state[_TRANSMITTANCE + pixel] * background[channel]
-        _open_tile(state, wide, high)
+            for pixel in range(PIXELS):
+                colour = state[COLOUR + channel * PIXELS + pixel]
+                state[FINAL + channel * PIXELS + pixel] = colour + state[TRANSMITTANCE + pixel] * background[channel]
+        open_tile(state, wide, high)
         for k in range(seen):
             _measure(state, gathered[order[k]], left, top, measures[first + order[k]])
         for k in range(seen, len(order)):
@@ -434,7 +434,7 @@ def _gather(measures: F64, members: NDArray[np.int32], count: int) -> F64:
     return sums
 
 
-def _spread(tiles: int) -> NDArray[np.int64]:
+def spread(tiles: int) -> NDArray[np.int64]:
     """(tiles,) int64: all tile numbers, always in the same shuffled order, so that threads share busy areas."""
     return np.random.default_rng(0).permutation(tiles)
 
@@ -471,9 +471,9 @@ def render(
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
     image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
     splats, depths, _ = project(drawable, camera, sh_degree, fixed)
-    offsets, members = _bin_splats(splats, depths, columns, rows)
+    offsets, members = bin_splats(splats, depths, columns, rows)
     behind = np.asarray(background, dtype=np.float64)
-    _render_tiles(splats, depths, offsets, members, _spread(columns * rows), columns, behind, image)
+    _render_tiles(splats, depths, offsets, members, spread(columns * rows), columns, behind, image)
     return image
 
 
@@ -513,9 +513,9 @@ def contributions_by_view(
         columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
         size = np.array([camera.width, camera.height], dtype=np.int64)
         splats, depths, index = project(drawable, camera, sh_degree, fixed)
-        offsets, members = _bin_splats(splats, depths, columns, rows)
+        offsets, members = bin_splats(splats, depths, columns, rows)
         measures = np.empty((len(members), 4))
-        _measure_tiles(splats, depths, offsets, members, _spread(columns * rows), columns, size, behind, measures)
+        _measure_tiles(splats, depths, offsets, members, spread(columns * rows), columns, size, behind, measures)
         sums = _gather(measures, members, len(splats))
         seen = np.flatnonzero(sums[:, 3] > 0)
         weight_sum, weight_sq, contrast_sq, weight_max = sums[seen].T

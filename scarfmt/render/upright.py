@@ -88,7 +88,7 @@ class _Faces:
     @staticmethod
     def of(scene: GaussianScene) -> _Faces | None:
         """Of every so many-th Gaussian about the core; None if nothing there shows."""
-        part = scene.take(np.arange(0, len(scene), -(-len(scene) // _SAMPLE)))
+        part = scene.take(np.arange(0, len(scene), max(1, -(-len(scene) // _SAMPLE))))
         part = part.take(np.flatnonzero(np.isfinite(part.positions).all(axis=1)))
         if not len(part):
             return None

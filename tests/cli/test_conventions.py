@@ -44,7 +44,7 @@ def test_every_option_is_explained(name: str) -> None:
             assert parameter.help
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["inspect", "FILE"], ["encode", "--help"]])
+@pytest.mark.parametrize("arguments", [["--help"], ["inspect", "FILE"], ["encode", "--help"], ["train", "--help"]])
 def test_heavy_packages_are_not_imported_by_light_commands(explicit_scar: Path, arguments: list[str]) -> None:
     arguments = [str(explicit_scar) if argument == "FILE" else argument for argument in arguments]
     script = (
@@ -89,6 +89,13 @@ def test_a_missing_file_is_exit_code_1(run: Run, tmp_path: Path) -> None:
         ["encode", "FILE", "OUT", "--metadata", "text"],
         ["encode", "FILE", "OUT", "--quality", "500"],
         ["encode", "FILE", "OUT", "--only-cameras"],
+        ["train", "FILE", "OUT", "--minutes", "1", "--iterations", "5"],
+        ["train", "FILE", "OUT", "--minutes", "0"],
+        ["train", "FILE", "OUT", "--hold-out", "1"],
+        ["train", "FILE", "OUT", "--lambda", "1e9"],
+        ["train", "FILE", "OUT", "--run", "FILE"],
+        ["train", "FILE", "-", "--json"],
+        ["train", "FILE", "FILE"],
         ["compare", "FILE", "FILE", "--cameras", "FILE", "--from", "near"],
         ["compare", "FILE", "FILE", "--size", "640"],
         ["compare", "FILE", "FILE", "--size", "0x480"],

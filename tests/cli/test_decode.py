@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from pathlib import Path
 
@@ -181,12 +182,41 @@ def test_an_anchor_model_does_not_fit_a_ply_as_it_is(run: Run, anchors: Path, tm
 
 
 def test_an_anchor_model_can_be_baked(run: Run, anchors: Path, tmp_path: Path) -> None:
-    result = run("decode", anchors, tmp_path / "a.ply", "--bake")
+    result = run("decode", anchors, tmp_path / "a.ply", "--bake", "--bake-steps", 2)
     assert result.exit_code == 0, result.stderr
     assert b"comment baked from a .scar anchor model" in (tmp_path / "a.ply").read_bytes()[:500]
     assert isinstance(load(tmp_path / "a.ply"), GaussianScene)
 
 
-def test_cameras_without_bake_are_an_argument_error(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+def test_baking_for_cameras_is_another_scene(run: Run, anchors: Path, tmp_path: Path) -> None:
+    """Without refining, which needs no renderer; only the eye of the camera that is not for tests is used."""
+    image = {"name": "a", "W": 16, "H": 12, "fx": 10, "fy": 10, "cx": 8, "cy": 6, "split": "train"}
+    pose = np.eye(4)
+    images = [{**image, "world_to_camera": pose.tolist()}]
+    pose[:3, 3] = 1, 2, 3
+    images.append({**image, "split": "test", "world_to_camera": pose.tolist()})
+    (tmp_path / "cameras.json").write_text(json.dumps({"images": images}))
+    for name, options in {"a": (), "b": ("--cameras", tmp_path / "cameras.json")}.items():
+        result = run("decode", anchors, tmp_path / f"{name}.ply", "--bake", "--bake-steps", 0, *options)
+        assert result.exit_code == 0, result.stderr
+    told = (tmp_path / "b.ply").read_bytes()
+    assert b"fitted over 1 eyes in 0 steps" in told[:500]
+    assert told != (tmp_path / "a.ply").read_bytes()
+
+
+def test_baking_without_the_renderer_names_the_extra(
+    run: Run, anchors: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "numba", None)
+    for name in ("reference_decoder.refine", "scarfmt.render.gradients"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    result = run("decode", anchors, tmp_path / "a.ply", "--bake")
+    assert result.exit_code == 1
+    assert "scarfmt[render]" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_options_of_baking_without_bake_are_an_argument_error(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
     (tmp_path / "cameras.json").write_text('{"images": []}')
     assert run("decode", explicit_scar, tmp_path / "a.ply", "--cameras", tmp_path / "cameras.json").exit_code == 2
+    assert run("decode", explicit_scar, tmp_path / "a.ply", "--bake-steps", 3).exit_code == 2

@@ -1,8 +1,7 @@
-"""Anchor profile: Gaussians for a camera, and the Gaussians baked from them."""
+"""Anchor profile: Gaussians for a camera."""
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
@@ -10,38 +9,15 @@ import pytest
 
 from fuzz.testing.scenes import random_scene
 from reference_decoder.anchors import SH_C0, gaussians, outlook, unit_quaternions
-from reference_decoder.bake import bake, default_eyes, sh_basis
+from reference_decoder.bake import bake
 from reference_decoder.decode import decode
-from reference_decoder.stream_ply import export_ply
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import load
-from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
+from scarfmt.scene.gaussians import AnchorModel
 
-EYE = np.array([0.5, -2.0, 3.0])
-
-
-def random_model(seed: int = 0, anchors: int = 40, slots: int = 3, features: int = 5, inputs: int = 9) -> AnchorModel:
-    rng = np.random.default_rng(seed)
-
-    def perceptron(outputs: int) -> Mlp:
-        weights = rng.normal(size=(8, inputs)) / 2, rng.normal(size=(outputs, 8)) / 2
-        biases = rng.normal(size=8), rng.normal(size=outputs)
-        return Mlp(
-            (weights[0].astype(np.float32), weights[1].astype(np.float32)),
-            (biases[0].astype(np.float32), biases[1].astype(np.float32)),
-        )
-
-    mlps = {"opacity": perceptron(slots), "cov": perceptron(7 * slots), "color": perceptron(3 * slots)}
-    return AnchorModel(
-        rng.normal(size=(anchors, 3)),
-        rng.normal(size=(anchors, features)).astype(np.float32),
-        rng.normal(size=(anchors, slots, 3)).astype(np.float32),
-        rng.normal(-2, 0.5, (anchors, 6)).astype(np.float32),
-        mlps,
-        rng.random((anchors, slots)) < 0.7,
-    )
+from .models import EYE, random_model
 
 
 @pytest.mark.parametrize("inputs", [8, 9])
@@ -140,28 +116,6 @@ def test_model_without_networks_is_refused() -> None:
             act()
 
 
-def test_bake_from_one_eye_is_what_that_eye_sees() -> None:
-    """With a single eye there is nothing to compromise on: only the ridge moves the colours, a little."""
-    model = random_model(5)
-    seen, baked = gaussians(model, EYE), bake(model, EYE[None], sh_degree=1)
-    visible = seen.scene.opacity_logits > np.log(1 / 254)
-    np.testing.assert_allclose(baked.positions, seen.scene.positions[visible])
-    np.testing.assert_allclose(baked.opacity_logits, seen.scene.opacity_logits[visible], rtol=1e-4, atol=1e-4)
-    lengths = np.sort(seen.scene.log_scales[visible], axis=1)
-    np.testing.assert_allclose(baked.log_scales, lengths, atol=1e-4)
-    towards = baked.positions - EYE
-    basis = sh_basis(towards / np.linalg.norm(towards, axis=1, keepdims=True), 1)
-    colours = 0.5 + np.einsum("nb,nbc->nc", basis, baked.sh)
-    np.testing.assert_allclose(colours, seen.colours[visible], atol=0.01)
-
-
-def test_basis_is_orthonormal_on_the_sphere() -> None:
-    """Pins all 16 constants at once: an integral over the sphere, by points evenly spread."""
-    directions = default_eyes(np.zeros((1, 3)), 20000) / 2.0
-    basis = sh_basis(directions, 3)
-    np.testing.assert_allclose(4 * np.pi * basis.T @ basis / 20000, np.eye(16), atol=2e-3)
-
-
 def anchor_files() -> list[bytes]:
     files = [write_scene(random_scene(seed, Profile.ANCHOR)) for seed in range(8)]
     return [data for data in files if decode(data).models.decoder is not None]
@@ -177,15 +131,6 @@ def test_decoded_model_makes_gaussians() -> None:
         assert decoded.slots[made.anchors, made.slots].all()
         drawn += len(made.scene)
     assert drawn > 100
-
-
-def test_baked_ply_says_that_it_is_lossy() -> None:
-    out = io.BytesIO()
-    count = export_ply(anchor_files()[0], out, bake_degree=1)
-    assert b"comment baked from a .scar anchor model; lossy" in out.getvalue()[:200]
-    scene = load(out.getvalue())
-    assert isinstance(scene, GaussianScene)
-    assert len(scene) == count > 0
 
 
 @pytest.mark.scene

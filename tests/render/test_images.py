@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from scarfmt.errors import InvalidInput
-from scarfmt.render.images import contact_sheet, read_image, to_bytes, write_png
+from scarfmt.render.images import contact_sheet, read_image, read_pixels, to_bytes, write_png
 
 
 def test_png_round_trip_is_exact_to_8_bits(tmp_path: Path) -> None:
@@ -38,6 +39,39 @@ def test_unreadable_pictures_are_refused(tmp_path: Path) -> None:
     path.write_bytes(b"not a picture")
     with pytest.raises(InvalidInput, match="input-image"):
         read_image(path)
+
+
+def test_what_is_transparent_shows_black(tmp_path: Path) -> None:
+    """Whatever colour lies beneath; half of it in between, rounded."""
+    pixels = np.array([[[200, 100, 50, 255], [200, 100, 50, 0], [200, 101, 50, 128]]], np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    assert read_pixels(tmp_path / "a.png").tolist() == [[[200, 100, 50], [0, 0, 0], [100, 51, 25]]]
+
+
+def test_pictures_of_16_bits_are_refused_rather_than_clipped(tmp_path: Path) -> None:
+    Image.fromarray(np.full((2, 3), 300, np.uint16)).save(tmp_path / "a.png")
+    with pytest.raises(InvalidInput, match="more than 8 bits"):
+        read_pixels(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg"])
+def test_pictures_cut_anywhere_are_refused(tmp_path: Path, ending: str) -> None:
+    """Never another exception, and never the part that is there."""
+    path = tmp_path / f"a.{ending}"
+    Image.fromarray(np.random.default_rng(0).integers(0, 256, (40, 30, 3), np.uint8)).save(path)
+    whole = path.read_bytes()
+    for length in range(0, len(whole) - 20, 31):
+        path.write_bytes(whole[:length])
+        with pytest.raises(InvalidInput, match="input-image"):
+            read_pixels(path)
+
+
+def test_the_note_of_how_to_turn_a_photo_is_ignored(tmp_path: Path) -> None:
+    """Poses are of the pixels as they are stored."""
+    turned = Image.Exif()
+    turned[0x0112] = 6
+    Image.new("RGB", (30, 20)).save(tmp_path / "a.jpg", exif=turned)
+    assert read_pixels(tmp_path / "a.jpg").shape == (20, 30, 3)
 
 
 def test_contact_sheet_places_pictures_row_by_row() -> None:

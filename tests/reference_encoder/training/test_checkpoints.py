@@ -18,6 +18,7 @@ from reference_encoder.training import checkpoints
 from reference_encoder.training.checkpoints import (
     discard_checkpoints,
     identity,
+    last_iteration,
     load_checkpoint,
     save_checkpoint,
 )
@@ -59,7 +60,9 @@ def test_the_last_two_are_kept(tmp_path: Path) -> None:
     for iteration in (5, 10, 100, 99_999_999):
         save_checkpoint(tmp_path, iteration, state(iteration), WHOSE)
     assert names(tmp_path) == ["checkpoint-00000100.pt", "checkpoint-99999999.pt"]
+    assert last_iteration(tmp_path) == 99_999_999
     discard_checkpoints(tmp_path)
+    assert last_iteration(tmp_path) is None
     assert names(tmp_path) == []
 
 

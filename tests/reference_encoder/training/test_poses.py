@@ -111,10 +111,15 @@ def test_photos_whose_pose_is_not_found_are_left_out_with_a_warning(
 
 
 def test_a_failure_leaves_nothing_half_made(colmap: Colmap, photos: Path, tmp_path: Path) -> None:
+    """And what a kill left is gone after the next time."""
     colmap.fails = True
     with pytest.raises(InvalidInput, match="COLMAP failed"):
         load_capture(photos, workspace=tmp_path / "run")
     assert [path.name for path in tmp_path.iterdir()] == ["photos"]
+    (tmp_path / "run" / ".undistorted.0.part" / "input").mkdir(parents=True)
+    colmap.fails = False
+    load_capture(photos, workspace=tmp_path / "run")
+    assert [path.name for path in (tmp_path / "run").iterdir()] == ["undistorted"]
 
 
 def test_bad_photos_are_told_before_poses_are_looked_for(colmap: Colmap, photos: Path, tmp_path: Path) -> None:

@@ -165,6 +165,15 @@ def test_lambda_may_differ_from_anchor_to_anchor() -> None:
     assert torch.equal(mixed[1::2], quantiser.choose(z, prices, 1.0)[1::2])
 
 
+def test_indices_chosen_earlier_are_taken_as_they_are() -> None:
+    """Also where others would be nearer now."""
+    quantiser, f = _started()
+    indices = torch.full((len(f), 3), 4)
+    made = quantiser(f, indices=indices)
+    assert torch.equal(made.indices, indices)
+    assert torch.equal(made.latent, quantiser.look_up(indices))
+
+
 def test_prices_follow_what_is_used() -> None:
     """What was used alone for a while is next to free, and what was not costs more than before."""
     quantiser, f = _started()

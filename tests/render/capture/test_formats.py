@@ -102,6 +102,15 @@ def test_blender_files_name_an_angle_and_the_picture_its_size(tmp_path: Path) ->
     assert (camera.fx, camera.fy) == (pytest.approx(20), pytest.approx(20))
 
 
+def test_blenders_files_for_each_split_are_read_together(tmp_path: Path) -> None:
+    """One alone marks nothing."""
+    files.in_json(files.transforms(SEVERAL[:3]), tmp_path / "transforms_train.json")
+    assert {camera.split for camera in load_cameras(tmp_path)} <= {"", "test"}
+    files.in_json(files.transforms(SEVERAL[3:]), tmp_path / "transforms_test.json")
+    assert [camera.split for camera in load_cameras(tmp_path)] == ["train"] * 3 + ["test"]
+    assert held_out(load_cameras(tmp_path))[0].name == SEVERAL[3].name
+
+
 def test_nerfstudios_own_frame_is_gone_to_where_its_file_is_there(tmp_path: Path) -> None:
     """Its transform maps the world before `applied_transform`; positions are scaled after it."""
     original = files.camera(5)

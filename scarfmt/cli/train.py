@@ -1,0 +1,263 @@
+"""`scarfmt train`: from photos to a .scar file."""
+
+from __future__ import annotations
+
+import math
+import signal
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from reference_encoder.training.options import (
+    CONTEXTS,
+    DEFAULT_MINUTES,
+    DEVICES,
+    ENTROPY_MODELS,
+    HOLD_OUT,
+    LEAST_RESOLUTION,
+    MAX_ITERATIONS,
+    MAX_LAMBDA,
+    MAX_MINUTES,
+    MIN_LAMBDA,
+    PAPER_ITERATIONS,
+    PRESETS,
+    Progress,
+    Stop,
+    Trained,
+    TrainOptions,
+)
+from scarfmt.cli.failures import INTERRUPTED, doubts_told, requires_extra
+from scarfmt.cli.files import STANDARD, check_output, open_output, print_json
+from scarfmt.cli.progress import Report, progress
+from scarfmt.limits import MAX_LAYERS
+
+if TYPE_CHECKING:
+    from reference_encoder.training.capture import Capture
+
+DEFAULTS = TrainOptions()
+RUN_ENDING = ".run"
+
+
+@click.command(short_help="Train a .scar file from photos.")
+@click.argument("capture", type=click.Path())
+@click.argument("output")
+@click.option(
+    "--minutes",
+    type=click.FloatRange(0, MAX_MINUTES, min_open=True),
+    metavar="M",
+    help=f"How long to train; reading the capture comes before [default: {DEFAULT_MINUTES:g}].",
+)
+@click.option(
+    "--iterations",
+    type=click.IntRange(1, MAX_ITERATIONS),
+    metavar="N",
+    help=f"Train so many iterations instead [default with --preset paper: {PAPER_ITERATIONS:,}].",
+)
+@click.option(
+    "--resolution",
+    type=click.IntRange(min=LEAST_RESOLUTION),
+    metavar="PIXELS",
+    help="Make photos smaller until their longest side has so many pixels [default: as they are].",
+)
+@click.option(
+    "--layers", type=click.IntRange(1, MAX_LAYERS), help=f"Layers of the file [default: {DEFAULTS.layers}]."
+)
+@click.option(
+    "--lambda",
+    "lambda_",
+    type=click.FloatRange(MIN_LAMBDA, MAX_LAMBDA),
+    metavar="FACTOR",
+    help="Weight of the bytes against the picture, as a factor of what is usual: 2 makes a smaller and worse file"
+    f" [default: {DEFAULTS.lambda_:g}].",
+)
+@click.option(
+    "--preset",
+    type=click.Choice(PRESETS),
+    help="What is trained: what pays in bytes, or the configuration of the SCAR-GS paper"
+    f" [default: {DEFAULTS.preset}].",
+)
+@click.option("--device", type=click.Choice(DEVICES), help=f"Where to train [default: {DEFAULTS.device}].")
+@click.option(
+    "--context",
+    type=click.Choice(CONTEXTS),
+    help="What the entropy model of the codewords knows of a place: decoded values of the anchor, a trained hash grid"
+    " in 2D and 3D or in 3D, waves, or nothing [default: set by --preset].",
+)
+@click.option(
+    "--entropy",
+    type=click.Choice(ENTROPY_MODELS),
+    help="The entropy model of the codewords: tables, or a network [default: set by --preset].",
+)
+@click.option(
+    "--hold-out",
+    type=click.IntRange(min=0),
+    metavar="N",
+    help="Learn nothing from every Nth photo by name, to measure with it. 0: learn from all. A capture that marks test"
+    f" cameras has its own [default: {HOLD_OUT}].",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    help="Seed for all random choices. With --iterations, the same seed gives the same file on the same machine"
+    f" [default: {DEFAULTS.seed}].",
+)
+@click.option(
+    "--run",
+    "--resume",
+    "folder",
+    metavar="DIR",
+    type=click.Path(file_okay=False),
+    help="Folder for checkpoints, log and plot. If an interrupted run of the same capture and options is in it, it goes"
+    f" on [default: OUTPUT{RUN_ENDING}].",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print bytes, PSNR and SSIM of each layer as JSON on stdout.")
+@click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
+@click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@requires_extra("train", torch="train")
+def train(capture: str, output: str, folder: str | None, as_json: bool, force: bool, quiet: bool, **said: Any) -> None:
+    """Train the .scar file OUTPUT from the photos CAPTURE.
+
+    CAPTURE is a folder: of COLMAP, with a transforms.json (Nerfstudio, Blender), with this project's cameras.json, or
+    of photos alone, whose poses are then found first. A checkpoint is written every few minutes: the same command goes
+    on after an interruption. Ctrl-C ends training early and writes the best file so far; a second one aborts.
+
+    \b
+    Examples:
+      scarfmt train capture/ scene.scar
+      scarfmt train capture/ scene.scar --minutes 10 --resolution 640
+      scarfmt train photos/ small.scar --lambda 4 --layers 3
+      scarfmt train capture/ scene.scar --preset paper --device cuda --run runs/paper
+    """
+    if as_json and output == STANDARD:
+        raise click.UsageError("--json prints on standard output: give OUTPUT a file name")
+    hold_out, resolution = said.pop("hold_out"), said.pop("resolution")
+    options = TrainOptions(**{name: value for name, value in said.items() if value is not None}).settled()
+    check_output(output, force)
+    run = _run_folder(output) if folder is None else Path(folder)
+    with doubts_told(quiet), progress(quiet) as report, _workspace(run) as workspace:
+        photos = _read(capture, resolution, HOLD_OUT if hold_out is None else hold_out, workspace, report)
+        if not quiet:
+            _print_capture(photos)
+        with _stoppable(quiet) as stop:
+            trained = _train(photos, options, run, quiet, report, stop)
+            with open_output(output, force) as target:
+                target.write(trained.data)
+        interrupted = stop()
+    if not quiet:
+        _print_trained(trained)
+    if as_json:
+        print_json(asdict(trained) | {"data": len(trained.data)})
+    _end(run, interrupted, quiet)
+
+
+def _run_folder(output: str) -> Path | None:
+    """Beside the output, where that is a file."""
+    if output == STANDARD or (Path(output).exists() and not Path(output).is_file()):
+        return None
+    return Path(output + RUN_ENDING)
+
+
+@contextmanager
+def _workspace(run: Path | None) -> Iterator[Path]:
+    """A folder for photos that have to be made anew: that of the run, so that they are made once."""
+    if run is not None:
+        yield run
+        return
+    with tempfile.TemporaryDirectory(prefix="scarfmt-") as folder:
+        yield Path(folder)
+
+
+@contextmanager
+def _stoppable(quiet: bool) -> Iterator[Stop]:
+    """Within, Ctrl-C only makes the function given say so; a second one interrupts as always."""
+    asked: list[bool] = []
+
+    def ask(_signal: int, _frame: FrameType | None) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(True)
+        if not quiet:
+            click.echo("scarfmt: ending early; Ctrl-C again to abort", err=True)
+
+    before = signal.getsignal(signal.SIGINT)
+    if before != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, ask)
+    try:
+        yield lambda: bool(asked)
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _read(path: str, resolution: int | None, hold_out: int, workspace: Path, report: Report) -> Capture:
+    from reference_encoder.training.capture import load_capture
+
+    return load_capture(path, resolution, hold_out, workspace, report)
+
+
+def _train(
+    capture: Capture, options: TrainOptions, run: Path | None, quiet: bool, report: Report, stop: Stop
+) -> Trained:
+    from reference_encoder.training.run import train as train_capture  # type: ignore[import-not-found,unused-ignore]
+
+    from reference_encoder.training.checkpoints import last_iteration
+
+    before = None if run is None else last_iteration(run)
+    if before is not None and not quiet:
+        click.echo(f"going on from iteration {before:,}", err=True)
+
+    def tell(now: Progress) -> None:
+        report(_described(now), now.iteration / max(now.iterations, 1))
+
+    trained: Trained = train_capture(capture, options, run, tell, stop)
+    return trained
+
+
+def _end(run: Path | None, interrupted: bool, quiet: bool) -> None:
+    """What is left for another run: checkpoints of one that was interrupted, no other."""
+    from reference_encoder.training.checkpoints import discard_checkpoints
+
+    if not interrupted:
+        if run is not None:
+            discard_checkpoints(run)
+        return
+    if not quiet:
+        more = f"; the same command with --force goes on, from {run}" if run is not None else ""
+        click.echo(f"scarfmt: interrupted: the best file so far is written{more}", err=True)
+    click.get_current_context().exit(INTERRUPTED)
+
+
+def _described(now: Progress) -> str:
+    """Where training stands, in a line."""
+    words = [now.phase, f"{now.iteration:,}/{now.iterations:,}"]
+    if now.psnr is not None:
+        words.append(f"{now.psnr:.2f} dB")
+    if now.bytes is not None:
+        words.append(f"{now.bytes / 1000:,.0f} kB")
+    words.append(f"{now.anchors:,} anchors")
+    if math.isfinite(now.seconds_left):
+        words.append(f"{_duration(now.seconds_left)} left")
+    return " · ".join(words)
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.0f} min"
+
+
+def _print_capture(capture: Capture) -> None:
+    sizes = sorted({f"{photo.camera.width}x{photo.camera.height}" for photo in capture.photos})
+    size = sizes[0] if len(sizes) == 1 else f"{len(sizes)} sizes"
+    line = f"{len(capture.photos)} photos of {size}, {len(capture.test)} held out; {len(capture.points):,} points"
+    click.echo(line, err=True)
+
+
+def _print_trained(trained: Trained) -> None:
+    click.echo(f"{trained.iterations:,} iterations in {_duration(trained.seconds)}", err=True)
+    for number, layer in enumerate(trained.layers, 1):
+        quality = "" if math.isnan(layer.psnr) else f"  {layer.psnr:6.2f} dB  SSIM {layer.ssim:.4f}"
+        click.echo(f"layer {number}: {layer.bytes:>12,} bytes{quality}", err=True)
