@@ -226,9 +226,8 @@ def train(
         InvalidInput: ``input-options``, ``input-dependency``, ``input-checkpoint``, or the capture cannot be used.
     """
     settled = (options or TrainOptions()).settled()
-    from reference_encoder.training.run import train as train_capture  # type: ignore[import-not-found,unused-ignore]
-
     from reference_encoder.training.capture import Capture, load_capture
+    from reference_encoder.training.run import train as train_capture
 
     kept = None if folder is None else Path(folder)
     with tempfile.TemporaryDirectory(prefix="scarfmt-") as temporary:

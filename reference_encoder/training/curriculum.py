@@ -36,8 +36,8 @@ class Curriculum:
     growth: Span = (0.0375, 0.375)
     pause: Span = (0.075, 0.1)
     noise: Span = (0.075, 0.75)
-    rate: Span = (0.1, 0.25)
-    layers_from: float = 0.1
+    rate: Span = (0.12, 0.3)
+    layers_from: float = 0.25
     injection: Span = (0.25, 0.75)
     entropy_from: float = 0.5
     hard_from: float = 0.75

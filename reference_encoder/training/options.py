@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import MAX_LAYERS
 
-PRESETS = ("default", "paper")
+PRESETS = ("default", "rvq", "paper")
 DEVICES = ("cpu", "cuda")
 CONTEXTS = ("decoded", "grid2d3d", "grid3d", "waves", "none")
 ENTROPY_MODELS = ("static", "mlp", "gru", "gru+attention")
@@ -22,6 +22,8 @@ PAPER_ITERATIONS = 40_000
 MAX_MINUTES = 100_000.0
 MAX_ITERATIONS = 10_000_000
 MIN_LAMBDA, MAX_LAMBDA = 1e-3, 1e3
+MIN_SIZE = 10_000
+"""Bytes: networks alone take most of as many."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,7 @@ class TrainOptions:
         iterations: how many it takes, in place of a time. None of both: what the preset says (:meth:`settled`).
         layers: of the file, 1..16.
         lambda_: factor of the rate in the loss, 0.001..1000: 1 as tuned, more for smaller files.
+        size: bytes that the file shall have, prefixes in proportion; prices of bits follow. None: fixed prices.
         preset: "default" (what pays in bytes) or "paper" (its curriculum, codebooks and entropy model).
         device: "cpu" or "cuda".
         context: what the index network sees: "decoded", "grid2d3d", "grid3d", "waves" or "none"; None for what the
@@ -46,6 +49,7 @@ class TrainOptions:
     iterations: int | None = None
     layers: int = 4
     lambda_: float = 1.0
+    size: int | None = None
     preset: str = "default"
     device: str = "cpu"
     context: str | None = None
@@ -81,6 +85,8 @@ class TrainOptions:
             raise _wrong("layers", f"{self.layers} layers: 1..{MAX_LAYERS} are possible")
         if not MIN_LAMBDA <= self.lambda_ <= MAX_LAMBDA:
             raise _wrong("lambda_", f"lambda {self.lambda_} is not in {MIN_LAMBDA:g}..{MAX_LAMBDA:g}")
+        if self.size is not None and self.size < MIN_SIZE:
+            raise _wrong("size", f"{self.size} bytes: {MIN_SIZE} is least")
         if self.seed < 0:
             raise _wrong("seed", f"seed {self.seed}: 0 is least")
         _check_choice("preset", self.preset, PRESETS)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from reference_encoder.pipeline import Encoded
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-FORMAT_IDS = ("compressed-ply", "ply", "spz", "streamed-sog", "sog", "anchor-npz", "splat")
+FORMAT_IDS = ("compressed-ply", "scaffold", "ply", "spz", "streamed-sog", "sog", "anchor-npz", "splat")
 DEFAULTS = EncodeOptions()
 
 
@@ -172,8 +172,8 @@ def encode(
 ) -> None:
     """Compress the scene INPUT into the .scar file OUTPUT. Either may be - (stdin, stdout).
 
-    INPUT is a 3DGS or compressed PLY, SPZ, SOG, .splat, or an anchor model (.npz). What is rarely seen is stored
-    coarsely: --cameras or --frame say from where the scene will be looked at.
+    INPUT is a 3DGS or compressed PLY, SPZ, SOG, .splat, or an anchor model (.npz, or a folder of Scaffold-GS). What is
+    rarely seen is stored coarsely: --cameras or --frame say from where the scene will be looked at.
 
     \b
     Examples:

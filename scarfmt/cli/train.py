@@ -203,9 +203,8 @@ def _read(path: str, resolution: int | None, hold_out: int, workspace: Path, rep
 def _train(
     capture: Capture, options: TrainOptions, run: Path | None, quiet: bool, report: Report, stop: Stop
 ) -> Trained:
-    from reference_encoder.training.run import train as train_capture  # type: ignore[import-not-found,unused-ignore]
-
     from reference_encoder.training.checkpoints import last_iteration
+    from reference_encoder.training.run import train as train_capture
 
     before = None if run is None else last_iteration(run)
     if before is not None and not quiet:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from scarfmt.container.source import read_bounded
 from scarfmt.errors import InvalidInput
-from scarfmt.formats import anchor_npz, compressed_ply, inria_ply, sog, splat, spz, streamed_sog
+from scarfmt.formats import anchor_npz, compressed_ply, inria_ply, scaffold, sog, splat, spz, streamed_sog
 from scarfmt.formats.anchor_npz import save_anchor_npz
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
@@ -41,6 +41,7 @@ class Format:
 
 FORMATS = (
     Format("compressed-ply", "PlayCanvas PLY", (".compressed.ply",), compressed_ply.sniff, compressed_ply.load),
+    Format("scaffold", "Scaffold-GS folder", (), scaffold.sniff, scaffold.load),
     Format("ply", "INRIA 3D Gaussian splatting PLY", (".ply",), inria_ply.sniff, inria_ply.load),
     Format("spz", "Niantic SPZ 1 to 4", (".spz",), spz.sniff, spz.load),
     Format(
@@ -62,7 +63,8 @@ def load(path_or_bytes: str | PathLike[str] | bytes, *, format: str | None = Non
     Values are as stored: nothing is clamped, and NaN and infinities are kept (see `scarfmt.formats.clean`).
 
     Args:
-        path_or_bytes: a file, a pipe, a directory holding an unbundled or streamed SOG, or the content of a file.
+        path_or_bytes: a file, a pipe, a directory holding an unbundled or streamed SOG or a Scaffold-GS model, or the
+            content of a file.
         format: id of the format; by default the content decides, then the file name.
 
     Returns:
@@ -105,9 +107,11 @@ def _source(path_or_bytes: str | PathLike[str] | bytes) -> Source:
 
 
 def _index_of(directory: Path) -> Path:
-    """The file to begin with in a directory that holds a SOG."""
+    """The file to begin with in a directory that holds a SOG or a Scaffold-GS model."""
     streamed = directory / streamed_sog.INDEX
-    return streamed if streamed.exists() else directory / "meta.json"
+    if streamed.exists():
+        return streamed
+    return scaffold.points_of(directory) or directory / "meta.json"
 
 
 def _named(format_id: str) -> Format:

@@ -1,0 +1,136 @@
+"""Anchors of a scene in training: what is learnt of each, and the networks they share (Scaffold-GS; paper §3.1)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+SLOTS = 10
+NETWORKS = ("opacity", "cov", "color")
+_OUTPUTS = {"opacity": 1, "cov": 7, "color": 3}
+OPEN = 2.0
+"""Gate logit of a new slot."""
+ATTRIBUTES = ("latent", "scaling", "offsets", "gates", "falls")
+"""What is learnt of each anchor, in the order of checkpoints."""
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where anchors may lie: on points origin + voxel * integer.
+
+    Attributes:
+        origin: (3,) float64, world units.
+        voxel: world units.
+    """
+
+    origin: Tensor
+    voxel: float
+
+    def world(self, lattice: Tensor) -> Tensor:
+        """(n, 3) float32 world positions of (n, 3) int64 lattice points."""
+        return (self.origin + self.voxel * lattice.double()).float()
+
+
+@dataclass
+class Anchors:
+    """N anchors of K slots; a row of each tensor an anchor.
+
+    Attributes:
+        lattice: (N, 3) int64, not learnt: anchors never move.
+        latent: (N, d) float32.
+        scaling: (N, 6) float32, natural logs; [:3] multiply offsets, [3:] sizes.
+        offsets: (N, K, 3) float32, in units of exp(scaling[:3]).
+        gates: (N, K) float32, logits in the last layer.
+        falls: (N, K, layers - 1) float32 (`layers.gate_logits`).
+    """
+
+    lattice: Tensor
+    latent: Tensor
+    scaling: Tensor
+    offsets: Tensor
+    gates: Tensor
+    falls: Tensor
+
+    def __len__(self) -> int:
+        return len(self.lattice)
+
+    @classmethod
+    def fresh(cls, lattice: Tensor, log_size: Tensor, latent: Tensor, layers: int) -> Anchors:
+        """Anchors about which only (n,) `log_size` and (n, d) `latent` are known."""
+        n = len(lattice)
+        return cls(
+            lattice,
+            latent.clone(),
+            log_size[:, None].repeat(1, 6).float(),
+            torch.zeros(n, SLOTS, 3),
+            torch.full((n, SLOTS), OPEN),
+            torch.full((n, SLOTS, layers - 1), -2.0),
+        )
+
+    def taken(self, rows: Tensor) -> Anchors:
+        """Of anchors `rows`."""
+        return Anchors(*(values.detach()[rows] for values in vars(self).values()))
+
+    def parameters(self) -> dict[str, Tensor]:
+        """By name, what is learnt."""
+        return {name: getattr(self, name) for name in ATTRIBUTES}
+
+
+class SceneNetworks(nn.Module):
+    """The decoder of latents, and the three networks that make Gaussians of features (SPEC §7.9, §9.6).
+
+    The decoder is one linear layer: a hidden one before networks with a hidden layer of their own has nothing to add.
+    """
+
+    def __init__(self, latent: int, features: int, with_distance: bool, seed: int) -> None:
+        super().__init__()
+        generator = torch.Generator().manual_seed(seed)
+        inputs = features + (4 if with_distance else 3)
+        self.with_distance = with_distance
+        self.decoder = nn.Linear(latent, features)
+        self.hidden = nn.ModuleDict({name: nn.Linear(inputs, features) for name in NETWORKS})
+        self.output = nn.ModuleDict({name: nn.Linear(features, SLOTS * _OUTPUTS[name]) for name in NETWORKS})
+        for module in self.modules():
+            if isinstance(module, nn.Linear):
+                bound = 1 / math.sqrt(module.in_features)
+                for parameter in module.parameters():
+                    with torch.no_grad():
+                        parameter.uniform_(-bound, bound, generator=generator)
+        with torch.no_grad():
+            self.decoder.bias.zero_()
+            if latent == features:
+                self.decoder.weight.copy_(torch.eye(latent))
+
+    def features(self, latent: Tensor, bits: int | None = None) -> Tensor:
+        """(n, D) features of (n, d) latents; with weights rounded as a file with `bits` a weight has them, or not."""
+        return _linear(self.decoder, latent, bits)
+
+    def run(self, name: str, inputs: Tensor, bits: int | None = None) -> Tensor:
+        """(n, K * outputs) of (n, D + 3 or 4), before the last activation; `bits` as for :meth:`features`."""
+        hidden = torch.relu(_linear(self.hidden[name], inputs, bits))
+        return _linear(self.output[name], hidden, bits)
+
+
+def _linear(layer: nn.Module, inputs: Tensor, bits: int | None) -> Tensor:
+    assert isinstance(layer, nn.Linear)
+    weight = layer.weight if bits is None else _stored(layer.weight, bits)
+    return functional.linear(inputs, weight, layer.bias)
+
+
+def _stored(weight: Tensor, bits: int) -> Tensor:
+    """(out, in) weights as a file has them, each row on a scale of its own (SPEC §7.9); backward the identity."""
+    top = (1 << (bits - 1)) - 1
+    scale = weight.detach().abs().amax(dim=1, keepdim=True).clamp_min(1e-30) / top
+    return weight + (torch.round(weight.detach() / scale).clamp(-top, top) * scale - weight).detach()
+
+
+def outlook(features: Tensor, positions: Tensor, eye: Tensor, with_distance: bool) -> Tensor:
+    """(n, D + 3 or 4) inputs of the networks: feature, unit direction from the eye, distance if taken (SPEC §9.6)."""
+    towards = positions - eye
+    distance = torch.linalg.norm(towards, dim=1, keepdim=True)
+    direction = towards / distance.clamp_min(1e-12)
+    return torch.cat([features, direction, distance] if with_distance else [features, direction], dim=1)

@@ -1,0 +1,153 @@
+"""Where anchors are missing, and which nobody sees (Scaffold-GS §3.3): growth on nested grids, pruning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from reference_encoder.training.anchors import SLOTS
+
+GRADIENT_LIMIT = 2e-4
+"""Mean norm of the gradient of a slot's place on the screen, loss a half picture, from which it asks for an anchor."""
+PASSES = 3
+_COARSEST, _NESTED = 16, 4
+"""Voxels of the cells of the first pass, and how many times finer those of each next are."""
+_LEAST_OPACITY = 0.005
+
+
+@dataclass
+class Statistics:
+    """What was seen of N anchors since their counters were last cleared.
+
+    Attributes:
+        gradient: (N, K) sum of the norms of screen gradients.
+        drawn: (N, K) pictures in which a slot was drawn.
+        opacity: (N,) sum of the positive opacities of all slots.
+        seen: (N,) pictures in which the anchor was in view.
+        weight: (N, K) sum of blended weights, pixels; never cleared, but fading.
+    """
+
+    gradient: Tensor
+    drawn: Tensor
+    opacity: Tensor
+    seen: Tensor
+    weight: Tensor
+
+    @classmethod
+    def of(cls, count: int) -> Statistics:
+        """Nothing seen of `count` anchors."""
+        return cls(
+            torch.zeros(count, SLOTS),
+            torch.zeros(count, SLOTS),
+            torch.zeros(count),
+            torch.zeros(count),
+            torch.zeros(count, SLOTS),
+        )
+
+    def add(
+        self, visible: Tensor, anchors: Tensor, slots: Tensor, norms: Tensor, shown: Tensor, opacity: Tensor,
+        weights: Tensor,
+    ) -> None:
+        """Take in a picture.
+
+        Args:
+            visible: (V,) anchors in view.
+            anchors, slots: (M,) of each Gaussian.
+            norms: (M,) of its gradient on the screen, in halves of the picture.
+            shown: (M,) whether it touched a pixel.
+            opacity, weights: (M,) its opacity, and the sum of its blended weights.
+        """
+        self.seen[visible] += 1
+        self.opacity.index_add_(0, anchors, opacity)
+        flat = (anchors * SLOTS + slots)[shown]
+        self.gradient.view(-1)[flat] += norms[shown]
+        self.drawn.view(-1)[flat] += 1
+        self.weight.view(-1)[flat] += weights[shown]
+
+    def taken(self, rows: Tensor, fresh: int = 0) -> Statistics:
+        """Of anchors `rows`, and then of `fresh` new ones."""
+        new = Statistics.of(fresh)
+        pairs = zip(vars(self).values(), vars(new).values(), strict=True)
+        return Statistics(*(torch.cat([old[rows], zeros]) for old, zeros in pairs))
+
+    def clear(self, judged: Tensor) -> None:
+        """Start counting again for slots (N, K) that were judged."""
+        self.gradient[judged] = 0
+        self.drawn[judged] = 0
+
+    def unseen(self, least_views: int) -> Tensor:
+        """(N,) anchors seen often enough that hardly show; the counters of those judged start again."""
+        judged = self.seen > least_views
+        faint = judged & (self.opacity < _LEAST_OPACITY * self.seen)
+        self.opacity[judged] = 0
+        self.seen[judged] = 0
+        return faint
+
+
+@dataclass(frozen=True)
+class Growth:
+    """New anchors.
+
+    Attributes:
+        lattice: (n, 3) int64.
+        size: (n,) int64 voxels of the cell each was made for.
+        parent: list of (slots asking, 2): rows of `lattice`, and rows of the anchor each slot is of.
+    """
+
+    lattice: Tensor
+    size: Tensor
+    asking: Tensor
+    parents: Tensor
+
+
+def grown(
+    lattice: Tensor, places: Tensor, statistics: Statistics, limit: float, least_drawn: int,
+    generator: torch.Generator,
+) -> Growth:
+    """Anchors to add where slots pull on the picture without getting there.
+
+    Args:
+        lattice: (N, 3) int64 points that are taken.
+        places: (N, K, 3) float64 centres of slots, in voxels.
+        statistics: of the N anchors; slots drawn more than `least_drawn` times are judged and start again.
+        limit: gradient of the first pass; each next pass wants twice as much.
+        generator: who of those that ask is heard.
+    """
+    judged = statistics.drawn > least_drawn
+    mean = torch.where(judged, statistics.gradient / statistics.drawn.clamp_min(1), torch.zeros(()))
+    taken, found, sizes, asking, parents = lattice, [], [], [], []
+    count = 0
+    for number in range(PASSES):
+        cell = _COARSEST // _NESTED**number
+        heard = torch.rand(mean.shape, generator=generator) < 1 - 0.5 ** (number + 1)
+        anchor, slot = ((mean >= limit * 2.0**number) & heard).nonzero(as_tuple=True)
+        if not len(anchor):
+            continue
+        points = torch.round(places[anchor, slot] / cell).long() * cell
+        unique, which = torch.unique(points, dim=0, return_inverse=True)
+        there = torch.unique(torch.round(taken.double() / cell).long() * cell, dim=0)
+        both = torch.cat([there, unique])
+        _, group, counts = torch.unique(both, dim=0, return_inverse=True, return_counts=True)
+        free = counts[group[len(there) :]] == 1
+        renumbered = torch.cumsum(free.long(), 0) - 1
+        kept = free[which]
+        found.append(unique[free])
+        sizes.append(torch.full((int(free.sum()),), cell))
+        asking.append(count + renumbered[which[kept]])
+        parents.append(anchor[kept])
+        count += len(found[-1])
+        taken = torch.cat([taken, found[-1]])
+    statistics.clear(judged)
+    if not found:
+        empty = torch.zeros(0, dtype=torch.long)
+        return Growth(torch.zeros(0, 3, dtype=torch.long), empty, empty, empty)
+    return Growth(torch.cat(found), torch.cat(sizes), torch.cat(asking), torch.cat(parents))
+
+
+def inherited(latent: Tensor, growth: Growth) -> Tensor:
+    """(n, d) latents of new anchors: of each component the largest of those that asked."""
+    new = torch.full((len(growth.lattice), latent.shape[1]), -torch.inf)
+    index = growth.asking[:, None].expand(-1, latent.shape[1])
+    return new.scatter_reduce(0, index, latent[growth.parents], "amax")

@@ -1,0 +1,135 @@
+"""What a scene will take in bits, differentiable: the price that training pays for what it learns (paper §3.4).
+
+The file codes values with tables that predictors choose from what is decoded already (SPEC §10.3). Its stand-in here is
+a logistic distribution a component, the mean and width of which depend linearly on what comes before in an anchor:
+scalings, then latents one after another. Bits of a prefix are those of its values at its steps: ternary steps nest, so
+a value at step n costs what the step n cell has in probability, however many steps it came in.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from reference_encoder.training.anchors import SLOTS
+from reference_encoder.training.layers import hard_gate
+
+POSITION_BITS = 15.0
+"""Of an anchor on its lattice, with its class."""
+GATE_BITS = 3.0
+"""Of a slot that is on: its mask."""
+CLOSED_BITS = 0.25
+"""Of every slot of an anchor that is there."""
+_LEAST_WIDTH = 1e-3
+_MOST_BITS = 40.0
+
+
+def cell_bits(values: Tensor, width: Tensor, mean: Tensor, log_spread: Tensor) -> Tensor:
+    """Bits of the cell of `width` about each value, under a logistic distribution; everything broadcasts.
+
+    sigmoid(b) - sigmoid(a) = sigmoid(b) sigmoid(-a) (1 - e^(a - b)) keeps the tails exact, where a difference is 0.
+    """
+    inverse = torch.exp(-log_spread)
+    high, low = (values - mean + width / 2) * inverse, (values - mean - width / 2) * inverse
+    mass = functional.logsigmoid(high) + functional.logsigmoid(-low) + torch.log(-torch.expm1(low - high))
+    return torch.clamp(-mass / math.log(2), max=_MOST_BITS)
+
+
+class Context(nn.Module):
+    """Mean and spread of the components of scalings and latents, each from those before it in its anchor."""
+
+    def __init__(self, width: int) -> None:
+        """Of `width` components, 6 of them scalings."""
+        super().__init__()
+        self.mean = nn.Parameter(torch.zeros(width, width))
+        self.mean_bias = nn.Parameter(torch.zeros(width))
+        self.spread = nn.Parameter(torch.zeros(width, width))
+        self.spread_bias = nn.Parameter(torch.zeros(width))
+        self.offset_spread = nn.Parameter(torch.zeros(3))
+        self.register_buffer("earlier", torch.tril(torch.ones(width, width), -1))
+        self.register_buffer("centre", torch.zeros(width))
+        self.register_buffer("scale", torch.ones(width))
+        self.earlier: Tensor
+        self.centre: Tensor
+        self.scale: Tensor
+
+    @torch.no_grad()
+    def start(self, values: Tensor, offsets: Tensor) -> None:
+        """From (n, 6 + d) values and (m, 3) offsets that are on: independent components of these moments."""
+        self.centre.copy_(values.mean(dim=0))
+        self.scale.copy_(values.std(dim=0).clamp_min(_LEAST_WIDTH))
+        for parameter in (self.mean, self.mean_bias, self.spread):
+            parameter.zero_()
+        # The standard deviation of a logistic distribution of spread 1 is pi / sqrt(3).
+        self.spread_bias.fill_(math.log(math.sqrt(3) / math.pi))
+        self.offset_spread.copy_((offsets.std(dim=0).clamp_min(_LEAST_WIDTH) * math.sqrt(3) / math.pi).log())
+
+    def bits(self, values: Tensor, widths: Tensor) -> Tensor:
+        """(n, 6 + d) bits of (n, 6 + d) values in cells of (6 + d,) widths."""
+        x, w = (values - self.centre) / self.scale, widths / self.scale
+        known = x.detach()
+        mean = functional.linear(known, self.mean * self.earlier, self.mean_bias)
+        spread = functional.linear(known.abs(), self.spread * self.earlier, self.spread_bias)
+        return cell_bits(x, w, mean, spread.clamp(-8.0, 4.0))
+
+    def offset_bits(self, offsets: Tensor, widths: Tensor) -> Tensor:
+        """(..., 3) bits of offsets in cells of (3,) widths."""
+        return cell_bits(offsets, widths, torch.zeros_like(widths), self.offset_spread)
+
+
+@dataclass(frozen=True)
+class Priced:
+    """What the bits of n anchors depend on.
+
+    Attributes:
+        values: (n, 6 + d) scalings and latents; d = 0 where codewords carry features.
+        offsets: (n, K, 3).
+        logits: (n, K) of gates.
+        widths, offset_widths: (6 + d,) and (3,) of cells.
+    """
+
+    values: Tensor
+    offsets: Tensor
+    logits: Tensor
+    widths: Tensor
+    offset_widths: Tensor
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Bits of n anchors in a layer, all differentiable sums.
+
+    Attributes:
+        positions, masks, scaling, latent, offsets: by what they are for.
+    """
+
+    positions: Tensor
+    masks: Tensor
+    scaling: Tensor
+    latent: Tensor
+    offsets: Tensor
+
+    @property
+    def total(self) -> Tensor:
+        """All together."""
+        return self.positions + self.masks + self.scaling + self.latent + self.offsets
+
+
+def rate(context: Context, priced: Priced, index_bits: float = 0.0) -> Rate:
+    """Bits of a layer.
+
+    Args:
+        priced: values, gates and cells; what is off costs nothing, and that is how gates learn to close.
+        index_bits: of the codewords of an anchor.
+    """
+    gates = hard_gate(priced.logits)
+    present = hard_gate(priced.logits.amax(dim=1))
+    bits = context.bits(priced.values, priced.widths) * present[:, None]
+    slot_bits = (context.offset_bits(priced.offsets, priced.offset_widths).sum(dim=2) * gates).sum()
+    positions = (POSITION_BITS + CLOSED_BITS * SLOTS) * present.sum()
+    latent = bits[:, 6:].sum() + index_bits * present.sum()
+    return Rate(positions, GATE_BITS * gates.sum(), bits[:, :6].sum(), latent, slot_bits)

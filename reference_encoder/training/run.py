@@ -1,0 +1,354 @@
+"""Training: from a capture to the bytes of a file, whatever interrupts it (paper §3; SPEC §5-§8)."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from reference_encoder.decide.assemble import Quantised
+from reference_encoder.options import EncodeOptions
+from reference_encoder.pipeline import Written, best_file
+from reference_encoder.training.anchors import Frame, SceneNetworks
+from reference_encoder.training.capture import Capture, Photo, pixels
+from reference_encoder.training.checkpoints import discard_checkpoints, identity, load_checkpoint, save_checkpoint
+from reference_encoder.training.curriculum import CURRICULA
+from reference_encoder.training.evaluate import Views, quality
+from reference_encoder.training.growth import Statistics
+from reference_encoder.training.index_entropy import IndexOptions, JointIndexModel
+from reference_encoder.training.layers import LayerPlan
+from reference_encoder.training.log import RunLog
+from reference_encoder.training.options import (
+    LayerQuality,
+    Progress,
+    Report,
+    Stop,
+    Trained,
+    TrainOptions,
+    never,
+    silent,
+)
+from reference_encoder.training.price import Prices
+from reference_encoder.training.quantiser import Quantiser
+from reference_encoder.training.rate import Context
+from reference_encoder.training.similarity import Target
+from reference_encoder.training.state import State, new_anchors, typical_distance
+from reference_encoder.training.trainer import Trainer
+from reference_encoder.training.vectors import Vectors
+from scarfmt.coding.writer import QuantisedScene, write_scene
+from scarfmt.container.file import Container
+from scarfmt.container.source import BytesSource
+from scarfmt.engines import best_engine
+
+VOXEL = 0.5
+"""Of the median distance of a starting point to its nearest neighbours."""
+EXTENT = 1.1
+_LAST_PRICE, _FALL = 0.045, 2.0
+"""Loss for a bit a pixel of all photos in the last layer, and how many times more it is in each layer before."""
+_CHECK_SECONDS = 120.0
+_CHECK_ITERATIONS = 500
+_SAVE_SECONDS = 180.0
+_FINISH = 0.04
+"""Of the time, at most so many seconds, are kept for networks and the file."""
+_MOST_FINISH = 90.0
+_MEMORY = 0.98
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a preset stands for.
+
+    Attributes:
+        features: D, of anchors; as many hidden units.
+        stages, codewords, dimension: of the quantiser of features; 0 stages: latents number by number.
+        curriculum: by name.
+        estimator, projector: of the quantiser.
+    """
+
+    features: int = 32
+    stages: int = 0
+    codewords: int = 1024
+    dimension: int = 16
+    curriculum: str = "default"
+    estimator: str = "rotation"
+    projector: str = "linear"
+
+    def vectors(self, layers: int, seed: int) -> Vectors | None:
+        """The quantiser of a run."""
+        if not self.stages:
+            return None
+        quantiser = Quantiser(
+            self.dimension,
+            self.features,
+            self.stages,
+            self.codewords,
+            estimator=self.estimator,
+            projector=self.projector,
+            seed=seed,
+        )
+        by_layer = tuple(max(1, round((layer + 1) * self.stages / layers)) for layer in range(layers))
+        return Vectors(quantiser, by_layer, priced=self.curriculum != "paper")
+
+
+RECIPES = {
+    "default": Recipe(),
+    "rvq": Recipe(stages=4),
+    "paper": Recipe(features=50, stages=4, curriculum="paper", projector="paper"),
+}
+"""By preset: "rvq" is the paper's quantiser under the curriculum of "default"."""
+
+
+@dataclass
+class Clock:
+    """How much of a run is done, by iterations or by time.
+
+    Attributes:
+        iterations: all of them, None where time decides.
+        seconds: all of them, None where iterations decide.
+        before: seconds spent before an interruption.
+    """
+
+    iterations: int | None
+    seconds: float | None
+    before: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._started = time.monotonic()
+
+    @classmethod
+    def of(cls, options: TrainOptions) -> Clock:
+        """What was asked for, less the time that the file takes at the end."""
+        if options.minutes is None:
+            return cls(options.iterations, None)
+        whole = 60 * options.minutes
+        return cls(None, whole - min(_FINISH * whole, _MOST_FINISH))
+
+    @property
+    def spent(self) -> float:
+        """Seconds, those before an interruption included."""
+        return self.before + time.monotonic() - self._started
+
+    def done(self, iteration: int) -> float:
+        """Fraction of the run, 1 or more when it is over."""
+        if self.iterations is not None:
+            return iteration / self.iterations
+        assert self.seconds is not None
+        return self.spent / self.seconds
+
+    def planned(self, iteration: int) -> int:
+        """How many iterations it will be."""
+        done = self.done(iteration)
+        return self.iterations or max(iteration, round(iteration / done) if done > 0 else 0)
+
+
+def photos(chosen: tuple[Photo, ...]) -> Views:
+    """Cameras and what pictures of them are to look like."""
+    return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))))) for photo in chosen]
+
+
+def begun(capture: Capture, options: TrainOptions) -> Trainer:
+    """A run before its first iteration."""
+    recipe = RECIPES[options.preset]
+    views = photos(capture.train)
+    eyes = np.stack([camera.centre for camera, _ in views])
+    extent = EXTENT * float(np.linalg.norm(eyes - eyes.mean(axis=0), axis=1).max(initial=1e-6))
+    points = torch.from_numpy(capture.points)
+    plan = LayerPlan.of(options.layers)
+    frame = Frame(points.min(dim=0).values, VOXEL * typical_distance(points))
+    anchors = new_anchors(points, frame, recipe.features, plan.count)
+    priced = 6 + (0 if recipe.stages else recipe.features)
+    state = State(
+        frame=frame,
+        anchors=anchors,
+        networks=SceneNetworks(recipe.features, recipe.features, True, options.seed),
+        context=Context(priced),
+        log_widths=torch.zeros(priced),
+        log_offset_widths=torch.zeros(3),
+        statistics=Statistics.of(len(anchors)),
+        plan=plan,
+        generator=torch.Generator().manual_seed(options.seed),
+        extent=extent,
+        vectors=recipe.vectors(plan.count, options.seed),
+    )
+    pixel_count = sum(camera.width * camera.height for camera, _ in views)
+    price = [options.lambda_ * _LAST_PRICE * _FALL ** (plan.count - 1 - layer) for layer in range(plan.count)]
+    wanted = None if options.size is None else [options.size * share for share in plan.shares]
+    return Trainer(
+        state=state,
+        prices=Prices(price, pixel_count, wanted),
+        views=views,
+        small=photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in capture.train)),
+        curriculum=CURRICULA[recipe.curriculum],
+        background=torch.zeros(3),
+        joint=JointIndexModel(index_options(options)) if recipe.stages else None,
+    )
+
+
+def index_options(options: TrainOptions) -> IndexOptions:
+    """What codes indices."""
+    return IndexOptions.named(options.entropy, options.context, options.preset, options.seed)
+
+
+class Run:
+    """A training that goes on: its trainer, its clock, what it has found so far."""
+
+    def __init__(self, capture: Capture, options: TrainOptions, report: Report) -> None:
+        self.options, self.report = options, report
+        self.trainer = begun(capture, options)
+        self.clock = Clock.of(options)
+        self.held_out = photos(capture.test)
+        self.psnr: float | None = None
+        self.bytes: int | None = None
+        self.loss = float("nan")
+        self._checked = self._saved = time.monotonic()
+
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint."""
+        own = {"spent": self.clock.spent, "psnr": self.psnr, "bytes": self.bytes, "loss": self.loss}
+        return {"run": own, "trainer": self.trainer.checkpoint()}
+
+    def load(self, state: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self.trainer.resume(state["trainer"])
+        own = state["run"]
+        self.clock.before, self.psnr, self.bytes, self.loss = own["spent"], own["psnr"], own["bytes"], own["loss"]
+
+    def step(self) -> bool:
+        """One iteration; False when the run is over."""
+        done = self.clock.done(self.trainer.iteration)
+        if done >= 1:
+            return False
+        outcome = self.trainer.step(done)
+        first = self.loss != self.loss
+        self.loss = outcome.loss if first else _MEMORY * self.loss + (1 - _MEMORY) * outcome.loss
+        self.report(self.progress())
+        return True
+
+    @property
+    def over(self) -> bool:
+        """Whether it has come to its end, and was not asked to stop before."""
+        return self.clock.done(self.trainer.iteration) >= 1
+
+    def progress(self) -> Progress:
+        """Where the run stands."""
+        trainer, clock = self.trainer, self.clock
+        done = max(clock.done(trainer.iteration), 1e-9)
+        return Progress(
+            iteration=trainer.iteration,
+            iterations=clock.planned(trainer.iteration),
+            seconds=clock.spent,
+            seconds_left=max(clock.spent * (1 - done) / done, 0.0),
+            phase=trainer.phase(done),
+            psnr=self.psnr,
+            bytes=self.bytes,
+            anchors=len(trainer.state.anchors),
+            gaussians=trainer.state.open_slots(),
+            loss=self.loss,
+        )
+
+    def check_due(self) -> bool:
+        """Whether it is time to look at held-out photos."""
+        if self.clock.iterations is not None:
+            return self.trainer.iteration % _CHECK_ITERATIONS == 0
+        return time.monotonic() - self._checked > _CHECK_SECONDS
+
+    def check(self) -> dict[str, Any]:
+        """Look at held-out photos and at what the writer makes of the values as they are; figures for the log."""
+        trainer = self.trainer
+        last = trainer.state.plan.count - 1
+        self.psnr, _ = quality(trainer.state, self.held_out, last if trainer.noisy else None, trainer.background)
+        figures: dict[str, Any] = {"prices": str(trainer.prices.price)}
+        if trainer.noisy:
+            sizes = layer_sizes(write_scene(trainer.written(), engine=best_engine()))
+            self.bytes = sizes[-1]
+            figures |= {"estimated": str(trainer.prices.estimate), "written": str(sizes)}
+            if len(sizes) == len(trainer.prices.price):
+                trainer.prices.wrote(sizes)
+        self._checked = time.monotonic()
+        return figures
+
+    def save_due(self) -> bool:
+        """Whether it is time for a checkpoint."""
+        return time.monotonic() - self._saved > _SAVE_SECONDS
+
+    def save(self, folder: Path, whose: str) -> None:
+        """Write a checkpoint."""
+        save_checkpoint(folder, self.trainer.iteration, self.state(), whose)
+        self._saved = time.monotonic()
+
+    def result(self) -> Trained:
+        """The best file of what was learnt so far."""
+        trainer = self.trainer
+        trainer.settle()
+        written = smallest(trainer.written(), trainer.joint)
+        sizes = layer_sizes(written.data)
+        found = [
+            quality(trainer.state, self.held_out, layer, trainer.background) for layer in range(len(sizes))
+        ]
+        layers = tuple(LayerQuality(size, *each) for size, each in zip(sizes, found, strict=True))
+        return Trained(written.data, layers, trainer.iteration, self.clock.spent)
+
+
+def smallest(scene: QuantisedScene, joint: JointIndexModel | None) -> Written:
+    """The file of fewest bytes: predictors and networks where they pay in bytes, whatever decoding takes."""
+    plain, options = Quantised(scene), EncodeOptions(archive=True)
+    return best_file(plain, options) if joint is None else joint.file(plain, options)
+
+
+def layer_sizes(data: bytes) -> list[int]:
+    """Bytes of a file cut after each of its layers."""
+    return [layer.end_offset for layer in Container.open(BytesSource(data)).header.layers]
+
+
+def train(
+    capture: Capture,
+    options: TrainOptions | None = None,
+    folder: Path | None = None,
+    report: Report = silent,
+    stop: Stop = never,
+) -> Trained:
+    """Learn a scene from photos, and write it.
+
+    Args:
+        capture: photos with cameras, and points to start from.
+        options: None for the defaults.
+        folder: for checkpoints, log and plot; a run that was interrupted or stopped goes on from the last checkpoint
+            there. None keeps nothing.
+        report: told after every iteration.
+        stop: asked after every iteration whether to end now with the best file so far.
+
+    Raises:
+        InvalidInput: ``input-options``, ``input-dependency``, ``input-checkpoint``.
+    """
+    options = (options or TrainOptions()).settled()
+    run = Run(capture, options, report)
+    if folder is None:
+        while run.step() and not stop():
+            if run.check_due():
+                run.check()
+        return run.result()
+    whose = identity(capture, options)
+    found = load_checkpoint(folder, whose)
+    if found is not None:
+        run.load(found[1])
+    with RunLog(folder, run.trainer.iteration) as log:
+        _loop(run, folder, whose, log, stop)
+        trained = run.result()
+        ended = replace(run.progress(), psnr=trained.layers[-1].psnr, bytes=len(trained.data), phase="written")
+        log.note(ended, layers=str([(layer.bytes, round(layer.psnr, 3)) for layer in trained.layers]))
+    if run.over:
+        discard_checkpoints(folder)
+    return trained
+
+
+def _loop(run: Run, folder: Path, whose: str, log: RunLog, stop: Stop) -> None:
+    while run.step() and not stop():
+        if run.check_due():
+            log.note(run.progress(), **run.check())
+        if run.save_due():
+            run.save(folder, whose)
+    run.save(folder, whose)

@@ -1,0 +1,233 @@
+"""Everything that a run learns and remembers, and the changes of its structure."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from reference_encoder.training.anchors import ATTRIBUTES, SLOTS, Anchors, Frame, SceneNetworks
+from reference_encoder.training.curriculum import Moment
+from reference_encoder.training.descent import Descent, Rates
+from reference_encoder.training.expand import Values
+from reference_encoder.training.growth import Growth, Statistics, inherited
+from reference_encoder.training.layers import LayerPlan, coarse, gate_logits, hard_gate
+from reference_encoder.training.rate import Context, Priced
+from reference_encoder.training.vectors import Vectors
+
+_START_WIDTHS = {"scaling": 0.1, "offsets": 0.1}
+_LATENT_CELL = 0.5
+"""First cells of latents, in their standard deviation."""
+_CHUNK = 1024
+WEIGHT_BITS = 8
+"""Of the networks' weights in the file."""
+
+_RATES = {
+    "latent": Rates(0.0075, 0.0015),
+    "scaling": Rates(0.007, 0.001),
+    "gates": Rates(0.02, 0.005),
+    "falls": Rates(0.03, 0.005),
+    "log_widths": Rates(0.005, 0.001),
+    "log_offset_widths": Rates(0.005, 0.001),
+}
+_NETWORK_RATES = {
+    "decoder": Rates(2e-3, 2e-5),
+    "opacity": Rates(2e-3, 2e-5),
+    "cov": Rates(4e-3, 4e-4),
+    "color": Rates(8e-3, 5e-5),
+}
+_CONTEXT_RATES = Rates(5e-3, 5e-4)
+
+
+@dataclass
+class State:
+    """A scene in training.
+
+    Attributes:
+        frame: where anchors lie.
+        anchors: all that is learnt of each; leaves of `descent`.
+        networks, context: what they share.
+        log_widths: (6 + d,) of the last layer's cells of scalings and latents; `log_offset_widths`: (3,).
+        descent: Adam over all of it.
+        statistics: for growth.
+        plan: layers.
+        generator: everything random.
+        extent: of the cameras, world units.
+        vectors: codewords that carry features, None where latents are sent number by number.
+    """
+
+    frame: Frame
+    anchors: Anchors
+    networks: SceneNetworks
+    context: Context
+    log_widths: Tensor
+    log_offset_widths: Tensor
+    descent: Descent = field(init=False)
+    statistics: Statistics
+    plan: LayerPlan
+    generator: torch.Generator
+    extent: float
+    vectors: Vectors | None = None
+
+    def __post_init__(self) -> None:
+        shared = {"log_widths": self.log_widths, "log_offset_widths": self.log_offset_widths}
+        nets = {f"networks.{name}": value for name, value in self.networks.named_parameters()}
+        nets |= {f"context.{name}": value for name, value in self.context.named_parameters()}
+        parameters = self.anchors.parameters() | shared | nets
+        self.descent = Descent(parameters, {name: _rates(name, self.extent) for name in parameters})
+        for name in ATTRIBUTES:
+            setattr(self.anchors, name, self.descent.parameters[name])
+        self.log_widths = self.descent.parameters["log_widths"]
+        self.log_offset_widths = self.descent.parameters["log_offset_widths"]
+
+    @torch.no_grad()
+    def rearrange(self, rows: Tensor, fresh: Anchors) -> None:
+        """Keep anchors `rows`, and add `fresh` ones."""
+        anchors = self.anchors
+        anchors.lattice = torch.cat([anchors.lattice[rows], fresh.lattice])
+        for name in ATTRIBUTES:
+            setattr(anchors, name, self.descent.rearrange(name, rows, getattr(fresh, name)))
+        self.statistics = self.statistics.taken(rows, len(fresh))
+
+    @torch.no_grad()
+    def grow(self, growth: Growth) -> None:
+        """Add anchors that were asked for."""
+        size = torch.log(growth.size * self.frame.voxel)
+        latent = inherited(self.anchors.latent.detach(), growth)
+        fresh = Anchors.fresh(growth.lattice, size, latent, self.plan.count)
+        self.rearrange(torch.arange(len(self.anchors)), fresh)
+
+    @torch.no_grad()
+    def start_widths(self) -> None:
+        """First cells of values, and what their distributions are like."""
+        anchors = self.anchors
+        widths = torch.full((6,), _START_WIDTHS["scaling"])
+        values = anchors.scaling
+        if self.vectors is None:
+            spread = anchors.latent.std(dim=0).clamp_min(1e-3)
+            widths = torch.cat([widths, _LATENT_CELL * spread])
+            values = torch.cat([values, anchors.latent], dim=1)
+        self.log_widths.copy_(widths.log())
+        self.log_offset_widths.fill_(math.log(_START_WIDTHS["offsets"]))
+        offsets = anchors.offsets[anchors.gates > 0]
+        self.context.start(values, offsets)
+
+    def open_slots(self) -> int:
+        """Slots that are on in the last layer."""
+        return int((self.anchors.gates > 0).sum())
+
+    def checkpoint(self) -> dict[str, Any]:
+        """All of it, for a checkpoint."""
+        return {
+            "anchors": {name: values.detach() for name, values in vars(self.anchors).items()},
+            "networks": self.networks.state_dict(),
+            "context": self.context.state_dict(),
+            "widths": [self.log_widths.detach(), self.log_offset_widths.detach()],
+            "descent": self.descent.state(),
+            "statistics": dict(vars(self.statistics)),
+            "generator": self.generator.get_state(),
+            "vectors": None if self.vectors is None else self.vectors.checkpoint(),
+        }
+
+    @torch.no_grad()
+    def resume(self, kept: dict[str, Any]) -> None:
+        """Take up a checkpoint."""
+        none = torch.zeros(0, dtype=torch.long)
+        self.rearrange(none, Anchors(**kept["anchors"]))
+        self.networks.load_state_dict(kept["networks"])
+        self.context.load_state_dict(kept["context"])
+        self.log_widths.copy_(kept["widths"][0])
+        self.log_offset_widths.copy_(kept["widths"][1])
+        self.descent.load(kept["descent"])
+        self.statistics = Statistics(**kept["statistics"])
+        self.generator.set_state(kept["generator"])
+        if self.vectors is not None:
+            self.vectors.resume(kept["vectors"])
+
+    def logits(self, rows: Tensor, layer: int) -> Tensor:
+        """(n, K) logits of the gates of anchors `rows` in a layer."""
+        return gate_logits(self.anchors.gates[rows], self.anchors.falls[rows], layer)
+
+    def exact(self, rows: Tensor) -> Values:
+        """Values as they are, every slot on that the last layer opens."""
+        a = self.anchors
+        gates = hard_gate(self.logits(rows, self.plan.count - 1))
+        latent = a.latent[rows]
+        features = latent if self.vectors else self.networks.features(latent)
+        return Values(self.frame.world(a.lattice[rows]), features, a.scaling[rows], a.offsets[rows], gates)
+
+    def of_layer(self, rows: Tensor, layer: int, now: Moment | None) -> Values:
+        """Values of anchors `rows` as a layer has them.
+
+        Args:
+            layer: 0-based.
+            now: what is on: noise or rounding, how much of codewords; None for what the file has.
+        """
+        rounded = now is None or now.rounded
+        priced = self.priced(rows, layer, rounded)
+        if self.vectors is None:
+            features = self.networks.features(priced.values[:, 6:], WEIGHT_BITS if rounded else None)
+        elif self.vectors.begun:
+            features = self.vectors.features(self.anchors.latent[rows], layer, now)
+        else:
+            features = self.anchors.latent[rows]
+        positions = self.frame.world(self.anchors.lattice[rows])
+        return Values(positions, features, priced.values[:, :6], priced.offsets, hard_gate(priced.logits))
+
+    def priced(self, rows: Tensor, layer: int, rounded: bool) -> Priced:
+        """What bits of anchors `rows` depend on in a layer: rounded as the file will be, else with noise of a cell."""
+        a = self.anchors
+        widths, offset_widths = torch.exp(self.log_widths), torch.exp(self.log_offset_widths)
+        values = a.scaling[rows] if self.vectors else torch.cat([a.scaling[rows], a.latent[rows]], dim=1)
+        steps = self.plan.steps[-1] - self.plan.steps[layer]
+        if rounded:
+            values = _rounded(values, widths.detach(), steps)
+            offsets = _rounded(a.offsets[rows], offset_widths.detach(), 0)
+        else:
+            values = values + self._noise(values.shape) * (widths * 3.0**steps)
+            offsets = a.offsets[rows] + self._noise((len(rows), SLOTS, 3)) * offset_widths
+        return Priced(values, offsets, self.logits(rows, layer), widths * 3.0**steps, offset_widths)
+
+    def _noise(self, shape: tuple[int, ...] | torch.Size) -> Tensor:
+        return torch.rand(shape, generator=self.generator) - 0.5
+
+
+def _rates(name: str, extent: float) -> Rates:
+    if name == "offsets":
+        return Rates(0.01 * extent, 1e-4 * extent)
+    if name.startswith("context."):
+        return _CONTEXT_RATES
+    if name.startswith("networks."):
+        return next(rates for part, rates in _NETWORK_RATES.items() if part in name)
+    return _RATES[name]
+
+
+def _rounded(values: Tensor, widths: Tensor, steps: int) -> Tensor:
+    """Values of the cells they are in, `steps` ternary steps before the last; backward the identity."""
+    integers = coarse(torch.round(values.detach() / widths), steps)
+    return values + (integers * (3.0**steps * widths) - values).detach()
+
+
+def new_anchors(points: Tensor, frame: Frame, latent: int, layers: int) -> Anchors:
+    """An anchor on every lattice point that some of (P, 3) float64 `points` round to, sized by its neighbours."""
+    lattice = torch.unique(torch.round((points - frame.origin) / frame.voxel).long(), dim=0)
+    size = torch.log(_neighbour_distance(frame.voxel * lattice.double()).clamp_min(1e-4 * frame.voxel))
+    return Anchors.fresh(lattice, size.float(), torch.zeros(len(lattice), latent), layers)
+
+
+def _neighbour_distance(points: Tensor) -> Tensor:
+    """(n,) root mean squared distance to the three nearest others."""
+    squared = []
+    for first in range(0, len(points), _CHUNK):
+        chunk = points[first : first + _CHUNK].float()
+        nearest = torch.cdist(chunk, points.float()).topk(min(4, len(points)), largest=False).values[:, 1:]
+        squared.append((nearest.double() ** 2).mean(dim=1))
+    return torch.cat(squared).sqrt()
+
+
+def typical_distance(points: Tensor) -> float:
+    """Median root mean squared distance of (P, 3) float64 points to their three nearest neighbours."""
+    return float(_neighbour_distance(points).median())

@@ -1,0 +1,233 @@
+"""The loop: which photo, which layer, when anchors grow, when values are rounded (paper §3; Scaffold-GS §3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from reference_encoder.training.curriculum import Curriculum, Moment, moment
+from reference_encoder.training.emit import quantised_scene
+from reference_encoder.training.evaluate import Views
+from reference_encoder.training.growth import GRADIENT_LIMIT, grown
+from reference_encoder.training.index_entropy import JointIndexModel
+from reference_encoder.training.iterate import Mode, Outcome, iterate
+from reference_encoder.training.layers import falls_to
+from reference_encoder.training.price import Prices
+from reference_encoder.training.state import State
+from scarfmt.coding.writer import QuantisedScene
+
+_GROW_EVERY = 100
+_LEAST_DRAWN = 0.4
+"""Of the iterations between two rounds of growth: slots drawn more often are judged."""
+_LEAST_SEEN = 0.8
+_REFRESH_EVERY, _INDEX_EVERY = 1000, 5
+"""Iterations between two looks at the indices of the scene, and between two steps of what codes them."""
+_LARGEST_AFTER_PRUNING = 0.05
+SMALL_UNTIL = 0.4
+"""Fraction of the run until which photos are learnt at half their size, a quarter of the pixels."""
+
+
+@dataclass
+class Trainer:
+    """A run.
+
+    Attributes:
+        state: what is learnt.
+        prices: of bits.
+        views, small: cameras and photos to learn from, whole and at half their size.
+        curriculum: when what happens.
+        background: (3,) colour behind everything.
+        iteration: how many are done.
+        order: photos still to come before all are drawn again.
+        joint: what learns to code indices along with the scene, if codewords carry features.
+        index_bits: L_feat of its last step, bits an anchor.
+        noisy, layered, indexed: whether noise, layers, learning to code indices have begun.
+    """
+
+    state: State
+    prices: Prices
+    views: Views
+    small: Views
+    curriculum: Curriculum
+    background: Tensor
+    iteration: int = 0
+    order: list[int] = field(default_factory=list)
+    joint: JointIndexModel | None = None
+    index_bits: float = 0.0
+    noisy: bool = False
+    layered: bool = False
+    indexed: bool = False
+
+    def step(self, done: float) -> Outcome:
+        """One iteration, when the fraction `done` of the run is behind."""
+        now = moment(self.curriculum, done)
+        self._begin(now)
+        mode = self._mode(now)
+        views = self.small if done < SMALL_UNTIL else self.views
+        camera, target = views[self._next_photo()]
+        outcome = iterate(self.state, camera, target, mode, self.background)
+        if outcome.bits is not None:
+            self.prices.saw(mode.layer, outcome.bits)
+        self.state.descent.step(done, lambda name: _share(name, now))
+        if self.state.vectors is not None:
+            self.state.vectors.step()
+        if self.joint is not None and now.entropy:
+            self._learn_indices()
+        self.iteration += 1
+        self._restructure(now)
+        return outcome
+
+    def _mode(self, now: Moment) -> Mode:
+        plan = self.state.plan
+        layer = plan.count - 1
+        if now.draws_layer and plan.count > 1:
+            layer = self._drawn(plan.draws)
+        counts = now.gathers and layer == plan.count - 1
+        return Mode(layer, now, counts, 0.0 if now.fine_tunes else now.rate * self.prices.a_bit(layer))
+
+    def phase(self, done: float) -> str:
+        """What is being learnt, a few words."""
+        now = moment(self.curriculum, done)
+        if now.fine_tunes:
+            return "networks fitted to the file's integers"
+        if now.rounded:
+            return "rounded values"
+        if now.draws_layer:
+            return "layers and rate"
+        return "rate" if now.rate > 0 else "anchors"
+
+    def _begin(self, now: Moment) -> None:
+        """What happens once, at the start of a phase."""
+        if now.noisy or now.rounded:
+            self._start_values()
+        if now.draws_layer:
+            self._start_layers()
+        if now.quantises:
+            self._start_vectors()
+        vectors = self.state.vectors
+        if now.hard and vectors is not None and not vectors.opened:
+            vectors.open()
+
+    def settle(self) -> None:
+        """Make sure that there is a file to write, however early a run ends."""
+        self._start_values()
+        self._start_layers()
+        self._start_vectors()
+
+    def _start_values(self) -> None:
+        if not self.noisy:
+            self.noisy = True
+            self.state.start_widths()
+
+    def _start_vectors(self) -> None:
+        vectors = self.state.vectors
+        if vectors is not None and not vectors.begun:
+            weight = self.state.statistics.weight.sum(dim=1)
+            vectors.begin(self.state.anchors.latent.detach(), weight)
+
+    def written(self) -> QuantisedScene:
+        """All integers of the file as they would be now."""
+        return quantised_scene(self.state, {"training": {"iterations": self.iteration}}, len(self.state.anchors))
+
+    def _learn_indices(self) -> None:
+        assert self.joint is not None
+        if not self.indexed or self.iteration % _REFRESH_EVERY == 0:
+            self.indexed = True
+            self.joint.refresh(self.written())
+        if self.iteration % _INDEX_EVERY == 0:
+            self.index_bits = self.joint.step()
+
+    def _restructure(self, now: Moment) -> None:
+        if now.grows and self.iteration % _GROW_EVERY == 0:
+            self._grow(now)
+        elif now.rate > 0 and not now.rounded and self.iteration % (10 * _GROW_EVERY) == 0:
+            self._drop_closed()
+
+    def checkpoint(self) -> dict[str, Any]:
+        """All that a run needs to go on, for a checkpoint."""
+        return {
+            "state": self.state.checkpoint(),
+            "prices": {"price": self.prices.price, "estimate": self.prices.estimate, "real": self.prices.real},
+            "iteration": self.iteration,
+            "order": self.order,
+            "begun": [self.noisy, self.layered],
+            "joint": None if self.joint is None else self.joint.state(),
+        }
+
+    def resume(self, kept: dict[str, Any]) -> None:
+        """Go on from a checkpoint."""
+        self.state.resume(kept["state"])
+        for name, values in kept["prices"].items():
+            setattr(self.prices, name, list(values))
+        self.iteration, self.order = kept["iteration"], list(kept["order"])
+        self.noisy, self.layered = kept["begun"]
+        if self.joint is not None:
+            self.joint.restore(kept["joint"])
+
+    @torch.no_grad()
+    def _start_layers(self) -> None:
+        """Let the layers before the last begin with the slots that show most, as many as their share of bytes buys."""
+        if self.layered:
+            return
+        self.layered = True
+        state, count = self.state, self.state.plan.count
+        gates = state.anchors.gates
+        weight = state.statistics.weight.clamp_min(1e-6)
+        some = weight[gates > 0]
+        wanted = []
+        for share in state.plan.shares[:-1]:
+            limit = torch.quantile(some[:: max(1, len(some) // 1_000_000)], 1 - share)
+            wanted.append(torch.log(weight / limit).clamp(-1.5, 1.5))
+        if count > 1:
+            state.anchors.falls.copy_(falls_to(gates.detach(), wanted))
+
+    def _drawn(self, weights: Sequence[float]) -> int:
+        return int(torch.multinomial(torch.tensor(weights), 1, generator=self.state.generator))
+
+    def _next_photo(self) -> int:
+        if not self.order:
+            self.order = torch.randperm(len(self.views), generator=self.state.generator).tolist()
+        return self.order.pop()
+
+    @torch.no_grad()
+    def _grow(self, now: Moment) -> None:
+        state = self.state
+        a = state.anchors
+        centres = a.lattice[:, None].double() + (a.offsets * torch.exp(a.scaling[:, None, :3])).double() / (
+            state.frame.voxel
+        )
+        growth = grown(
+            a.lattice, centres, state.statistics, GRADIENT_LIMIT, int(_GROW_EVERY * _LEAST_DRAWN), state.generator
+        )
+        if len(growth.lattice):
+            state.grow(growth)
+        unseen = state.statistics.unseen(int(_GROW_EVERY * _LEAST_SEEN))
+        closed = (state.anchors.gates <= 0).all(dim=1) if now.rate > 0 else torch.zeros_like(unseen)
+        self._keep(~(unseen | closed))
+        state.anchors.scaling[:, 3:].clamp_(max=math.log(_LARGEST_AFTER_PRUNING * state.extent))
+
+    @torch.no_grad()
+    def _drop_closed(self) -> None:
+        self._keep((self.state.anchors.gates > 0).any(dim=1))
+
+    def _keep(self, kept: Tensor) -> None:
+        if not bool(kept.all()):
+            rows = kept.nonzero()[:, 0]
+            none = rows[:0]
+            self.state.rearrange(rows, self.state.anchors.taken(none))
+
+
+def _share(name: str, now: Moment) -> float:
+    """Of the learning rate of a parameter, by what is settled already."""
+    if now.rounded and name in ("log_widths", "log_offset_widths"):
+        return 0.0
+    if now.hard and name in ("gates", "falls"):
+        return 0.0
+    if now.fine_tunes and name in ("latent", "scaling", "offsets"):
+        return 0.0
+    return 1.0

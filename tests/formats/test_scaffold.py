@@ -1,0 +1,234 @@
+"""Models of Scaffold-GS's trainer: what is read looks as what was written, and nothing in a checkpoint is run."""
+
+from __future__ import annotations
+
+import io
+import pickle
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from reference_decoder.anchors import gaussians
+from scarfmt.errors import InvalidInput
+from scarfmt.formats import load, save_anchor_npz
+from scarfmt.formats.source import Source
+from scarfmt.formats.torch_archive import tensors
+from scarfmt.render.camera import look_at
+from scarfmt.render.rasterise import render
+from scarfmt.scene.gaussians import AnchorModel, Mlp
+from tests.reference_decoder.models import random_model
+
+torch = pytest.importorskip("torch", reason="writes checkpoints as trainers do: needs the extra neural")
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*torch.jit:DeprecationWarning")
+
+LAST = {"opacity": "Tanh", "cov": "", "color": "Sigmoid"}
+Writer = Callable[[AnchorModel, Path], None]
+
+
+def source_model(inputs: int = 9) -> AnchorModel:
+    return replace(random_model(4, inputs=inputs), slot_mask=None)
+
+
+def sequential(name: str, mlp: Mlp) -> Any:
+    """A network as Scaffold-GS builds it."""
+    layers: list[Any] = []
+    for weight, bias in zip(mlp.weights, mlp.biases, strict=True):
+        layer = torch.nn.Linear(*weight.shape[::-1])
+        layer.weight.data, layer.bias.data = torch.from_numpy(weight), torch.from_numpy(bias)
+        layers += [layer, torch.nn.ReLU(True)]
+    layers[3:] = [getattr(torch.nn, LAST[name])()] if LAST[name] else []
+    return torch.nn.Sequential(*layers)
+
+
+def write_points(model: AnchorModel, folder: Path) -> None:
+    """`point_cloud.ply`, with the columns that are of no use."""
+    count = len(model)
+    zeros = np.zeros((count, 3), np.float32)
+    columns = {
+        "x y z": model.anchors,
+        "nx ny nz": zeros,
+        "f_offset_": model.offsets.transpose(0, 2, 1).reshape(count, -1),
+        "f_anchor_feat_": model.features,
+        "opacity": zeros[:, :1],
+        "scale_": model.log_scaling,
+        "rot_": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+    }
+    names: list[str] = []
+    for prefix, values in columns.items():
+        names += [f"{prefix}{k}" for k in range(values.shape[1])] if prefix.endswith("_") else prefix.split()
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
+    header += [*(f"property float {name}" for name in names), "end_header\n"]
+    rows = np.concatenate([values.astype("<f4") for values in columns.values()], axis=1)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "point_cloud.ply").write_bytes("\n".join(header).encode() + rows.tobytes())
+
+
+def traced(model: AnchorModel, folder: Path) -> None:
+    for name, mlp in model.mlps.items():
+        network = sequential(name, mlp).eval()
+        torch.jit.trace(network, torch.rand(1, mlp.weights[0].shape[1])).save(str(folder / f"{name}_mlp.pt"))
+
+
+def separate(model: AnchorModel, folder: Path) -> None:
+    """State dicts, of a module that has the layers below another name, on a trainer's precision."""
+    for name, mlp in model.mlps.items():
+        state = sequential(name, mlp).double().state_dict()
+        torch.save({f"mlp.{key}": value for key, value in state.items()}, folder / f"{name}_mlp.pth")
+
+
+def united(model: AnchorModel, folder: Path) -> None:
+    parts = {f"{name}_mlp": sequential(name, mlp).state_dict() for name, mlp in model.mlps.items()}
+    torch.save(parts, folder / "checkpoints.pth")
+
+
+def written(model: AnchorModel, folder: Path, networks: Writer = traced) -> Path:
+    write_points(model, folder)
+    networks(model, folder)
+    return folder
+
+
+def read(folder: Path) -> AnchorModel:
+    model = load(folder)
+    assert isinstance(model, AnchorModel)
+    return model
+
+
+def picture(model: AnchorModel) -> np.ndarray[Any, Any]:
+    camera = look_at(np.array([0.5, -2.0, 3.0]), np.zeros(3), np.array([0, -1.0, 0]), 48, 36, near=0.05)
+    seen = gaussians(model, camera.centre)
+    return render(seen.scene, camera, colours=seen.colours)
+
+
+@pytest.mark.parametrize("networks", [traced, separate, united])
+@pytest.mark.parametrize("inputs", [8, 9])
+def test_what_is_read_looks_as_what_was_written(tmp_path: Path, networks: Writer, inputs: int) -> None:
+    """TorchScript, state dicts and one dictionary of them, with the distance as an input and without."""
+    model = source_model(inputs)
+    expected = picture(model)
+    assert expected.std() > 0.05
+    np.testing.assert_allclose(picture(read(written(model, tmp_path, networks))), expected, rtol=0, atol=1e-5)
+
+
+def test_the_last_iteration_of_a_training_is_read(tmp_path: Path) -> None:
+    """By number: 30000 comes after 7000."""
+    first, last = source_model(), source_model(8)
+    written(first, tmp_path / "point_cloud" / "iteration_7000")
+    written(last, tmp_path / "point_cloud" / "iteration_30000")
+    np.testing.assert_allclose(picture(read(tmp_path)), picture(last), rtol=0, atol=1e-5)
+
+
+def test_it_converts_to_an_npz_that_looks_the_same(tmp_path: Path) -> None:
+    model = read(written(source_model(), tmp_path))
+    save_anchor_npz(model, tmp_path / "model.npz")
+    again = load(tmp_path / "model.npz")
+    assert isinstance(again, AnchorModel)
+    assert np.array_equal(picture(again), picture(model))
+
+
+def refusal_of(act: Callable[[], object]) -> str | None:
+    try:
+        act()
+    except InvalidInput as error:
+        return error.refusal
+    return None
+
+
+def refusal(folder: Path) -> InvalidInput:
+    with pytest.raises(InvalidInput) as caught:
+        load(folder)
+    assert "\n" not in caught.value.message
+    return caught.value
+
+
+def test_missing_networks_are_named(tmp_path: Path) -> None:
+    written(source_model(), tmp_path)
+    (tmp_path / "cov_mlp.pt").unlink()
+    error = refusal(tmp_path)
+    assert (error.refusal, error.field) == ("input-mlp", "cov")
+    assert "cov_mlp.pt" in error.message
+
+
+@pytest.mark.parametrize("name", ["embedding_appearance", "feature_bank_mlp"])
+def test_what_gaussians_depend_on_besides_is_refused(tmp_path: Path, name: str) -> None:
+    written(source_model(), tmp_path)
+    (tmp_path / f"{name}.pt").write_bytes(b"")
+    assert refusal(tmp_path).refusal == "input-mlp"
+
+
+def test_appearance_in_a_united_checkpoint_is_refused(tmp_path: Path) -> None:
+    write_points(source_model(), tmp_path)
+    torch.save({"appearance": {"weight": torch.zeros(3, 3)}}, tmp_path / "checkpoints.pth")
+    assert "appearance" in refusal(tmp_path).message
+
+
+def test_networks_of_other_inputs_are_refused(tmp_path: Path) -> None:
+    """A level, or an appearance code, beside the direction."""
+    error = refusal(written(source_model(10), tmp_path))
+    assert error.refusal == "input-mlp"
+    assert "expected 8 or 9" in error.message
+
+
+def test_points_alone_are_told_what_they_lack(tmp_path: Path) -> None:
+    write_points(source_model(), tmp_path)
+    with pytest.raises(InvalidInput) as caught:
+        load((tmp_path / "point_cloud.ply").read_bytes())
+    assert caught.value.refusal == "input-mlp"
+
+
+class Trap:
+    """Unpickling one would raise."""
+
+    def __reduce__(self) -> tuple[Callable[[str], None], tuple[str]]:
+        return (exec, ("raise SystemExit('run')",))
+
+
+def archive_of(pickled: bytes) -> bytes:
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        archive.writestr("a/data.pkl", pickled)
+    return out.getvalue()
+
+
+def test_nothing_a_checkpoint_names_is_run() -> None:
+    assert tensors(Source(archive_of(pickle.dumps({"a": Trap()}, 2)))) == {}
+    with pytest.raises(SystemExit):
+        pickle.loads(pickle.dumps(Trap(), 2))
+
+
+@pytest.mark.parametrize(
+    "pickled",
+    [
+        b"",
+        b"\x80\x02",
+        b"\x80\x02t.",
+        b"\x80\x02K\x01K\x02s.",
+        b"\x80\x02h\x07.",
+        b"\x80\x02]r\xff\xff\xff\xff.",
+        b"cos\nsystem\nX\x02\x00\x00\x00lsR.",
+        pickle.dumps([{0.5, 1}], 4),
+    ],
+)
+def test_other_pickles_raise_nothing_but_refusals(pickled: bytes) -> None:
+    assert refusal_of(lambda: tensors(Source(archive_of(pickled)))) in (None, "input-corrupt")
+
+
+def test_damaged_checkpoints_are_refused_and_nothing_else_raised(tmp_path: Path) -> None:
+    """Bytes changed one by one all along the pickle, checksums left right."""
+    written(source_model(), tmp_path)
+    with zipfile.ZipFile(tmp_path / "cov_mlp.pt") as archive:
+        members = {info.filename: archive.read(info) for info in archive.infolist()}
+    name = next(name for name in members if name.endswith("/data.pkl"))
+    numbers = np.random.default_rng(0)
+    for place in range(0, len(members[name]), 3):
+        damaged = bytearray(members[name])
+        damaged[place] = numbers.integers(256)
+        with zipfile.ZipFile(tmp_path / "cov_mlp.pt", "w") as archive:
+            for member, content in members.items():
+                archive.writestr(member, bytes(damaged) if member == name else content)
+        assert refusal_of(lambda: load(tmp_path)) in (None, "input-corrupt", "input-mlp")

@@ -1,0 +1,79 @@
+"""Bits in the loss: a proxy that has to be what a coder would take, everywhere, with gradients."""
+
+import math
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from reference_encoder.training.rate import Context, Priced, cell_bits, rate
+
+
+def test_cells_of_a_distribution_are_all_of_it() -> None:
+    """Probabilities of all cells add up to 1: the proxy is a code, not a penalty."""
+    width = torch.tensor(0.3)
+    values = width * torch.arange(-400, 401)
+    bits = cell_bits(values, width, torch.tensor(0.2), torch.tensor(-0.5))
+    assert float((2.0 ** -bits.double()).sum()) == pytest.approx(1.0, abs=1e-5)
+
+
+@given(st.floats(-60, 60), st.floats(0.01, 4), st.floats(-3, 3), st.floats(-3, 2))
+def test_bits_agree_with_binary64(value: float, width: float, mean: float, log_spread: float) -> None:
+    """Far out, where the difference of two sigmoids is 0, bits and gradients stay finite and right."""
+    x = torch.tensor(value, requires_grad=True)
+    bits = cell_bits(x, torch.tensor(width), torch.tensor(mean), torch.tensor(log_spread))
+    spread = math.exp(log_spread)
+    high, low = (value - mean + width / 2) / spread, (value - mean - width / 2) / spread
+    if low > 0:
+        high, low = -low, -high
+    exact = -(high - math.log1p(math.exp(high)) + math.log1p(-math.exp(low - high)) - math.log1p(math.exp(low)))
+    assert float(bits.detach()) == pytest.approx(min(exact / math.log(2), 40.0), rel=1e-3, abs=1e-4)
+    bits.backward()
+    assert x.grad is not None
+    assert math.isfinite(float(x.grad))
+
+
+def test_a_context_learns_what_components_say_of_each_other() -> None:
+    """A component that is a copy of an earlier one gets cheap; what comes later is never looked at."""
+    generator = torch.Generator().manual_seed(0)
+    first = torch.randn(4096, 1, generator=generator)
+    values = torch.cat([first, torch.randn(4096, 4, generator=generator), first], dim=1)
+    context, widths = Context(6), torch.full((6,), 0.25)
+    context.start(values, torch.randn(10, 3, generator=generator))
+    before = context.bits(values, widths).mean(dim=0)
+    optimiser = torch.optim.Adam(context.parameters(), lr=0.02)
+    for _ in range(300):
+        optimiser.zero_grad()
+        context.bits(values, widths).sum(dim=1).mean().backward()
+        optimiser.step()
+    after = context.bits(values, widths).mean(dim=0)
+    assert after[5] < before[5] - 1.5
+    assert after[0] > before[0] - 0.1
+    changed = values.clone()
+    changed[:, 5] += 1
+    assert torch.equal(context.bits(changed, widths)[:, :5], context.bits(values, widths)[:, :5])
+
+
+def _priced(logits: torch.Tensor) -> Priced:
+    n = len(logits)
+    return Priced(torch.randn(n, 8), torch.randn(n, 10, 3), logits, torch.full((8,), 0.1), torch.full((3,), 0.1))
+
+
+def test_what_is_off_costs_nothing_and_wants_to_stay_off() -> None:
+    """Gates close because their bits push them: the gradient of rate is positive at every open slot."""
+    context = Context(8)
+    assert float(rate(context, _priced(torch.full((4, 10), -1.0))).total.detach()) == 0
+    logits = torch.full((4, 10), 1.0, requires_grad=True)
+    rate(context, _priced(logits)).total.backward()
+    assert logits.grad is not None
+    assert bool((logits.grad > 0).all())
+
+
+def test_indices_of_anchors_that_are_there_are_paid_for() -> None:
+    """Codewords cost their bits once an anchor, not for those that are off."""
+    logits = torch.full((4, 10), -1.0)
+    logits[:3] = 1.0
+    priced = _priced(logits)
+    more = rate(Context(8), priced, 7.0).total - rate(Context(8), priced).total
+    assert float(more.detach()) == pytest.approx(21.0, abs=1e-3)
