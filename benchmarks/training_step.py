@@ -58,8 +58,9 @@ def made_up(count: int) -> Gaussians:
 def drawable(gaussians: Gaussians) -> tuple[Drawable, F64]:
     """The same for the renderer that measures, and (N, 3) colours."""
     centres, scales, rotations, opacities, colours = (one.detach() for one in gaussians.tensors())
-    arrays = (one.numpy() for one in (centres.double(), scales.log(), rotations, opacities.logit()))
-    scene = GaussianScene(*arrays, np.zeros((len(centres), 1, 3), np.float32))
+    positions, log_scales, logits = centres.double().numpy(), scales.log().numpy(), opacities.logit().numpy()
+    sh = np.zeros((len(positions), 1, 3), np.float32)
+    scene = GaussianScene(positions, log_scales, rotations.numpy(), logits, sh)
     return Drawable.of(scene), colours.double().numpy()
 
 
