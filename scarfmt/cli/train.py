@@ -25,6 +25,7 @@ from reference_encoder.training.options import (
     MAX_LAMBDA,
     MAX_MINUTES,
     MIN_LAMBDA,
+    MIN_SIZE,
     PAPER_ITERATIONS,
     PRESETS,
     Progress,
@@ -77,9 +78,15 @@ RUN_ENDING = ".run"
     f" [default: {DEFAULTS.lambda_:g}].",
 )
 @click.option(
+    "--size",
+    type=click.IntRange(min=MIN_SIZE),
+    metavar="BYTES",
+    help="Bytes that the file shall have, about: the weight follows while training [default: what --lambda gives].",
+)
+@click.option(
     "--preset",
     type=click.Choice(PRESETS),
-    help="What is trained: what pays in bytes, or the configuration of the SCAR-GS paper"
+    help="What is trained: what pays in bytes, the same with codewords, or the configuration of the SCAR-GS paper"
     f" [default: {DEFAULTS.preset}].",
 )
 @click.option("--device", type=click.Choice(DEVICES), help=f"Where to train [default: {DEFAULTS.device}].")

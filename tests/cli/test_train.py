@@ -63,11 +63,11 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_options_reach_the_trainer(run: Run, trainer: Trainer, capture: Path, tmp_path: Path) -> None:
     said = ("--iterations", 7, "--layers", 3, "--lambda", 2, "--preset", "paper", "--device", "cuda", "--seed", 5)
     more = ("--context", "grid2d3d", "--entropy", "gru", "--hold-out", 3, "--resolution", 24, "--run", tmp_path / "r")
-    result = run("train", capture, tmp_path / "a.scar", *said, *more)
+    result = run("train", capture, tmp_path / "a.scar", "--size", 50_000, *said, *more)
     assert result.exit_code == 0, result.output
     ((read, options, folder),) = trainer.given
     chosen = {"preset": "paper", "device": "cuda", "context": "grid2d3d", "entropy": "gru"}
-    assert options == TrainOptions(iterations=7, layers=3, lambda_=2.0, seed=5, **chosen)
+    assert options == TrainOptions(iterations=7, layers=3, lambda_=2.0, size=50_000, seed=5, **chosen)
     assert (len(read.test), read.photos[0].camera.width, folder) == (3, 24, tmp_path / "r")
 
 
@@ -176,7 +176,7 @@ command.main()
 def interrupted(capture: Path, folder: Path, times: int) -> subprocess.CompletedProcess[bytes]:
     env = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     script = _INTERRUPTED.format(times=times, capture=str(capture))
-    return subprocess.run([sys.executable, "-c", script], cwd=folder, env=env, capture_output=True, timeout=60)
+    return subprocess.run([sys.executable, "-c", script], cwd=folder, env=env, capture_output=True, timeout=300)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
