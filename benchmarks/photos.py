@@ -87,7 +87,7 @@ def figures(data: bytes, photos: Sequence[Photo], flip: Perceptual | None) -> It
     for layers in range(1, int(inspect(data)["layer_count"]) + 1):
         cut = truncate(data, layers)
         scene = decode_scene(cut)
-        pairs = [(pixels(photo) / np.float32(255), drawn(scene, photo.camera)) for photo in photos]
+        pairs = [(pixels(photo).astype(np.float32) / np.float32(255), drawn(scene, photo.camera)) for photo in photos]
         decibels = [psnr(picture, original) for original, picture in pairs]
         alike = [ssim(picture, original) for original, picture in pairs]
         errors = [flip(original, picture) for original, picture in pairs] if flip else []

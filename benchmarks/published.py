@@ -1,8 +1,8 @@
 """Figures that other methods published, to stand beside those of :mod:`benchmarks.photos`.
 
-Those of single scenes are from the tables of 3dgs-compression-survey (2025-04-29), those of SCAR-GS from its paper, those
-of PCGS read off its figures. Whoever trains on the same photos at the same size, every 8th held out, may compare; others
-only see the order of magnitude.
+Those of single scenes are from the tables of 3dgs-compression-survey (2025-04-29), those of SCAR-GS from its paper,
+those of PCGS read off its figures. Whoever trains on the same photos at the same size, every 8th held out, may compare;
+others only see the order of magnitude.
 """
 
 from __future__ import annotations
