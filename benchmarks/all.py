@@ -45,6 +45,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "ablation": (SHORT, ("--again",)),
     "mechanisms": (SHORT, FULL),
     "example": (SHORT, FULL),
+    "training_step": (SHORT, FULL),
     "pictures": (SHORT, FULL),
 }
 """Arguments of every benchmark in the short mode and in the full one."""

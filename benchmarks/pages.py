@@ -57,6 +57,7 @@ SHOWN: tuple[Shown, ...] = (
     *_of("rivals", "docs/rivals.md", "rivals-verdicts", "rivals-scenes"),
     *_of("scaling", "docs/scaling.md"),
     *_of("survey-time", "docs/scaling.md"),
+    *_of("training-step", "docs/training.md"),
     *_of("regions", "docs/scaling.md"),
     *_of("stability", "docs/stability.md"),
     *_of("entropy-speed", "docs/entropy-speed.md"),

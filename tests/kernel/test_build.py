@@ -33,7 +33,7 @@ EACH = pytest.mark.parametrize("told", EXTENSIONS, ids=lambda told: told["name"]
 def test_every_unit_and_header_is_told_to_the_build(told: dict[str, Any]) -> None:
     """A header left out would not be in the source distribution."""
     folder = REPOSITORY.joinpath(*told["name"].split(".")).parent
-    assert {Path(path).name for path in told["sources"]} == {path.name for path in folder.glob("*.c")}
+    assert {path.name for path in folder.glob("*.c")} <= {Path(path).name for path in told["sources"]}
     assert {path.name for path in folder.glob("*.h")} <= {Path(path).name for path in told["depends"]}
 
 

@@ -1,13 +1,12 @@
 /* The tiles of composite.h, compiled once for every kind of vectors. The file that includes this one says which:
 
-TARGET: the attribute of its functions. TILES: what they are called. And of vectors V and masks M, which it declares:
-larger, smaller, where (one or the other, by a mask), any (whether a mask has anything). */
+TARGET: the attribute of its functions. TILES: what they are called. And what is done with vectors V and masks M: larger,
+smaller, root, where (one or the other, by a mask), signs (a bit for each that is set, that of the first lowest). */
 
 #include <string.h>
 
 #define STRIDE (TILE + SPAN) /* of a row of a tile: a span that starts in the tile may end beyond it */
 #define PIXELS (TILE * STRIDE)
-#define MOST_SPANS (TILE * TILE / SPAN)
 #define EARLY 8
 #define CHECK_EVERY 16 /* splats between two looks at whether any pixel of the tile is still open */
 /* The bounds of a row are widened by so much, so that rounding never drops a pixel; alphas decide. */
@@ -17,12 +16,12 @@ larger, smaller, where (one or the other, by a mask), any (whether a mask has an
 /* Under any exponent of 2 that shows, and well over the smallest that binary32 has. */
 #define LEAST_EXPONENT (-32.0f)
 
-/* What a splat may reach of a tile, SPAN pixels of a row at a time, with what depends on the row alone. */
+/* What a splat may reach of a tile, and what depends on the row alone. */
 typedef struct {
-    int32_t count;
-    int32_t row[MOST_SPANS], column[MOST_SPANS];
+    uint32_t spans;       /* bit r: SPAN pixels of row r, from `first` on; bit TILE + r: the SPAN after them */
+    int32_t first[TILE];  /* column */
     float dy[TILE];       /* rows from the mean */
-    float ridge[TILE];    /* columns from the ridge of the splat to the first pixel */
+    float ridge[TILE];    /* columns from the ridge of the splat to the first pixel that it may reach */
     float exponent[TILE]; /* on the ridge */
 } Reach;
 
@@ -40,8 +39,6 @@ typedef struct {
     int64_t left, top, wide, high;
 } Place;
 
-PART float least(float a, float b) { return a < b ? a : b; }
-PART float most(float a, float b) { return a > b ? a : b; }
 
 PART V load(const float *from) {
     V value;
@@ -104,34 +101,27 @@ PART Place place_of(const Job *job, int64_t tile) {
     return p;
 }
 
-/* The first whole number not under x, and the last not over it; both may be one too generous. */
-PART int32_t from(float x) { return (int32_t)(least(most(x, 0.0f), TILE) + 0.999f); }
-PART int32_t to(float x) { return (int32_t)(least(most(x, -1.0f), TILE - 1) + 1.0f) - 1; }
+static const V LANES = {0, 1, 2, 3, 4, 5, 6, 7};
 
 PART void find_reach(const Splat *s, const Place *p, Reach *r) {
-    int32_t first[TILE], last[TILE], count = 0;
-    float dx = s->mean_x - p->left - 0.5f, top = p->top + 0.5f - s->mean_y, per_half = 1.0f / s->ellipse.half_y;
-    float down = HALF_LOG2_E * s->ellipse.down;
-    for (int row = 0; row < TILE; row++) {
-        float dy = top + row, height = dy * per_half, part = 1.0f + SLACK - height * height;
-        float half = s->ellipse.half_row * __builtin_sqrtf(most(part, 0.0f)) + SLACK_PX, middle = dx + s->ellipse.slope * dy;
-        first[row] = from(middle - half);
-        last[row] = part < 0.0f ? -1 : to(middle + half);
-        r->dy[row] = dy;
-        r->ridge[row] = -middle;
-        r->exponent[row] = s->log_opacity - down * dy * dy;
+    float per_half = 1.0f / s->ellipse.half_y, down = HALF_LOG2_E * s->ellipse.down;
+    V none = all(0.0f), last_column = all(TILE - 1);
+    r->spans = 0;
+    for (int row = 0; row < TILE; row += SPAN) {
+        V dy = LANES + (p->top + row + 0.5f - s->mean_y), height = dy * per_half, part = 1.0f + SLACK - height * height;
+        V half = s->ellipse.half_row * root(larger(part, none)) + SLACK_PX;
+        V middle = s->ellipse.slope * dy + (s->mean_x - p->left - 0.5f);
+        /* Rounded up and down; either may be one too generous. */
+        M first = __builtin_convertvector(smaller(larger(middle - half, none), all(TILE)) + 0.999f, M);
+        M last = __builtin_convertvector(larger(smaller(middle + half, last_column), all(-1.0f)) + 1.0f, M) - 1;
+        M reached = (part >= none) & (first <= last), twice = reached & (first + SPAN <= last);
+        r->spans |= signs(reached) << row | signs(twice) << (TILE + row);
+        memcpy(r->first + row, &first, sizeof first);
+        store(r->dy + row, dy);
+        store(r->ridge + row, __builtin_convertvector(first, V) - middle);
+        store(r->exponent + row, s->log_opacity - down * dy * dy);
     }
-    /* Without branches, which could not be foreseen. */
-    for (int row = from(-top - s->ellipse.half_y), past = to(-top + s->ellipse.half_y) + 1; row < past; row++)
-        for (int32_t column = first[row], k = 0; k < TILE / SPAN; k++, column += SPAN) {
-            r->row[count] = row;
-            r->column[count] = column;
-            count += column <= last[row];
-        }
-    r->count = count;
 }
-
-static const V LANES = {0, 1, 2, 3, 4, 5, 6, 7};
 
 PART void open_pixels(float *transmittance, const Place *p) {
     for (int row = 0; row < TILE; row++)
@@ -159,9 +149,10 @@ PART float blend(const Job *job, const Splat *s, const Place *p, Blend *b) {
     float across = HALF_LOG2_E * s->ellipse.across;
     find_reach(s, p, &reach);
     V weights = {0};
-    for (int32_t k = 0; k < reach.count; k++) {
-        int32_t row = reach.row[k], column = reach.column[k], i = row * STRIDE + column;
-        V u = LANES + (reach.ridge[row] + column);
+    for (uint32_t spans = reach.spans; spans; spans &= spans - 1) {
+        int32_t bit = __builtin_ctz(spans), row = bit % TILE, later = bit / TILE * SPAN;
+        int32_t i = row * STRIDE + reach.first[row] + later;
+        V u = LANES + (reach.ridge[row] + later);
         V alpha = capped(job, uncapped(u, across, reach.exponent[row]));
         V weight = shade(job, alpha, b->transmittance + i);
         store(b->red + i, load(b->red + i) + weight * s->red);
@@ -206,13 +197,14 @@ PART void unblend(const Job *job, const Splat *s, const Place *p, Unblend *b, fl
     float across = HALF_LOG2_E * s->ellipse.across;
     find_reach(s, p, &reach);
     V red = {0}, green = {0}, blue = {0}, m = {0}, m_u = {0}, m_u_dy = {0}, m_u_u = {0}, m_dy = {0}, m_dy_dy = {0};
-    for (int32_t k = 0; k < reach.count; k++) {
-        int32_t row = reach.row[k], column = reach.column[k], i = row * STRIDE + column;
+    for (uint32_t spans = reach.spans; spans; spans &= spans - 1) {
+        int32_t bit = __builtin_ctz(spans), row = bit % TILE, later = bit / TILE * SPAN;
+        int32_t i = row * STRIDE + reach.first[row] + later;
         float dy = reach.dy[row];
-        V u = LANES + (reach.ridge[row] + column);
+        V u = LANES + (reach.ridge[row] + later);
         V raw = uncapped(u, across, reach.exponent[row]), alpha = capped(job, raw);
         V before = load(b->transmittance + i), weight = shade(job, alpha, b->transmittance + i);
-        if (!any(weight > 0.0f)) continue;
+        if (!signs(weight > 0.0f)) continue;
         V to_red = load(b->red + i), to_green = load(b->green + i), to_blue = load(b->blue + i);
         V own = to_red * s->red + to_green * s->green + to_blue * s->blue;
         V behind = load(b->behind + i) - weight * own;

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from reference_encoder.training.raster.composite import composite
+from reference_encoder.training.raster.cuda import draw
 from reference_encoder.training.raster.gaussians import Gaussians
 from reference_encoder.training.raster.prepare import prepare
 from scarfmt.errors import InvalidInput
@@ -51,7 +52,8 @@ def _check(gaussians: Gaussians, background: Tensor) -> None:
 def rasterise(gaussians: Gaussians, camera: Camera, background: Tensor) -> Picture:
     """Draw Gaussians by the image model of :mod:`scarfmt.render.rasterise`, in float32.
 
-    Results and gradients are the same bits whatever the number of threads (`torch.get_num_threads()` are used).
+    On the CPU, or on the CUDA device that the Gaussians are on. Results and gradients are the same bits every time, on
+    the CPU whatever the number of threads (`torch.get_num_threads()` are used).
 
     Args:
         gaussians: M of them.
@@ -59,11 +61,21 @@ def rasterise(gaussians: Gaussians, camera: Camera, background: Tensor) -> Pictu
         background: (3,) float32 colour behind everything.
 
     Raises:
-        InvalidInput: ``input-shape``; ``input-dependency`` where the compiled kernel is missing.
+        InvalidInput: ``input-shape``; ``input-dependency`` where the compiled library, or on CUDA Triton, is missing.
     """
     _check(gaussians, background)
-    prepared = prepare(gaussians, camera)
-    if prepared.means.requires_grad:
-        prepared.means.retain_grad()
-    image, weights = composite(prepared, gaussians, background, camera)
-    return Picture(image, prepared.means, prepared.places >= 0, weights)
+    if gaussians.centres.device.type == "cpu":
+        prepared = prepare(gaussians, camera)
+        image, weights = composite(prepared, gaussians, background, camera)
+        picture = Picture(image, prepared.means, prepared.places >= 0, weights)
+    else:
+        picture = _on_device(gaussians, camera, background)
+    if picture.means.requires_grad:
+        picture.means.retain_grad()
+    return picture
+
+
+def _on_device(gaussians: Gaussians, camera: Camera, background: Tensor) -> Picture:
+    image, means, which, parts = draw(gaussians, camera, background)
+    shown, weights = means.new_zeros(len(means), dtype=torch.bool), means.new_zeros(len(means))
+    return Picture(image, means, shown.index_fill_(0, which, True), weights.index_copy_(0, which, parts))

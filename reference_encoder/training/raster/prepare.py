@@ -1,6 +1,6 @@
 """Gaussians projected, sorted and listed by tiles on the CPU: what project.c and bins.c are given and return.
 
-The same as :mod:`.projection` and :mod:`.binning` do in torch, in a seventh of the time.
+The same as :mod:`.projection` and :mod:`.binning` do in torch, in a third of the time.
 """
 
 from __future__ import annotations
