@@ -1,8 +1,8 @@
 """Which slots each layer shows: those whose absence would be seen more than their bits are worth (paper §3.2).
 
 A picture is linear in the opacity of a slot, so that leaving it out alone changes pixels by v = opacity * d(picture) /
-d(opacity), exactly. The energy |v|^2 comes from one backward pass with random signs in place of a gradient: the square of
-what arrives at a slot is an unbiased estimate of it (Hutchinson). Decision 0036 has why gates are not descended.
+d(opacity), exactly. The energy |v|^2 comes from one backward pass with random signs in place of a gradient: the square
+of what arrives at a slot is an unbiased estimate of it (Hutchinson). Decision 0036 has why gates are not descended.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from reference_encoder.training.rate import CLOSED_BITS, MASK_BITS, POSITION_BIT
 from reference_encoder.training.similarity import dissimilarity
 from reference_encoder.training.state import WEIGHT_BITS, State
 
-_BISECTIONS = 40
-_LEAST, _MOST = 1e-5, 1e3
+_BISECTIONS = 60
+_LEAST, _MOST = 1e-12, 1e6
 """Prices between which one is looked for."""
 
 

@@ -27,8 +27,8 @@ def state(count: int = 40, layers: int = 3, vectors: bool = False, seed: int = 0
         torch.randn(n, LATENT, generator=generator),
         -3 + 0.3 * torch.randn(n, 6, generator=generator),
         0.5 * torch.randn(n, SLOTS, 3, generator=generator),
-        torch.randn(n, SLOTS, generator=generator),
-        torch.randn(n, SLOTS, layers - 1, generator=generator),
+        torch.randint(0, layers + 1, (n, SLOTS), generator=generator),
+        torch.zeros(n, dtype=torch.long),
     )
     width = 6 if vectors else 6 + LATENT
     quantiser = Quantiser(4, LATENT, 2, 8, seed=seed)

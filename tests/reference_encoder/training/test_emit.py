@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 import scarfmt
 from reference_encoder.training.emit import quantised_scene, slot_layers
@@ -12,7 +11,7 @@ from tests.reference_encoder.training import small
 
 @pytest.mark.parametrize("layers", [1, 3])
 def test_every_anchor_is_where_it_was_with_what_it_had(layers: int) -> None:
-    """Positions are exact lattice points, slots open in the layer whose gate opens first, values are the integers."""
+    """Positions are exact lattice points, slots open in the first layer that shows them, values are the integers."""
     state = small.state(300, layers)
     decoded = scarfmt.decode(write_scene(quantised_scene(state, {}, len(state.anchors))))
     opened = slot_layers(state)
@@ -25,12 +24,10 @@ def test_every_anchor_is_where_it_was_with_what_it_had(layers: int) -> None:
 
 
 def test_a_layer_without_new_anchors_makes_no_gap() -> None:
-    """Classes are numbered without gaps, however gates fell: a file with an empty layer is a file."""
+    """Classes are numbered without gaps, whatever was decided: a file with an empty layer is a file."""
     state = small.state(50, 3)
-    with torch.no_grad():
-        state.anchors.gates.fill_(1.0)
-        state.anchors.falls.fill_(-5.0)
-        state.anchors.falls[:20, :, 1] = 9.0
+    state.anchors.first.fill_(0)
+    state.anchors.first[:20] = 2
     data = write_scene(quantised_scene(state, {}, len(state.anchors)))
     counts = [layer["anchors"] for layer in scarfmt.inspect(data)["layers"]]
     assert counts[0] == counts[1] < counts[2]

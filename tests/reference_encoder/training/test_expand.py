@@ -30,7 +30,7 @@ def test_gaussians_are_those_of_the_decoder() -> None:
             values.offsets.numpy(),
             values.scaling.numpy(),
             mlps,
-            values.gates.numpy() > 0.5,
+            values.shown.numpy(),
         )
     reference = gaussians(model, camera.centre)
     shown = 1 / (1 + np.exp(-reference.scene.opacity_logits.astype(np.float64))) >= 1 / 255

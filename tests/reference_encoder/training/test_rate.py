@@ -7,7 +7,15 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reference_encoder.training.rate import Context, Priced, cell_bits, rate
+from reference_encoder.training.rate import (
+    CLOSED_BITS,
+    MASK_BITS,
+    POSITION_BITS,
+    Context,
+    Priced,
+    cell_bits,
+    rate,
+)
 
 
 def test_cells_of_a_distribution_are_all_of_it() -> None:
@@ -55,25 +63,25 @@ def test_a_context_learns_what_components_say_of_each_other() -> None:
     assert torch.equal(context.bits(changed, widths)[:, :5], context.bits(values, widths)[:, :5])
 
 
-def _priced(logits: torch.Tensor) -> Priced:
-    n = len(logits)
-    return Priced(torch.randn(n, 8), torch.randn(n, 10, 3), logits, torch.full((8,), 0.1), torch.full((3,), 0.1))
+def _priced(shown: torch.Tensor) -> Priced:
+    n = len(shown)
+    return Priced(torch.randn(n, 8), torch.randn(n, 10, 3), shown, torch.full((8,), 0.1), torch.full((3,), 0.1))
 
 
-def test_what_is_off_costs_nothing_and_wants_to_stay_off() -> None:
-    """Gates close because their bits push them: the gradient of rate is positive at every open slot."""
-    context = Context(8)
-    assert float(rate(context, _priced(torch.full((4, 10), -1.0))).total.detach()) == 0
-    logits = torch.full((4, 10), 1.0, requires_grad=True)
-    rate(context, _priced(logits)).total.backward()
-    assert logits.grad is not None
-    assert bool((logits.grad > 0).all())
+def test_what_is_off_costs_nothing() -> None:
+    """Only anchors that are there, and slots that are on, are paid for."""
+    assert float(rate(Context(8), _priced(torch.zeros(4, 10, dtype=torch.bool))).total.detach()) == 0
+    shown = torch.zeros(4, 10, dtype=torch.bool)
+    shown[1, 3] = True
+    one = rate(Context(8), _priced(shown))
+    assert float(one.masks) == MASK_BITS
+    assert float(one.positions) == POSITION_BITS + 10 * CLOSED_BITS
 
 
 def test_indices_of_anchors_that_are_there_are_paid_for() -> None:
     """Codewords cost their bits once an anchor, not for those that are off."""
-    logits = torch.full((4, 10), -1.0)
-    logits[:3] = 1.0
-    priced = _priced(logits)
+    shown = torch.zeros(4, 10, dtype=torch.bool)
+    shown[:3] = True
+    priced = _priced(shown)
     more = rate(Context(8), priced, 7.0).total - rate(Context(8), priced).total
     assert float(more.detach()) == pytest.approx(21.0, abs=1e-3)

@@ -36,7 +36,7 @@ def test_anchors_come_and_go_without_moving_others() -> None:
     state = small.state()
     rows = torch.tensor([5, 2, 9])
     before = state.anchors.taken(rows)
-    fresh = Anchors.fresh(torch.zeros(2, 3).long(), torch.zeros(2), torch.zeros(2, small.LATENT), state.plan.count)
+    fresh = Anchors.fresh(torch.zeros(2, 3).long(), torch.zeros(2), torch.zeros(2, small.LATENT))
     state.rearrange(rows, fresh)
     assert len(state.anchors) == 5
     after = state.anchors.taken(torch.arange(3))
@@ -55,5 +55,5 @@ def test_a_checkpoint_brings_everything_back() -> None:
     now = moment(CURRICULA["default"], 0.4)
     mine, theirs = state.of_layer(rows, 1, now), other.of_layer(rows, 1, now)
     assert torch.equal(mine.features, theirs.features)
-    assert torch.equal(mine.gates, theirs.gates)
+    assert torch.equal(mine.shown, theirs.shown)
     assert torch.equal(mine.offsets, theirs.offsets)
