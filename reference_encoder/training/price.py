@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import accumulate
 
 from torch import Tensor
 
@@ -12,6 +13,8 @@ from reference_encoder.training.masks import Worth
 _MEMORY = 0.95
 _SHRINKS = 0.85
 """Of the bytes before, at least, between two looks at masks: what closes never opens again in the last layer."""
+_STEP = 1.5
+"""Times that a price changes at most in one of them: values take a while to follow."""
 
 
 @dataclass
@@ -59,13 +62,13 @@ class Prices:
             allowed: (N, K) slots that may be shown.
             weight: how much rate counts already, 0..1.
         """
-        if self.wanted is None:
-            return [weight * self.a_bit(layer) for layer in range(len(self.price))]
-        chosen: list[float] = []
-        for layer in reversed(range(len(self.price))):
-            now = found.bits(layer, allowed)
-            bits = max(8 * self.wanted[layer] / self.real[layer], _SHRINKS * now if layer == len(self.price) - 1 else 0)
-            price = max([found.price_of(layer, bits, allowed), *chosen[:1]])
-            chosen.insert(0, price)
-            self.price[layer] = math.sqrt(self.price[layer] * price * self.pixels)
-        return chosen
+        if self.wanted is not None:
+            for layer, wanted in enumerate(self.wanted):
+                price = found.price_of(layer, 8 * wanted / self.real[layer], allowed) * self.pixels
+                moved = math.sqrt(self.price[layer] * price) / self.price[layer]
+                self.price[layer] *= min(max(moved, 1 / _STEP), _STEP)
+        last = len(self.price) - 1
+        most = found.price_of(last, _SHRINKS * found.bits(last, allowed), allowed)
+        chosen = [weight * self.a_bit(layer) for layer in range(last)] + [min(weight * self.a_bit(last), most)]
+        # What an earlier layer shows, later ones show.
+        return list(accumulate(reversed(chosen), max))[::-1]

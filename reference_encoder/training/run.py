@@ -15,7 +15,7 @@ from reference_encoder.options import EncodeOptions
 from reference_encoder.pipeline import Written, best_file
 from reference_encoder.training.anchors import Frame, SceneNetworks
 from reference_encoder.training.capture import Capture, Photo, pixels
-from reference_encoder.training.checkpoints import discard_checkpoints, identity, load_checkpoint, save_checkpoint
+from reference_encoder.training.checkpoints import identity, load_checkpoint, save_checkpoint
 from reference_encoder.training.curriculum import CURRICULA
 from reference_encoder.training.evaluate import Views, quality
 from reference_encoder.training.growth import Statistics
@@ -47,7 +47,7 @@ from scarfmt.engines import best_engine
 VOXEL = 0.5
 """Of the median distance of a starting point to its nearest neighbours."""
 EXTENT = 1.1
-_LAST_PRICE, _FALL = 0.045, 2.0
+_LAST_PRICE, _FALL = 0.015, 2.0
 """Loss for a bit a pixel of all photos in the last layer, and how many times more it is in each layer before."""
 _CHECK_SECONDS = 120.0
 _CHECK_ITERATIONS = 500
@@ -228,11 +228,6 @@ class Run:
         self.report(self.progress())
         return True
 
-    @property
-    def over(self) -> bool:
-        """Whether it has come to its end, and was not asked to stop before."""
-        return self.clock.done(self.trainer.iteration) >= 1
-
     def progress(self) -> Progress:
         """Where the run stands."""
         trainer, clock = self.trainer, self.clock
@@ -317,7 +312,7 @@ def train(
         capture: photos with cameras, and points to start from.
         options: None for the defaults.
         folder: for checkpoints, log and plot; a run that was interrupted or stopped goes on from the last checkpoint
-            there. None keeps nothing.
+            there. Who has the file safe discards them (`checkpoints.discard_checkpoints`). None keeps nothing.
         report: told after every iteration.
         stop: asked after every iteration whether to end now with the best file so far.
 
@@ -340,15 +335,14 @@ def train(
         trained = run.result()
         ended = replace(run.progress(), psnr=trained.layers[-1].psnr, bytes=len(trained.data), phase="written")
         log.note(ended, layers=str([(layer.bytes, round(layer.psnr, 3)) for layer in trained.layers]))
-    if run.over:
-        discard_checkpoints(folder)
     return trained
 
 
 def _loop(run: Run, folder: Path, whose: str, log: RunLog, stop: Stop) -> None:
     while run.step() and not stop():
         if run.check_due():
-            log.note(run.progress(), **run.check())
+            figures = run.check()
+            log.note(run.progress(), **figures)
         if run.save_due():
             run.save(folder, whose)
     run.save(folder, whose)
