@@ -43,6 +43,7 @@ from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
 from scarfmt.engines import best_engine
+from scarfmt.errors import InvalidInput
 
 VOXEL = 0.5
 """Of the median distance of a starting point to its nearest neighbours."""
@@ -151,7 +152,14 @@ def photos(chosen: tuple[Photo, ...]) -> Views:
 
 
 def begun(capture: Capture, options: TrainOptions) -> Trainer:
-    """A run before its first iteration."""
+    """A run before its first iteration.
+
+    Raises:
+        InvalidInput: ``input-options`` for what cannot be trained.
+    """
+    if options.device != "cpu":
+        message = f"training on {options.device} is not there yet, only its rasteriser is: leave out the device"
+        raise InvalidInput("input-options", message, field="device")
     recipe = RECIPES[options.preset]
     views = photos(capture.train)
     eyes = np.stack([camera.centre for camera, _ in views])

@@ -89,7 +89,7 @@ RUN_ENDING = ".run"
     help="What is trained: what pays in bytes, the same with codewords, or the configuration of the SCAR-GS paper"
     f" [default: {DEFAULTS.preset}].",
 )
-@click.option("--device", type=click.Choice(DEVICES), help=f"Where to train [default: {DEFAULTS.device}].")
+@click.option("--device", type=click.Choice(DEVICES), help=f"Where to train; cuda is refused yet [default: {DEFAULTS.device}].")
 @click.option(
     "--context",
     type=click.Choice(CONTEXTS),
@@ -139,7 +139,7 @@ def train(capture: str, output: str, folder: str | None, as_json: bool, force: b
       scarfmt train capture/ scene.scar
       scarfmt train capture/ scene.scar --minutes 10 --resolution 640
       scarfmt train photos/ small.scar --lambda 4 --layers 3
-      scarfmt train capture/ scene.scar --preset paper --device cuda --run runs/paper
+      scarfmt train capture/ scene.scar --preset paper --run runs/paper
     """
     if as_json and output == STANDARD:
         raise click.UsageError("--json prints on standard output: give OUTPUT a file name")

@@ -13,6 +13,7 @@ from reference_encoder.training.capture import Capture, load_capture
 from reference_encoder.training.evaluate import drawn
 from reference_encoder.training.options import TrainOptions
 from reference_encoder.training.run import begun, layer_sizes, smallest, train
+from scarfmt.errors import InvalidInput
 from scarfmt.render.rasterise import render
 from tests.reference_encoder.training import captures
 
@@ -77,3 +78,10 @@ def test_layers_are_told_as_they_are_in_the_file(capture: Capture) -> None:
     assert [layer.bytes for layer in trained.layers] == layer_sizes(trained.data)
     assert trained.layers[-1].bytes == len(trained.data)
     assert all(layer.psnr > 5 for layer in trained.layers)
+
+
+def test_what_cannot_be_trained_on_is_told(capture: Capture) -> None:
+    """A device that is not there yet is refused before anything is done, not in the middle."""
+    with pytest.raises(InvalidInput) as caught:
+        train(capture, replace(OPTIONS, device="cuda"))
+    assert (caught.value.refusal, caught.value.field) == ("input-options", "device")
