@@ -89,7 +89,9 @@ RUN_ENDING = ".run"
     help="What is trained: what pays in bytes, the same with codewords, or the configuration of the SCAR-GS paper"
     f" [default: {DEFAULTS.preset}].",
 )
-@click.option("--device", type=click.Choice(DEVICES), help=f"Where to train; cuda is refused yet [default: {DEFAULTS.device}].")
+@click.option(
+    "--device", type=click.Choice(DEVICES), help=f"Where to train; cuda is refused yet [default: {DEFAULTS.device}]."
+)
 @click.option(
     "--context",
     type=click.Choice(CONTEXTS),
