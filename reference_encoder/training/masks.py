@@ -102,7 +102,7 @@ def _bits(state: State) -> tuple[Tensor, tuple[Tensor, ...]]:
         priced = state.priced(rows, layer, True)
         slots = MASK_BITS + state.context.offset_bits(priced.offsets, priced.offset_widths).sum(dim=2)
         index_bits = 0.0 if state.vectors is None else state.vectors.index_bits(layer)
-        values = state.context.bits(priced.values, priced.widths).sum(dim=1)
+        values = state.context.bits(priced.values, priced.widths, priced.around).sum(dim=1)
         by_layer.append(values + (POSITION_BITS + CLOSED_BITS * SLOTS + index_bits))
     return slots, tuple(by_layer)
 

@@ -1,9 +1,10 @@
 """What a scene will take in bits, differentiable: the price that training pays for what it learns (paper §3.4).
 
 The file codes values with tables that predictors choose from what is decoded already (SPEC §10.3). Its stand-in here is
-a logistic distribution a component, the mean and width of which depend linearly on what comes before in an anchor:
-scalings, then latents one after another. Bits of a prefix are those of its values at its steps: ternary steps nest, so
-a value at step n costs what the step n cell has in probability, however many steps it came in.
+a logistic distribution a component. Its mean and width depend linearly on what comes before in an anchor, scalings,
+then latents one after another, and by a small network on what neighbours have (`neighbours`). Bits of a prefix are
+those of its values at its steps: ternary steps nest, so a value at step n costs what the step n cell has in
+probability, however many steps it came in.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from reference_encoder.training.anchors import SLOTS
+from reference_encoder.training.neighbours import columns
 
 POSITION_BITS = 15.0
 """Of an anchor on its lattice, with its class."""
@@ -25,6 +27,7 @@ CLOSED_BITS = 0.25
 """Of every slot of an anchor that is there."""
 _LEAST_WIDTH = 1e-3
 _MOST_BITS = 40.0
+_UNITS = 24
 
 
 def cell_bits(values: Tensor, width: Tensor, mean: Tensor, log_spread: Tensor) -> Tensor:
@@ -39,11 +42,23 @@ def cell_bits(values: Tensor, width: Tensor, mean: Tensor, log_spread: Tensor) -
 
 
 class Context(nn.Module):
-    """Mean and spread of the components of scalings and latents, each from those before it in its anchor."""
+    """Mean and spread of the components of scalings and latents, from those before in the anchor and from neighbours.
 
-    def __init__(self, width: int) -> None:
-        """Of `width` components, 6 of them scalings."""
+    Args:
+        width: components, 6 of them scalings.
+        neighbours: whether neighbours are looked at.
+        seed: of the first weights.
+    """
+
+    def __init__(self, width: int, neighbours: bool = True, seed: int = 0) -> None:
         super().__init__()
+        # Layers draw their first weights from torch's global generator.
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.hidden = nn.Linear(columns(width), _UNITS) if neighbours else None
+        self.output = nn.Linear(_UNITS, 2 * width)
+        nn.init.zeros_(self.output.weight)
+        nn.init.zeros_(self.output.bias)
         self.mean = nn.Parameter(torch.zeros(width, width))
         self.mean_bias = nn.Parameter(torch.zeros(width))
         self.spread = nn.Parameter(torch.zeros(width, width))
@@ -61,18 +76,30 @@ class Context(nn.Module):
         """From (n, 6 + d) values and (m, 3) offsets that are on: independent components of these moments."""
         self.centre.copy_(values.mean(dim=0))
         self.scale.copy_(values.std(dim=0).clamp_min(_LEAST_WIDTH))
-        for parameter in (self.mean, self.mean_bias, self.spread):
+        for parameter in (self.mean, self.mean_bias, self.spread, self.output.weight, self.output.bias):
             parameter.zero_()
         # The standard deviation of a logistic distribution of spread 1 is pi / sqrt(3).
         self.spread_bias.fill_(math.log(math.sqrt(3) / math.pi))
         self.offset_spread.copy_((offsets.std(dim=0).clamp_min(_LEAST_WIDTH) * math.sqrt(3) / math.pi).log())
 
-    def bits(self, values: Tensor, widths: Tensor) -> Tensor:
-        """(n, 6 + d) bits of (n, 6 + d) values in cells of (6 + d,) widths."""
-        x, w = (values - self.centre) / self.scale, widths / self.scale
+    def shown(self, values: Tensor) -> Tensor:
+        """(n, 6 + d) values in the units in which neighbours are looked at."""
+        return (values - self.centre) / self.scale
+
+    def bits(self, values: Tensor, widths: Tensor, around: Tensor | None = None) -> Tensor:
+        """(n, 6 + d) bits of values in cells of (6 + d,) widths.
+
+        Args:
+            values: (n, 6 + d).
+            around: (n, columns) what neighbours have (`Neighbours.around` of values :meth:`shown`); None: not known.
+        """
+        x, w = self.shown(values), widths / self.scale
         known = x.detach()
         mean = functional.linear(known, self.mean * self.earlier, self.mean_bias)
         spread = functional.linear(known.abs(), self.spread * self.earlier, self.spread_bias)
+        if around is not None and self.hidden is not None:
+            by_mean, by_spread = self.output(torch.relu(self.hidden(around))).chunk(2, dim=1)
+            mean, spread = mean + by_mean, spread + by_spread
         return cell_bits(x, w, mean, spread.clamp(-8.0, 4.0))
 
     def offset_bits(self, offsets: Tensor, widths: Tensor) -> Tensor:
@@ -89,6 +116,7 @@ class Priced:
         offsets: (n, K, 3).
         shown: (n, K) bool, slots that are on.
         widths, offset_widths: (6 + d,) and (3,) of cells.
+        around: (n, columns) what neighbours have, None if nobody looks.
     """
 
     values: Tensor
@@ -96,6 +124,7 @@ class Priced:
     shown: Tensor
     widths: Tensor
     offset_widths: Tensor
+    around: Tensor | None = None
 
 
 @dataclass(frozen=True)
@@ -126,7 +155,7 @@ def rate(context: Context, priced: Priced, index_bits: float = 0.0) -> Rate:
         index_bits: of the codewords of an anchor.
     """
     present = priced.shown.any(dim=1)
-    bits = context.bits(priced.values, priced.widths) * present[:, None]
+    bits = context.bits(priced.values, priced.widths, priced.around) * present[:, None]
     slot_bits = (context.offset_bits(priced.offsets, priced.offset_widths).sum(dim=2) * priced.shown).sum()
     positions = (POSITION_BITS + CLOSED_BITS * SLOTS) * present.sum()
     latent = bits[:, 6:].sum() + index_bits * present.sum()

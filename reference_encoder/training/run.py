@@ -161,6 +161,8 @@ def begun(capture: Capture, options: TrainOptions) -> Trainer:
         message = f"training on {options.device} is not there yet, only its rasteriser is: leave out the device"
         raise InvalidInput("input-options", message, field="device")
     recipe = RECIPES[options.preset]
+    if not recipe.stages:
+        _check_no_indices(options)
     views = photos(capture.train)
     eyes = np.stack([camera.centre for camera, _ in views])
     extent = EXTENT * float(np.linalg.norm(eyes - eyes.mean(axis=0), axis=1).max(initial=1e-6))
@@ -173,7 +175,7 @@ def begun(capture: Capture, options: TrainOptions) -> Trainer:
         frame=frame,
         anchors=anchors,
         networks=SceneNetworks(recipe.features, recipe.features, True, options.seed),
-        context=Context(priced),
+        context=Context(priced, options.context != "none", options.seed),
         log_widths=torch.zeros(priced),
         log_offset_widths=torch.zeros(3),
         statistics=Statistics.of(len(anchors)),
@@ -194,6 +196,16 @@ def begun(capture: Capture, options: TrainOptions) -> Trainer:
         background=torch.zeros(3),
         joint=JointIndexModel(index_options(options)) if recipe.stages else None,
     )
+
+
+def _check_no_indices(options: TrainOptions) -> None:
+    """Refuse what codes the indices of codewords where there are none."""
+    fitting = {"context": (None, "decoded", "none"), "entropy": (None, "static")}
+    for name, fits in fitting.items():
+        said = getattr(options, name)
+        if said not in fits:
+            message = f"{said} codes indices of codewords, and this preset has none: use it with rvq or paper"
+            raise InvalidInput("input-options", message, field=name)
 
 
 def index_options(options: TrainOptions) -> IndexOptions:
@@ -287,7 +299,7 @@ class Run:
         """The best file of what was learnt so far."""
         trainer = self.trainer
         trainer.settle()
-        written = smallest(trainer.written(), trainer.joint)
+        written = smallest(trainer.written(), trainer.joint, self.options.entropy == "static")
         sizes = layer_sizes(written.data)
         found = [
             quality(trainer.state, self.held_out, layer, trainer.background) for layer in range(len(sizes))
@@ -296,9 +308,14 @@ class Run:
         return Trained(written.data, layers, trainer.iteration, self.clock.spent)
 
 
-def smallest(scene: QuantisedScene, joint: JointIndexModel | None) -> Written:
-    """The file of fewest bytes: predictors and networks where they pay in bytes, whatever decoding takes."""
-    plain, options = Quantised(scene), EncodeOptions(archive=True)
+def smallest(scene: QuantisedScene, joint: JointIndexModel | None, static: bool = False) -> Written:
+    """The file of fewest bytes: predictors and networks where they pay in bytes, whatever decoding takes.
+
+    Args:
+        joint: what codes indices, if there are any.
+        static: tables alone.
+    """
+    plain, options = Quantised(scene), EncodeOptions(archive=True, decode_budget=0 if static else None)
     return best_file(plain, options) if joint is None else joint.file(plain, options)
 
 

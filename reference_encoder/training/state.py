@@ -15,6 +15,7 @@ from reference_encoder.training.descent import Descent, Rates
 from reference_encoder.training.expand import Values
 from reference_encoder.training.growth import Growth, Statistics, inherited
 from reference_encoder.training.layers import LayerPlan, coarse
+from reference_encoder.training.neighbours import Neighbours
 from reference_encoder.training.rate import Context, Priced
 from reference_encoder.training.vectors import Vectors
 
@@ -55,6 +56,7 @@ class State:
         generator: everything random.
         extent: of the cameras, world units.
         vectors: codewords that carry features, None where latents are sent number by number.
+        around: (N, columns) what neighbours had when last looked at; zeros for anchors that came since.
     """
 
     frame: Frame
@@ -69,6 +71,7 @@ class State:
     generator: torch.Generator
     extent: float
     vectors: Vectors | None = None
+    around: Tensor | None = None
 
     def __post_init__(self) -> None:
         shared = {"log_widths": self.log_widths, "log_offset_widths": self.log_offset_widths}
@@ -90,6 +93,8 @@ class State:
         for name in ATTRIBUTES:
             setattr(anchors, name, self.descent.rearrange(name, rows, getattr(fresh, name)))
         self.statistics = self.statistics.taken(rows, len(fresh))
+        if self.around is not None:
+            self.around = torch.cat([self.around[rows], torch.zeros(len(fresh), self.around.shape[1])])
 
     @torch.no_grad()
     def grow(self, growth: Growth, iteration: int) -> None:
@@ -114,6 +119,18 @@ class State:
         offsets = anchors.offsets[anchors.first < self.plan.count]
         self.context.start(values, offsets)
 
+    @torch.no_grad()
+    def look_around(self) -> None:
+        """Look at what neighbours have now."""
+        if self.context.hidden is not None:
+            shown = self.context.shown(self._values(torch.arange(len(self.anchors))))
+            self.around = Neighbours.of(self.anchors.lattice).around(shown)
+
+    def _values(self, rows: Tensor) -> Tensor:
+        """(n, 6 + d) scalings and, where they are sent, latents."""
+        a = self.anchors
+        return a.scaling[rows] if self.vectors else torch.cat([a.scaling[rows], a.latent[rows]], dim=1)
+
     def open_slots(self) -> int:
         """Slots that are on in the last layer."""
         return int((self.anchors.first < self.plan.count).sum())
@@ -129,6 +146,7 @@ class State:
             "statistics": dict(vars(self.statistics)),
             "generator": self.generator.get_state(),
             "vectors": None if self.vectors is None else self.vectors.checkpoint(),
+            "around": self.around,
         }
 
     @torch.no_grad()
@@ -143,6 +161,7 @@ class State:
         self.descent.load(kept["descent"])
         self.statistics = Statistics(**kept["statistics"])
         self.generator.set_state(kept["generator"])
+        self.around = kept["around"]
         if self.vectors is not None:
             self.vectors.resume(kept["vectors"])
 
@@ -180,7 +199,7 @@ class State:
         """What bits of anchors `rows` depend on in a layer: rounded as the file will be, else with noise of a cell."""
         a = self.anchors
         widths, offset_widths = torch.exp(self.log_widths), torch.exp(self.log_offset_widths)
-        values = a.scaling[rows] if self.vectors else torch.cat([a.scaling[rows], a.latent[rows]], dim=1)
+        values = self._values(rows)
         steps = self.plan.steps[-1] - self.plan.steps[layer]
         if rounded:
             values = _rounded(values, widths.detach(), steps)
@@ -188,7 +207,8 @@ class State:
         else:
             values = values + self._noise(values.shape) * (widths * 3.0**steps)
             offsets = a.offsets[rows] + self._noise((len(rows), SLOTS, 3)) * offset_widths
-        return Priced(values, offsets, self.shown(rows, layer), widths * 3.0**steps, offset_widths)
+        around = None if self.around is None else self.around[rows]
+        return Priced(values, offsets, self.shown(rows, layer), widths * 3.0**steps, offset_widths, around)
 
     def _noise(self, shape: tuple[int, ...] | torch.Size) -> Tensor:
         return torch.rand(shape, generator=self.generator) - 0.5

@@ -27,6 +27,8 @@ _LEAST_DRAWN = 0.4
 _LEAST_SEEN = 0.8
 _DECIDE_EVERY, _LOOKS = 400, 48
 """Iterations between two decisions of masks, and photos that each looks at."""
+_LOOK_EVERY = 25
+"""Iterations between two looks of anchors at their neighbours."""
 _REFRESH_EVERY, _INDEX_EVERY = 1000, 5
 """Iterations between two looks at the indices of the scene, and between two steps of what codes them."""
 _LARGEST_AFTER_PRUNING = 0.05
@@ -148,6 +150,8 @@ class Trainer:
             self._grow()
         if now.rate > 0 and not now.hard and self.iteration % _DECIDE_EVERY == 0:
             self._decide_masks(now.rate)
+        if now.rate > 0 and self.iteration % _LOOK_EVERY == 0:
+            self.state.look_around()
 
     def checkpoint(self) -> dict[str, Any]:
         """All that a run needs to go on, for a checkpoint."""

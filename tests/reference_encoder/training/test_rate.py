@@ -7,6 +7,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
+from reference_encoder.training.neighbours import columns
 from reference_encoder.training.rate import (
     CLOSED_BITS,
     MASK_BITS,
@@ -85,3 +86,23 @@ def test_indices_of_anchors_that_are_there_are_paid_for() -> None:
     priced = _priced(shown)
     more = rate(Context(8), priced, 7.0).total - rate(Context(8), priced).total
     assert float(more.detach()) == pytest.approx(21.0, abs=1e-3)
+
+
+def test_a_context_learns_from_neighbours() -> None:
+    """Values that are what neighbours have get cheap; without neighbours they are not."""
+    generator = torch.Generator().manual_seed(0)
+    values = torch.randn(4096, 6, generator=generator)
+    around = torch.zeros(4096, columns(6))
+    around[:, :6] = values + 0.1 * torch.randn(4096, 6, generator=generator)
+    context, widths = Context(6), torch.full((6,), 0.25)
+    context.start(values, torch.randn(10, 3, generator=generator))
+    optimiser = torch.optim.Adam(context.parameters(), lr=0.01)
+    for _ in range(300):
+        optimiser.zero_grad()
+        context.bits(values, widths, around).sum(dim=1).mean().backward()
+        optimiser.step()
+    with torch.no_grad():
+        assert float(context.bits(values, widths, around).mean()) < float(context.bits(values, widths).mean()) - 1
+    blind = Context(6, neighbours=False)
+    blind.start(values, torch.randn(10, 3, generator=generator))
+    assert torch.equal(blind.bits(values, widths, around), blind.bits(values, widths))

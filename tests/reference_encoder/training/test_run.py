@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,8 +81,12 @@ def test_layers_are_told_as_they_are_in_the_file(capture: Capture) -> None:
     assert all(layer.psnr > 5 for layer in trained.layers)
 
 
-def test_what_cannot_be_trained_on_is_told(capture: Capture) -> None:
-    """A device that is not there yet is refused before anything is done, not in the middle."""
+@pytest.mark.parametrize(
+    ("said", "field"),
+    [({"device": "cuda"}, "device"), ({"context": "grid3d"}, "context"), ({"entropy": "gru"}, "entropy")],
+)
+def test_what_cannot_be_trained_is_told(capture: Capture, said: dict[str, Any], field: str) -> None:
+    """What is not there, or has nothing to code, is refused before anything is done, not left out silently."""
     with pytest.raises(InvalidInput) as caught:
-        train(capture, replace(OPTIONS, device="cuda"))
-    assert (caught.value.refusal, caught.value.field) == ("input-options", "device")
+        train(capture, replace(OPTIONS, **said))
+    assert (caught.value.refusal, caught.value.field) == ("input-options", field)

@@ -1,0 +1,66 @@
+"""What neighbours of an anchor have, as the file's predictors will see it: means over cells (SPEC §10.2).
+
+The file has two cells about each anchor, of a few and of many anchors, and codes each anchor after some of the others
+in it. Training sees all others: gradients do not run through them, so that it only matters what they are like.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from reference_encoder.tuning import CONTEXT
+
+OCCUPANCIES = CONTEXT.occupancies
+"""Anchors that a cell shall hold on average, by depth."""
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Cells of N anchors.
+
+    Attributes:
+        cells: by depth, (N,) int64 number of the cell of each anchor.
+        counts: by depth, (cells,) float32 anchors in each.
+    """
+
+    cells: tuple[Tensor, ...]
+    counts: tuple[Tensor, ...]
+
+    @classmethod
+    def of(cls, lattice: Tensor) -> Neighbours:
+        """Cells of (N, 3) int64 lattice points: the smallest cubes, twice as large each time, that hold enough."""
+        found = [_cells(lattice, occupancy) for occupancy in OCCUPANCIES]
+        counts = tuple(torch.bincount(cells).float() for cells in found)
+        return cls(tuple(found), counts)
+
+    def around(self, values: Tensor) -> Tensor:
+        """(N, depths * (c + 1)) means of the others in each cell, and how full it is, of (N, c) values.
+
+        Means are taken towards that of all anchors, as if one more of that kind lay in each cell.
+        """
+        columns = []
+        overall = values.mean(dim=0)
+        for cells, counts in zip(self.cells, self.counts, strict=True):
+            sums = torch.zeros(len(counts), values.shape[1]).index_add_(0, cells, values)
+            others = counts[cells] - 1
+            means = (sums[cells] - values + overall) / (others + 1)[:, None]
+            columns += [means, torch.log1p(others)[:, None]]
+        return torch.cat(columns, dim=1)
+
+
+def columns(components: int) -> int:
+    """How wide `around` is for so many components."""
+    return len(OCCUPANCIES) * (components + 1)
+
+
+def _cells(lattice: Tensor, occupancy: float) -> Tensor:
+    """(N,) numbers of the cells at the first size at which they hold `occupancy` anchors on average."""
+    numbers = torch.zeros(len(lattice), dtype=torch.long)
+    for shift in range(int(lattice.max() - lattice.min() + 1).bit_length() + 1):
+        numbers = torch.unique(lattice >> shift, dim=0, return_inverse=True)[1]
+        if len(lattice) >= occupancy * int(numbers.max() + 1):
+            break
+    return numbers
