@@ -181,10 +181,11 @@ class Trainer:
         chosen = torch.randperm(len(self.small), generator=state.generator)[:count].tolist()
         found = worth(state, [self.small[number] for number in chosen], self.background)
         first = state.anchors.first
-        young = state.anchors.born > self.iteration - 2 * _DECIDE_EVERY if state.anchors.born.any() else None
+        born = state.anchors.born
+        young = (born > 0) & (born > self.iteration - 2 * _DECIDE_EVERY)
         allowed = first < state.plan.count
         decided = first_layers(found, self.prices.follow(found, allowed, weight), allowed)
-        state.anchors.first = decided if young is None else torch.where(young[:, None], first, decided)
+        state.anchors.first = torch.where(young[:, None], first, decided)
         self._keep((state.anchors.first < state.plan.count).any(dim=1))
 
     def _drawn(self, weights: Sequence[float]) -> int:
