@@ -108,11 +108,6 @@ def _risen(span: Span, done: float) -> float:
     return 0.0 if done <= first else (done - first) / (last - first)
 
 
-def layer_odds(layers: int) -> tuple[float, ...]:
-    """Chances of the layers to be drawn: all alike, but the last twice as likely, which keeps its quality."""
-    return tuple((2.0 if number == layers - 1 else 1.0) / (layers + 1) for number in range(layers))
-
-
 CURRICULA = {
     "default": Curriculum(),
     # What the paper states, of 40k iterations: 10k without a quantiser and with noise, 20k of injection, 10k hard with

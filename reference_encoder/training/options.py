@@ -132,7 +132,8 @@ class LayerQuality:
 
     Attributes:
         bytes: of the file cut after this layer.
-        psnr: mean over the held-out photos of the decoded file's PSNR, dB, pictures rounded to 8 bits; NaN without any.
+        psnr: mean PSNR over the held-out photos, dB, of pictures that training draws of the values it wrote, rounded
+            to 8 bits; NaN without any.
         ssim: mean of the SSIM; NaN without any.
     """
 

@@ -283,6 +283,8 @@ class Run:
             figures |= {"estimated": str(trainer.prices.estimate), "written": str(sizes)}
             if len(sizes) == len(trainer.prices.price):
                 trainer.prices.wrote(sizes)
+        if trainer.joint is not None:
+            figures |= {"index_bits_an_anchor": trainer.index_bits, "hash_bits": trainer.joint.hash_bits}
         self._checked = time.monotonic()
         return figures
 

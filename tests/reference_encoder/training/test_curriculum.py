@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from reference_encoder.training.curriculum import CURRICULA, Curriculum, layer_odds, moment
+from reference_encoder.training.curriculum import CURRICULA, Curriculum, moment
 
 PAPER = CURRICULA["paper"]
 EVERY = np.linspace(0, 1, 401).tolist()
@@ -56,10 +56,3 @@ def test_a_cold_start_is_hard_from_the_first_step() -> None:
 def test_integers_alone_come_last() -> None:
     assert [moment(Curriculum(), done).fine_tunes for done in (0.94, 0.95, 1.0)] == [False, True, True]
     assert not moment(PAPER, 0.99).fine_tunes
-
-
-@pytest.mark.parametrize("layers", [1, 4])
-def test_the_last_layer_is_drawn_twice_as_often(layers: int) -> None:
-    odds = layer_odds(layers)
-    assert sum(odds) == pytest.approx(1.0)
-    assert all(odds[-1] == pytest.approx(2 * other) for other in odds[:-1])

@@ -30,3 +30,4 @@ def test_plans_grow(count: int) -> None:
     assert list(plan.shares) == sorted(plan.shares)
     assert plan.shares[-1] == 1
     assert len(plan.draws) == count
+    assert all(plan.draws[-1] == 2 * other for other in plan.draws[:-1])
