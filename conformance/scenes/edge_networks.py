@@ -96,10 +96,10 @@ def _latent_cases(rules: Sequence[str]) -> Iterator[Case]:
     rows = (LayerRow((0,), ((2, 1),)), LayerRow((0,), ((2, 2),)))
     scales = channel(Stream.SCALE, 0.25, *(PLAIN,) * 6)
     wide = channel(Stream.LATENT, 1.5, *(PLAIN,) * 63, ContextRule(True, 0, 2, -4, 0))
-    yield _edge("predictors-latents-64", "predictors of 64 components of LATENT, and of the last one's second step", Plan(
+    every = (PredictorPlan(Stream.LATENT, c, 1, c // 62, (2 + c % 7, 2)) for c in range(64))
+    yield _edge("predictors-latents-64", "predictors of 64 components of LATENT; of a second step, too", Plan(
         "edge 64 latents", (_SCALE3, wide), rows, _WHOLE, (40,), bits=6, dimension=64,
-        context=DecodedContext(1, (12, 3)), predictors=(*(PredictorPlan(Stream.LATENT, c, 1, c // 62, (2 + c % 7, 2)) for c in range(64)),
-                    PredictorPlan(Stream.LATENT, 63, 2, 2, (6, 3)))), rules)
+        context=DecodedContext(1, (12, 3)), predictors=(*every, PredictorPlan(Stream.LATENT, 63, 2, 2, (6, 3)))), rules)
     yield _edge("predictors-inputs-255", "57 components and three depths in the anchor profile: 255 inputs", Plan(
         "edge 255 inputs", (scales, channel(Stream.LATENT, 1.5, *(PLAIN,) * 57), ANCHOR_CHANNELS[1]),
         tuple(LayerRow(row.stages, tuple((*steps, 1) for steps in row.steps)) for row in rows), _WHOLE, (30,), bits=6,

@@ -180,10 +180,9 @@ def _of_samples(
     """What `act` gives for each of `keys` and its sample, in any order; samples of a few are in memory at a time."""
     found = list[_T]()
     for batch in _batches(model, whole, keys):
-        taken = samples(model, frames, contents, whole, batch, seeds).items()
-        # Each predictor is trained by itself, so threads change nothing.
+        # Each predictor is trained by itself, so threads change nothing. No name holds samples while others are drawn.
         with ThreadPoolExecutor(get_num_threads()) as pool:
-            found += pool.map(lambda item: act(*item), taken)
+            found += pool.map(lambda item: act(*item), samples(model, frames, contents, whole, batch, seeds).items())
     return found
 
 
@@ -226,7 +225,7 @@ def _promising(
     seeds: Mapping[Key, int],
     bits_per_ns: float,
 ) -> set[Key]:
-    """Those of `keys` for which a predictor might pay for its time, told from a few tiles before any is trained well."""
+    """Those of `keys` for which a predictor may pay for its time, told from a few tiles before any is trained well."""
     static = _static_bits(model, frames, contents, whole, bits_per_ns)
     bounds = [(k, _bound(model, k, bits, whole[k], bits_per_ns)) for k, bits in static.items() if k in keys]
     worth = {key for key, _ in _steps_that_pay(bounds, whole, bits_per_ns)}
@@ -257,9 +256,11 @@ def _steps_that_pay(
 ) -> list[tuple[Key, float]]:
     """Those (key, bits) above 0 of steps of which all components together gain more than their context takes."""
     gains, total = [gain for gain in gains if gain[1] > 0], defaultdict[tuple[int, int], float](float)
+    for (stream, _, step), symbols in whole.items():
+        total[stream, step] -= bits_per_ns * DECODER.predicted * symbols
     for (stream, _, step), bits in gains:
         total[stream, step] += bits
-    return [(key, bits) for key, bits in gains if total[key[0], key[2]] > bits_per_ns * DECODER.predicted * whole[key]]
+    return [(key, bits) for key, bits in gains if total[key[0], key[2]] > 0]
 
 
 def _hope(key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int, bits_per_ns: float) -> float:

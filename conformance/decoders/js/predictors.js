@@ -157,8 +157,8 @@ export function checkPredictors(predictors, channels, rows, depths) {
     bad(first === rows.length - 1, "the step does not first travel in this layer");
     const own = channels[i].components;
     const attributes = channels.slice(0, i).filter(({ stream }) => isAttribute(stream));
-    const before = attributes.reduce((sum, { components }) => sum + components, 0);
-    const wanted = CLASS_COLUMNS + before + own + depths * (own + 2);
+    const seen = attributes.reduce((sum, { components }) => sum + components, own);
+    const wanted = CLASS_COLUMNS + seen + depths * (own + 2);
     bad(head.inputs === wanted, `${head.inputs} inputs, not ${wanted}`);
   }
 }
