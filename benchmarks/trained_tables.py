@@ -47,7 +47,8 @@ def _scene(name: str, records: Sequence[Record]) -> str:
     ordered = sorted(records, key=lambda record: KINDS.index(record["kind"]))
     width, height = ordered[0]["size"]
     text = f"**{name}**: {ordered[0]['photos']} photos of {width}×{height} held out.\n\n"
-    text += _measured(("file", "layers"), [([_title(it), str(it["layers"])], it["figures"]) for it in ordered])
+    rows = [([_title(it), "–" if it["kind"] == "rival" else str(it["layers"])], it["figures"]) for it in ordered]
+    text += _measured(("file", "layers"), rows)
     return text + (f"\n{published_table(BESIDE[name])}" if name in BESIDE else "")
 
 
