@@ -17,6 +17,7 @@ from reference_encoder.training.anchors import Frame, SceneNetworks
 from reference_encoder.training.capture import Capture, Photo, pixels
 from reference_encoder.training.checkpoints import identity, load_checkpoint, save_checkpoint
 from reference_encoder.training.curriculum import CURRICULA
+from reference_encoder.training.device import reproducible, run_device
 from reference_encoder.training.evaluate import Views, quality
 from reference_encoder.training.growth import Statistics
 from reference_encoder.training.index_entropy import IndexOptions, JointIndexModel
@@ -78,8 +79,8 @@ class Recipe:
     estimator: str = "rotation"
     projector: str = "linear"
 
-    def vectors(self, layers: int, seed: int) -> Vectors | None:
-        """The quantiser of a run."""
+    def vectors(self, layers: int, seed: int, device: torch.device) -> Vectors | None:
+        """The quantiser of a run on a device."""
         if not self.stages:
             return None
         quantiser = Quantiser(
@@ -92,7 +93,7 @@ class Recipe:
             seed=seed,
         )
         by_layer = tuple(max(1, round((layer + 1) * self.stages / layers)) for layer in range(layers))
-        return Vectors(quantiser, by_layer, priced=self.curriculum != "paper")
+        return Vectors(quantiser.to(device), by_layer, priced=self.curriculum != "paper")
 
 
 RECIPES = {
@@ -146,24 +147,22 @@ class Clock:
         return self.iterations or max(iteration, round(iteration / done) if done > 0 else 0)
 
 
-def photos(chosen: tuple[Photo, ...]) -> Views:
-    """Cameras and what pictures of them are to look like."""
-    return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))))) for photo in chosen]
+def photos(chosen: tuple[Photo, ...], device: torch.device) -> Views:
+    """Cameras and what pictures of them are to look like, on a device."""
+    return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))).to(device))) for photo in chosen]
 
 
 def begun(capture: Capture, options: TrainOptions) -> Trainer:
     """A run before its first iteration.
 
     Raises:
-        InvalidInput: ``input-options`` for what cannot be trained.
+        InvalidInput: ``input-options`` for what cannot be trained; as of :func:`run_device`.
     """
-    if options.device != "cpu":
-        message = f"training on {options.device} is not there yet, only its rasteriser is: leave out the device"
-        raise InvalidInput("input-options", message, field="device")
+    device = run_device(options.device)
     recipe = RECIPES[options.preset]
     if not recipe.stages:
         _check_no_indices(options)
-    views = photos(capture.train)
+    views = photos(capture.train, device)
     eyes = np.stack([camera.centre for camera, _ in views])
     extent = EXTENT * float(np.linalg.norm(eyes - eyes.mean(axis=0), axis=1).max(initial=1e-6))
     points = torch.from_numpy(capture.points)
@@ -172,17 +171,17 @@ def begun(capture: Capture, options: TrainOptions) -> Trainer:
     anchors = new_anchors(points, frame, recipe.features)
     priced = 6 + (0 if recipe.stages else recipe.features)
     state = State(
-        frame=frame,
-        anchors=anchors,
-        networks=SceneNetworks(recipe.features, recipe.features, True, options.seed),
-        context=Context(priced, options.context != "none", options.seed),
-        log_widths=torch.zeros(priced),
-        log_offset_widths=torch.zeros(3),
-        statistics=Statistics.of(len(anchors)),
+        frame=frame.to(device),
+        anchors=anchors.to(device),
+        networks=SceneNetworks(recipe.features, recipe.features, True, options.seed).to(device),
+        context=Context(priced, options.context != "none", options.seed).to(device),
+        log_widths=torch.zeros(priced, device=device),
+        log_offset_widths=torch.zeros(3, device=device),
+        statistics=Statistics.of(len(anchors), device),
         plan=plan,
         generator=torch.Generator().manual_seed(options.seed),
         extent=extent,
-        vectors=recipe.vectors(plan.count, options.seed),
+        vectors=recipe.vectors(plan.count, options.seed, device),
     )
     pixel_count = sum(camera.width * camera.height for camera, _ in views)
     price = [options.lambda_ * _LAST_PRICE * _FALL ** (plan.count - 1 - layer) for layer in range(plan.count)]
@@ -191,9 +190,9 @@ def begun(capture: Capture, options: TrainOptions) -> Trainer:
         state=state,
         prices=Prices(price, pixel_count, wanted),
         views=views,
-        small=photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in capture.train)),
+        small=photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in capture.train), device),
         curriculum=CURRICULA[recipe.curriculum],
-        background=torch.zeros(3),
+        background=torch.zeros(3, device=device),
         joint=JointIndexModel(index_options(options)) if recipe.stages else None,
     )
 
@@ -220,7 +219,7 @@ class Run:
         self.options, self.report = options, report
         self.trainer = begun(capture, options)
         self.clock = Clock.of(options)
-        self.held_out = photos(capture.test)
+        self.held_out = photos(capture.test, self.trainer.state.device)
         self.psnr: float | None = None
         self.bytes: int | None = None
         self.loss = float("nan")
@@ -347,6 +346,11 @@ def train(
         InvalidInput: ``input-options``, ``input-dependency``, ``input-checkpoint``.
     """
     options = (options or TrainOptions()).settled()
+    with reproducible(run_device(options.device)):
+        return _trained(capture, options, folder, report, stop)
+
+
+def _trained(capture: Capture, options: TrainOptions, folder: Path | None, report: Report, stop: Stop) -> Trained:
     run = Run(capture, options, report)
     if folder is None:
         while run.step() and not stop():
