@@ -36,11 +36,16 @@ def test_torch_is_told_to_be_reproducible_as_long_as_a_run_lasts() -> None:
     with reproducible(torch.device("cpu")):
         assert not torch.are_deterministic_algorithms_enabled()
     filled = deterministic.fill_uninitialized_memory
-    with pytest.raises(ValueError, match="fails"), reproducible(torch.device("meta")):
-        assert torch.are_deterministic_algorithms_enabled()
-        raise ValueError("fails")
+    with pytest.raises(ValueError, match="fails"):
+        _fail_reproducibly()
     assert not torch.are_deterministic_algorithms_enabled()
     assert deterministic.fill_uninitialized_memory == filled
+
+
+def _fail_reproducibly() -> None:
+    with reproducible(torch.device("meta")):
+        assert torch.are_deterministic_algorithms_enabled()
+        raise ValueError("fails")
 
 
 def test_on_the_processor_one_generator_draws_everything() -> None:
