@@ -18,6 +18,7 @@ import torch
 
 from reference_encoder.training.capture import Capture
 from reference_encoder.training.options import DEVICES, TrainOptions
+from reference_encoder.training.recipe import Recipe
 from scarfmt.atomic import atomic_write
 from scarfmt.errors import InputWarning, InvalidInput
 
@@ -30,9 +31,10 @@ _DIGEST_BYTES = 32
 _NAME = re.compile(r"checkpoint-(\d{8})\.pt")
 
 
-def identity(capture: Capture, options: TrainOptions) -> str:
+def identity(capture: Capture, options: TrainOptions, recipe: Recipe) -> str:
     """A text that two trainings share if one may go on from the other's checkpoint: on whatever device."""
-    return f"{capture.digest} {sorted(asdict(replace(options, device=DEVICES[0])).items())}"
+    said = asdict(replace(options, device=DEVICES[0]))
+    return f"{capture.digest} {sorted(said.items())} {sorted(asdict(recipe).items())}"
 
 
 def save_checkpoint(folder: Path, iteration: int, state: State, whose: str) -> None:

@@ -31,12 +31,14 @@ class Mode:
         now: what is on.
         counts: what growth is decided by is counted.
         price: loss a bit; 0 while rate does not count.
+        ssim_share: of 1 - SSIM in what a picture lacks.
     """
 
     layer: int
     now: Moment
     counts: bool
     price: float
+    ssim_share: float
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def iterate(state: State, camera: Camera, target: Target, mode: Mode, background
     bits_a_weight = WEIGHT_BITS if mode.now.rounded else None
     made = expanded(_values(state, rows, mode), state.networks, camera, bits_a_weight)
     picture = rasterise(made.gaussians, camera, background)
-    loss = dissimilarity(picture.image, target)
+    loss = dissimilarity(picture.image, target, mode.ssim_share)
     total = loss + _VOLUME_WEIGHT * made.gaussians.scales.prod(dim=1).mean()
     if state.vectors is not None and state.vectors.loss is not None:
         total = total + state.vectors.loss

@@ -64,12 +64,13 @@ class Worth:
         return math.exp((low + high) / 2) * scale
 
 
-def worth(state: State, views: Views, background: Tensor) -> Worth:
+def worth(state: State, views: Views, background: Tensor, ssim_share: float) -> Worth:
     """What slots are worth in pictures of the last layer.
 
     Args:
         views: to look from.
         background: (3,) colour behind everything.
+        ssim_share: of 1 - SSIM in what a picture lacks.
     """
     energy = torch.zeros(len(state.anchors), SLOTS, device=background.device)
     losses, errors = 0.0, 0.0
@@ -86,7 +87,7 @@ def worth(state: State, views: Views, background: Tensor) -> Worth:
         if opacities.grad is not None:
             flat = rows[made.rows] * SLOTS + made.slots
             energy.view(-1)[flat] += (opacities.grad * opacities.detach()) ** 2 / image.numel()
-        losses += float(dissimilarity(image.detach(), target))
+        losses += float(dissimilarity(image.detach(), target, ssim_share))
         errors += float(((image.detach() - target.pixels) ** 2).mean())
     # L1 and 1 - SSIM grow like the root of the squared error.
     slope = losses / (2 * max(errors, 1e-12))

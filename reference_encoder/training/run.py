@@ -25,6 +25,7 @@ from reference_encoder.training.layers import LayerPlan
 from reference_encoder.training.log import RunLog
 from reference_encoder.training.options import (
     LayerQuality,
+    LeftOff,
     Progress,
     Report,
     Stop,
@@ -34,12 +35,11 @@ from reference_encoder.training.options import (
     silent,
 )
 from reference_encoder.training.price import Prices
-from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.training.rate import Context
+from reference_encoder.training.recipe import RECIPES, Recipe
 from reference_encoder.training.similarity import Target
 from reference_encoder.training.state import State, new_anchors, typical_distance
 from reference_encoder.training.trainer import Trainer
-from reference_encoder.training.vectors import Vectors
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
@@ -58,50 +58,6 @@ _FINISH = 0.04
 """Of the time, at most so many seconds, are kept for networks and the file."""
 _MOST_FINISH = 90.0
 _MEMORY = 0.98
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """What a preset stands for.
-
-    Attributes:
-        features: D, of anchors; as many hidden units.
-        stages, codewords, dimension: of the quantiser of features; 0 stages: latents number by number.
-        curriculum: by name.
-        estimator, projector: of the quantiser.
-    """
-
-    features: int = 32
-    stages: int = 0
-    codewords: int = 1024
-    dimension: int = 16
-    curriculum: str = "default"
-    estimator: str = "rotation"
-    projector: str = "linear"
-
-    def vectors(self, layers: int, seed: int, device: torch.device) -> Vectors | None:
-        """The quantiser of a run on a device."""
-        if not self.stages:
-            return None
-        quantiser = Quantiser(
-            self.dimension,
-            self.features,
-            self.stages,
-            self.codewords,
-            estimator=self.estimator,
-            projector=self.projector,
-            seed=seed,
-        )
-        by_layer = tuple(max(1, round((layer + 1) * self.stages / layers)) for layer in range(layers))
-        return Vectors(quantiser.to(device), by_layer, priced=self.curriculum != "paper")
-
-
-RECIPES = {
-    "default": Recipe(),
-    "rvq": Recipe(stages=4),
-    "paper": Recipe(features=50, stages=4, curriculum="paper", projector="paper"),
-}
-"""By preset: "rvq" is the paper's quantiser under the curriculum of "default"."""
 
 
 @dataclass
@@ -152,14 +108,14 @@ def photos(chosen: tuple[Photo, ...], device: torch.device) -> Views:
     return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))).to(device))) for photo in chosen]
 
 
-def begun(capture: Capture, options: TrainOptions) -> Trainer:
-    """A run before its first iteration.
+def begun(capture: Capture, options: TrainOptions, recipe: Recipe | None = None) -> Trainer:
+    """A run before its first iteration; `recipe` in place of the preset's.
 
     Raises:
         InvalidInput: ``input-options`` for what cannot be trained; as of :func:`run_device`.
     """
     device = run_device(options.device)
-    recipe = RECIPES[options.preset]
+    recipe = recipe or RECIPES[options.preset]
     if not recipe.stages:
         _check_no_indices(options)
     views = photos(capture.train, device)
@@ -192,6 +148,7 @@ def begun(capture: Capture, options: TrainOptions) -> Trainer:
         views=views,
         small=photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in capture.train), device),
         curriculum=CURRICULA[recipe.curriculum],
+        ssim_share=options.lambda_ssim,
         background=torch.zeros(3, device=device),
         joint=JointIndexModel(index_options(options)) if recipe.stages else None,
     )
@@ -215,9 +172,9 @@ def index_options(options: TrainOptions) -> IndexOptions:
 class Run:
     """A training that goes on: its trainer, its clock, what it has found so far."""
 
-    def __init__(self, capture: Capture, options: TrainOptions, report: Report) -> None:
+    def __init__(self, capture: Capture, options: TrainOptions, report: Report, recipe: Recipe | None = None) -> None:
         self.options, self.report = options, report
-        self.trainer = begun(capture, options)
+        self.trainer = begun(capture, options, recipe)
         self.clock = Clock.of(options)
         self.held_out = photos(capture.test, self.trainer.state.device)
         self.psnr: float | None = None
@@ -331,6 +288,8 @@ def train(
     folder: Path | None = None,
     report: Report = silent,
     stop: Stop = never,
+    leave: Stop = never,
+    recipe: Recipe | None = None,
 ) -> Trained:
     """Learn a scene from photos, and write it.
 
@@ -341,39 +300,45 @@ def train(
             there. Who has the file safe discards them (`checkpoints.discard_checkpoints`). None keeps nothing.
         report: told after every iteration.
         stop: asked after every iteration whether to end now with the best file so far.
+        leave: asked as often, where there is a folder, whether to leave off: with a checkpoint, and without a file.
+        recipe: what to train in place of what the preset stands for; for research.
 
     Raises:
         InvalidInput: ``input-options``, ``input-dependency``, ``input-checkpoint``.
+        LeftOff: `leave` said yes; the next call goes on.
     """
     options = (options or TrainOptions()).settled()
     with reproducible(run_device(options.device)):
-        return _trained(capture, options, folder, report, stop)
-
-
-def _trained(capture: Capture, options: TrainOptions, folder: Path | None, report: Report, stop: Stop) -> Trained:
-    run = Run(capture, options, report)
-    if folder is None:
+        run = Run(capture, options, report, recipe)
+        if folder is not None:
+            return _kept(run, folder, identity(capture, options, recipe or RECIPES[options.preset]), stop, leave)
         while run.step() and not stop():
             if run.check_due():
                 run.check()
         return run.result()
-    whose = identity(capture, options)
+
+
+def _kept(run: Run, folder: Path, whose: str, stop: Stop, leave: Stop) -> Trained:
+    """What a run gives that keeps checkpoints and a log in a folder, and goes on from what it finds there."""
     found = load_checkpoint(folder, whose)
     if found is not None:
         run.load(found[1])
     with RunLog(folder, run.trainer.iteration) as log:
-        _loop(run, folder, whose, log, stop)
+        _loop(run, folder, whose, log, stop, leave)
         trained = run.result()
         ended = replace(run.progress(), psnr=trained.layers[-1].psnr, bytes=len(trained.data), phase="written")
         log.note(ended, layers=str([(layer.bytes, round(layer.psnr, 3)) for layer in trained.layers]))
     return trained
 
 
-def _loop(run: Run, folder: Path, whose: str, log: RunLog, stop: Stop) -> None:
+def _loop(run: Run, folder: Path, whose: str, log: RunLog, stop: Stop, leave: Stop) -> None:
     while run.step() and not stop():
         if run.check_due():
             figures = run.check()
             log.note(run.progress(), **figures)
         if run.save_due():
             run.save(folder, whose)
+        if leave():
+            run.save(folder, whose)
+            raise LeftOff(run.progress())
     run.save(folder, whose)
