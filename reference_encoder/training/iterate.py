@@ -76,7 +76,8 @@ def iterate(state: State, camera: Camera, target: Target, mode: Mode, background
         total = total + state.vectors.loss
     bits = None
     if mode.price > 0:
-        part = torch.randperm(len(anchors), generator=state.generator)[: max(1, len(anchors) // _RATE_PART)]
+        drawn = torch.randperm(len(anchors), generator=state.noise, device=state.device)
+        part = drawn[: max(1, len(anchors) // _RATE_PART)]
         whole = priced(state, part, mode).total * (len(anchors) / len(part))
         total = total + mode.price * whole
         bits = float(whole.detach())
@@ -98,7 +99,7 @@ def _count(
     if not mode.counts or picture.means.grad is None:
         return
     height, width, _ = picture.image.shape
-    halves = torch.tensor([width / 2, height / 2])
+    halves = picture.means.new_tensor([width / 2, height / 2])
     norms = torch.linalg.norm(picture.means.grad * halves, dim=1)
     state.statistics.weight *= _FADE
     state.statistics.add(visible, visible[rows], slots, norms, picture.shown, opacities, picture.weights)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import torch
+
 from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.training.vectors import Vectors
 
@@ -27,8 +29,8 @@ class Recipe:
     estimator: str = "rotation"
     projector: str = "linear"
 
-    def vectors(self, layers: int, seed: int) -> Vectors | None:
-        """The quantiser of a run."""
+    def vectors(self, layers: int, seed: int, device: torch.device) -> Vectors | None:
+        """The quantiser of a run on a device."""
         if not self.stages:
             return None
         quantiser = Quantiser(
@@ -41,7 +43,7 @@ class Recipe:
             seed=seed,
         )
         by_layer = tuple(max(1, round((layer + 1) * self.stages / layers)) for layer in range(layers))
-        return Vectors(quantiser, by_layer, priced=self.curriculum != "paper")
+        return Vectors(quantiser.to(device), by_layer, priced=self.curriculum != "paper")
 
 
 RECIPES = {

@@ -17,6 +17,7 @@ from reference_encoder.training.anchors import Frame, SceneNetworks
 from reference_encoder.training.capture import Capture, Photo, pixels
 from reference_encoder.training.checkpoints import identity, load_checkpoint, save_checkpoint
 from reference_encoder.training.curriculum import CURRICULA
+from reference_encoder.training.device import reproducible, run_device
 from reference_encoder.training.evaluate import Views, quality
 from reference_encoder.training.growth import Statistics
 from reference_encoder.training.index_entropy import IndexOptions, JointIndexModel
@@ -102,24 +103,22 @@ class Clock:
         return self.iterations or max(iteration, round(iteration / done) if done > 0 else 0)
 
 
-def photos(chosen: tuple[Photo, ...]) -> Views:
-    """Cameras and what pictures of them are to look like."""
-    return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))))) for photo in chosen]
+def photos(chosen: tuple[Photo, ...], device: torch.device) -> Views:
+    """Cameras and what pictures of them are to look like, on a device."""
+    return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))).to(device))) for photo in chosen]
 
 
 def begun(capture: Capture, options: TrainOptions, recipe: Recipe | None = None) -> Trainer:
     """A run before its first iteration; `recipe` in place of the preset's.
 
     Raises:
-        InvalidInput: ``input-options`` for what cannot be trained.
+        InvalidInput: ``input-options`` for what cannot be trained; as of :func:`run_device`.
     """
-    if options.device != "cpu":
-        message = f"training on {options.device} is not there yet, only its rasteriser is: leave out the device"
-        raise InvalidInput("input-options", message, field="device")
+    device = run_device(options.device)
     recipe = recipe or RECIPES[options.preset]
     if not recipe.stages:
         _check_no_indices(options)
-    views = photos(capture.train)
+    views = photos(capture.train, device)
     eyes = np.stack([camera.centre for camera, _ in views])
     extent = EXTENT * float(np.linalg.norm(eyes - eyes.mean(axis=0), axis=1).max(initial=1e-6))
     points = torch.from_numpy(capture.points)
@@ -128,17 +127,17 @@ def begun(capture: Capture, options: TrainOptions, recipe: Recipe | None = None)
     anchors = new_anchors(points, frame, recipe.features)
     priced = 6 + (0 if recipe.stages else recipe.features)
     state = State(
-        frame=frame,
-        anchors=anchors,
-        networks=SceneNetworks(recipe.features, recipe.features, True, options.seed),
-        context=Context(priced, options.context != "none", options.seed),
-        log_widths=torch.zeros(priced),
-        log_offset_widths=torch.zeros(3),
-        statistics=Statistics.of(len(anchors)),
+        frame=frame.to(device),
+        anchors=anchors.to(device),
+        networks=SceneNetworks(recipe.features, recipe.features, True, options.seed).to(device),
+        context=Context(priced, options.context != "none", options.seed).to(device),
+        log_widths=torch.zeros(priced, device=device),
+        log_offset_widths=torch.zeros(3, device=device),
+        statistics=Statistics.of(len(anchors), device),
         plan=plan,
         generator=torch.Generator().manual_seed(options.seed),
         extent=extent,
-        vectors=recipe.vectors(plan.count, options.seed),
+        vectors=recipe.vectors(plan.count, options.seed, device),
     )
     pixel_count = sum(camera.width * camera.height for camera, _ in views)
     price = [options.lambda_ * _LAST_PRICE * _FALL ** (plan.count - 1 - layer) for layer in range(plan.count)]
@@ -147,10 +146,10 @@ def begun(capture: Capture, options: TrainOptions, recipe: Recipe | None = None)
         state=state,
         prices=Prices(price, pixel_count, wanted),
         views=views,
-        small=photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in capture.train)),
+        small=photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in capture.train), device),
         curriculum=CURRICULA[recipe.curriculum],
         ssim_share=options.lambda_ssim,
-        background=torch.zeros(3),
+        background=torch.zeros(3, device=device),
         joint=JointIndexModel(index_options(options)) if recipe.stages else None,
     )
 
@@ -177,7 +176,7 @@ class Run:
         self.options, self.report = options, report
         self.trainer = begun(capture, options, recipe)
         self.clock = Clock.of(options)
-        self.held_out = photos(capture.test)
+        self.held_out = photos(capture.test, self.trainer.state.device)
         self.psnr: float | None = None
         self.bytes: int | None = None
         self.loss = float("nan")
@@ -309,13 +308,18 @@ def train(
         LeftOff: `leave` said yes; the next call goes on.
     """
     options = (options or TrainOptions()).settled()
-    run = Run(capture, options, report, recipe)
-    if folder is None:
+    with reproducible(run_device(options.device)):
+        run = Run(capture, options, report, recipe)
+        if folder is not None:
+            return _kept(run, folder, identity(capture, options, recipe or RECIPES[options.preset]), stop, leave)
         while run.step() and not stop():
             if run.check_due():
                 run.check()
         return run.result()
-    whose = identity(capture, options, recipe or RECIPES[options.preset])
+
+
+def _kept(run: Run, folder: Path, whose: str, stop: Stop, leave: Stop) -> Trained:
+    """What a run gives that keeps checkpoints and a log in a folder, and goes on from what it finds there."""
     found = load_checkpoint(folder, whose)
     if found is not None:
         run.load(found[1])

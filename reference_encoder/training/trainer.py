@@ -49,7 +49,7 @@ class Trainer:
         background: (3,) colour behind everything.
         iteration: how many are done.
         order: photos still to come before all are drawn again.
-        joint: what learns to code indices along with the scene, if codewords carry features.
+        joint: what learns to code indices along with the scene, if codewords carry features; on the processor.
         index_bits: L_feat of its last step, bits an anchor.
         noisy, decided, indexed: whether noise, masks, learning to code indices have begun.
     """

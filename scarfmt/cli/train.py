@@ -100,7 +100,7 @@ RUN_ENDING = ".run"
     f" [default: {DEFAULTS.preset}].",
 )
 @click.option(
-    "--device", type=click.Choice(DEVICES), help=f"Where to train; cuda is refused yet [default: {DEFAULTS.device}]."
+    "--device", type=click.Choice(DEVICES), help=f"Where to train: cuda is an NVIDIA GPU [default: {DEFAULTS.device}]."
 )
 @click.option(
     "--context",

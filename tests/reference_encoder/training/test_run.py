@@ -129,7 +129,7 @@ def test_layers_are_told_as_they_are_in_the_file(capture: Capture) -> None:
 
 @pytest.mark.parametrize(
     ("said", "field"),
-    [({"device": "cuda"}, "device"), ({"context": "grid3d"}, "context"), ({"entropy": "gru"}, "entropy")],
+    [({"context": "grid3d"}, "context"), ({"entropy": "gru"}, "entropy")],
 )
 def test_what_cannot_be_trained_is_told(capture: Capture, said: dict[str, Any], field: str) -> None:
     """What is not there, or has nothing to code, is refused before anything is done, not left out silently."""
