@@ -16,6 +16,7 @@ benchmarks/results/trained-ablations.json by scene and training.
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import time
@@ -100,12 +101,15 @@ def train_job(job: dict[str, Any]) -> Record:
 
 
 class _Teller:
-    """Says now and then on stderr where a training stands."""
+    """Says now and then on stderr where a training stands; ends it with the process that started it."""
 
     def __init__(self) -> None:
-        self._told = time.monotonic()
+        self._told, self._parent = time.monotonic(), os.getppid()
 
     def __call__(self, now: Progress) -> None:
+        if os.getppid() != self._parent:
+            # Whoever calls the command again must not find another one at work in the same folder.
+            sys.exit("the campaign was killed")
         if time.monotonic() - self._told > _TELL_SECONDS:
             self._told = time.monotonic()
             line = f"  {now.phase}, {now.iteration:,} of {now.iterations:,}, {now.seconds_left / 60:.0f} min left"

@@ -115,6 +115,14 @@ def test_a_training_goes_on_in_slices_and_a_file_without_figures_is_only_measure
     assert record["layers"][-1]["file_bytes"] == file.stat().st_size
 
 
+def test_a_training_ends_with_the_command_that_started_it(capture: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else the same command, called again after a kill, would find another training at work in its folder."""
+    parents = iter([7, 7, 1])
+    monkeypatch.setattr(trained_ablations.os, "getppid", lambda: next(parents))
+    with pytest.raises(SystemExit, match="was killed"):
+        train(trained.load_capture(capture), TrainOptions(iterations=4, layers=2), report=trained_ablations._Teller())
+
+
 def record(size: int, psnr_db: float) -> dict[str, Any]:
     layers = [{"file_bytes": size * k, "psnr_db": psnr_db + k, "worst_psnr_db": 1.0, "ssim": 0.9} for k in (1, 2)]
     layers = [{**layer, "flip": None, "lpips": 0.25, "lpips_3dgs": None} for layer in layers]
