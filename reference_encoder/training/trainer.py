@@ -47,10 +47,11 @@ class Trainer:
         prices: of bits.
         views, small: cameras and photos to learn from, whole and at half their size.
         curriculum: when what happens.
+        ssim_share: of 1 - SSIM in what a picture lacks.
         background: (3,) colour behind everything.
         iteration: how many are done.
         order: photos still to come before all are drawn again.
-        joint: what learns to code indices along with the scene, if codewords carry features.
+        joint: what learns to code indices along with the scene, if codewords carry features; on the processor.
         index_bits: L_feat of its last step, bits an anchor.
         noisy, decided, indexed: whether noise, masks, learning to code indices have begun.
     """
@@ -60,6 +61,7 @@ class Trainer:
     views: Views
     small: Views
     curriculum: Curriculum
+    ssim_share: float
     background: Tensor
     iteration: int = 0
     order: list[int] = field(default_factory=list)
@@ -94,7 +96,8 @@ class Trainer:
         if now.draws_layer and plan.count > 1:
             layer = self._drawn(plan.draws)
         counts = now.gathers and layer == plan.count - 1
-        return Mode(layer, now, counts, 0.0 if now.fine_tunes else now.rate * self.prices.a_bit(layer))
+        price = 0.0 if now.fine_tunes else now.rate * self.prices.a_bit(layer)
+        return Mode(layer, now, counts, price, self.ssim_share)
 
     def phase(self, done: float) -> str:
         """What is being learnt, a few words."""
@@ -183,7 +186,7 @@ class Trainer:
         state, self.decided = self.state, True
         count = min(_LOOKS, len(self.small))
         chosen = torch.randperm(len(self.small), generator=state.generator)[:count].tolist()
-        found = worth(state, [self.small[number] for number in chosen], self.background)
+        found = worth(state, [self.small[number] for number in chosen], self.background, self.ssim_share)
         first = state.anchors.first
         born = state.anchors.born
         young = (born > 0) & (born > self.iteration - 2 * _DECIDE_EVERY)
