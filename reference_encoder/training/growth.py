@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from reference_encoder.training.anchors import SLOTS
+from reference_encoder.training.lattice import Distinct
 
 GRADIENT_LIMIT = 2e-4
 """Mean norm of the gradient of a slot's place on the screen, loss a half picture, from which it asks for an anchor."""
@@ -125,10 +126,10 @@ def grown(
         if not len(anchor):
             continue
         points = torch.round(places[anchor, slot] / cell).long() * cell
-        unique, which = torch.unique(points, dim=0, return_inverse=True)
-        there = torch.unique(torch.round(taken.double() / cell).long() * cell, dim=0)
+        unique, which, _ = Distinct.of(points)
+        there = Distinct.of(torch.round(taken.double() / cell).long() * cell).points
         both = torch.cat([there, unique])
-        _, group, counts = torch.unique(both, dim=0, return_inverse=True, return_counts=True)
+        _, group, counts = Distinct.of(both)
         free = counts[group[len(there) :]] == 1
         renumbered = torch.cumsum(free.long(), 0) - 1
         kept = free[which]

@@ -15,6 +15,7 @@ from reference_encoder.training.descent import Descent, Rates
 from reference_encoder.training.device import noise_generator
 from reference_encoder.training.expand import Values
 from reference_encoder.training.growth import Growth, Statistics, inherited
+from reference_encoder.training.lattice import Distinct
 from reference_encoder.training.layers import LayerPlan, coarse
 from reference_encoder.training.neighbours import Neighbours
 from reference_encoder.training.rate import Context, Priced
@@ -251,7 +252,7 @@ def _rounded(values: Tensor, widths: Tensor, steps: int) -> Tensor:
 
 def new_anchors(points: Tensor, frame: Frame, latent: int) -> Anchors:
     """An anchor on every lattice point that some of (P, 3) float64 `points` round to, sized by its neighbours."""
-    lattice = torch.unique(torch.round((points - frame.origin) / frame.voxel).long(), dim=0)
+    lattice = Distinct.of(torch.round((points - frame.origin) / frame.voxel).long()).points
     size = torch.log(_neighbour_distance(frame.voxel * lattice.double()).clamp_min(1e-4 * frame.voxel))
     return Anchors.fresh(lattice, size.float(), torch.zeros(len(lattice), latent, device=lattice.device))
 

@@ -27,6 +27,8 @@ _LEAST_DRAWN = 0.4
 _LEAST_SEEN = 0.8
 _DECIDE_EVERY, _LOOKS = 400, 48
 """Iterations between two decisions of masks, and photos that each looks at."""
+_STEER_EVERY = 100
+"""Iterations between two corrections of prices once masks are settled."""
 _LOOK_EVERY = 25
 """Iterations between two looks of anchors at their neighbours."""
 _REFRESH_EVERY, _INDEX_EVERY = 1000, 5
@@ -151,8 +153,10 @@ class Trainer:
     def _restructure(self, now: Moment) -> None:
         if now.grows and self.iteration % _GROW_EVERY == 0:
             self._grow()
-        if now.rate > 0 and not now.hard and self.iteration % _DECIDE_EVERY == 0:
+        if now.decides and self.iteration % _DECIDE_EVERY == 0:
             self._decide_masks(now.rate)
+        elif now.rate > 0 and not now.decides and not now.fine_tunes and self.iteration % _STEER_EVERY == 0:
+            self.prices.steer()
         if now.rate > 0 and self.iteration % _LOOK_EVERY == 0:
             self.state.look_around()
 
