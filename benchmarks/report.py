@@ -19,7 +19,7 @@ SCRATCH = REPOSITORY / "build" / "benchmarks"
 SHORT_RESULTS = REPOSITORY / "build" / "bench"
 
 
-_DEPTHS = {"time-error": 2, "ablation": 2, "mechanisms": 2}
+_DEPTHS = {"time-error": 2, "ablation": 2, "mechanisms": 2, "trained": 2, "trained-ablations": 2}
 """Benchmarks whose figures are measured one at a time within a section."""
 SKIPPED = 77
 """Exit status of a benchmark that has nothing to measure on here; it prints why."""

@@ -28,6 +28,10 @@ class Frame:
     origin: Tensor
     voxel: float
 
+    def to(self, device: torch.device) -> Frame:
+        """The same on a device."""
+        return Frame(self.origin.to(device), self.voxel)
+
     def world(self, lattice: Tensor) -> Tensor:
         """(n, 3) float32 world positions of (n, 3) int64 lattice points."""
         return (self.origin + self.voxel * lattice.double()).float()
@@ -60,15 +64,19 @@ class Anchors:
     @classmethod
     def fresh(cls, lattice: Tensor, log_size: Tensor, latent: Tensor, born: int = 0) -> Anchors:
         """Anchors about which only (n,) `log_size` and (n, d) `latent` are known, shown by all layers."""
-        n = len(lattice)
+        n, device = len(lattice), lattice.device
         return cls(
             lattice,
             latent.clone(),
             log_size[:, None].repeat(1, 6).float(),
-            torch.zeros(n, SLOTS, 3),
-            torch.zeros(n, SLOTS, dtype=torch.long),
-            torch.full((n,), born),
+            torch.zeros(n, SLOTS, 3, device=device),
+            torch.zeros(n, SLOTS, dtype=torch.long, device=device),
+            torch.full((n,), born, device=device),
         )
+
+    def to(self, device: torch.device) -> Anchors:
+        """The same on a device."""
+        return Anchors(*(values.to(device) for values in vars(self).values()))
 
     def taken(self, rows: Tensor) -> Anchors:
         """Of anchors `rows`."""

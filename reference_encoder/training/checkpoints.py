@@ -10,14 +10,15 @@ import hashlib
 import io
 import re
 import warnings
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import torch
 
 from reference_encoder.training.capture import Capture
-from reference_encoder.training.options import TrainOptions
+from reference_encoder.training.options import DEVICES, TrainOptions
+from reference_encoder.training.recipe import Recipe
 from scarfmt.atomic import atomic_write
 from scarfmt.errors import InputWarning, InvalidInput
 
@@ -30,9 +31,10 @@ _DIGEST_BYTES = 32
 _NAME = re.compile(r"checkpoint-(\d{8})\.pt")
 
 
-def identity(capture: Capture, options: TrainOptions) -> str:
-    """A text that two trainings share if one may go on from the other's checkpoint."""
-    return f"{capture.digest} {sorted(asdict(options).items())}"
+def identity(capture: Capture, options: TrainOptions, recipe: Recipe) -> str:
+    """A text that two trainings share if one may go on from the other's checkpoint: on whatever device."""
+    said = asdict(replace(options, device=DEVICES[0]))
+    return f"{capture.digest} {sorted(said.items())} {sorted(asdict(recipe).items())}"
 
 
 def save_checkpoint(folder: Path, iteration: int, state: State, whose: str) -> None:
@@ -41,7 +43,7 @@ def save_checkpoint(folder: Path, iteration: int, state: State, whose: str) -> N
     Args:
         folder: of the training.
         iteration: below 10^8.
-        state: tensors of any device, read back onto the processor.
+        state: tensors of any device; they are read back onto the processor.
         whose: the training's :func:`identity`.
 
     Raises:
@@ -49,7 +51,7 @@ def save_checkpoint(folder: Path, iteration: int, state: State, whose: str) -> N
     """
     folder.mkdir(parents=True, exist_ok=True)
     buffer = io.BytesIO()
-    torch.save({"whose": whose, "iteration": iteration, "state": state}, buffer)
+    torch.save({"whose": whose, "iteration": iteration, "state": _on_processor(state)}, buffer)
     content = buffer.getvalue()
     with atomic_write(folder / f"checkpoint-{iteration:08}.pt", force=True) as stream:
         stream.write(_MAGIC + hashlib.sha256(content).digest())
@@ -83,6 +85,15 @@ def load_checkpoint(folder: Path, whose: str) -> tuple[int, State] | None:
     if found:
         raise _refused(folder, "no checkpoint can be read; delete the folder to start again")
     return None
+
+
+def _on_processor(part: Any) -> Any:
+    """The same with all tensors on the processor, in dicts and lists however deep."""
+    if isinstance(part, torch.Tensor):
+        return part.cpu()
+    if isinstance(part, dict):
+        return {name: _on_processor(inner) for name, inner in part.items()}
+    return [_on_processor(inner) for inner in part] if isinstance(part, list) else part
 
 
 def last_iteration(folder: Path) -> int | None:

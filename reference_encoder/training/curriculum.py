@@ -25,9 +25,10 @@ class Curriculum:
         rate: from the first number on geometry and masks cost their bits, in full from the second.
         layers_from: each iteration draws a layer; before, all of the scene is trained.
         injection: beta grows from 0 to 1; codebooks start at its beginning (paper: 10k to 30k of 40k).
+        masks_until: from the start of `rate` to here it is decided again and again what each layer shows.
         entropy_from: the index network learns along.
-        hard_from: features are the quantised ones, codewords are chosen by distortion plus lambda times bits, the
-            picture's gradient reaches decoder and books, and masks are 0 or 1.
+        hard_from: features are the quantised ones, codewords are chosen by distortion plus lambda times bits, and the
+            picture's gradient reaches decoder and books.
         fine_tune_from: everything is the integers of the file; networks and decoder alone go on learning.
         starved: take the paper's formula at its word: in the soft phase a feature gets 1 - beta of its gradient.
     """
@@ -38,6 +39,7 @@ class Curriculum:
     noise: Span = (0.075, 0.75)
     rate: Span = (0.12, 0.3)
     layers_from: float = 0.25
+    masks_until: float = 0.85
     injection: Span = (0.25, 0.75)
     entropy_from: float = 0.5
     hard_from: float = 0.75
@@ -53,6 +55,7 @@ class Moment:
         gathers, grows: statistics of anchors; growing and pruning.
         noisy, rounded: how scaling and offsets are drawn; exact if neither.
         rate: weight of the rate of geometry and masks, 0..1.
+        decides: whether masks are decided.
         draws_layer: whether a layer is drawn.
         quantises: whether there are codebooks.
         beta: share of the quantised feature in the one that is drawn, 0..1.
@@ -68,6 +71,7 @@ class Moment:
     noisy: bool
     rounded: bool
     rate: float
+    decides: bool
     draws_layer: bool
     quantises: bool
     beta: float
@@ -86,6 +90,7 @@ def moment(curriculum: Curriculum, done: float) -> Moment:
         noisy=_within(curriculum.noise, done),
         rounded=done >= curriculum.noise[1],
         rate=_risen(curriculum.rate, done),
+        decides=_risen(curriculum.rate, done) > 0 and done < curriculum.masks_until,
         draws_layer=done >= curriculum.layers_from,
         quantises=done >= curriculum.injection[0],
         beta=1.0 if hard else beta,

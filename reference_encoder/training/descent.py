@@ -84,5 +84,6 @@ class Descent:
         """Take up moments from a checkpoint."""
         for group in self._optimiser.param_groups:
             if group["name"] in state:
-                kept = {key: value.clone() for key, value in state[group["name"]].items()}
-                self._optimiser.state[group["params"][0]] = kept
+                leaf = group["params"][0]
+                kept = {key: value.clone().to(leaf.device) for key, value in state[group["name"]].items()}
+                self._optimiser.state[leaf] = kept

@@ -41,7 +41,7 @@ def quantised_scene(state: State, metadata: Mapping[str, Any], source_count: int
     """
     opened = slot_layers(state)
     kept = (opened > 0).any(dim=1).nonzero()[:, 0]
-    layers = opened[kept].numpy()
+    layers = opened[kept].cpu().numpy()
     classes = np.where(layers > 0, layers, state.plan.count + 1).min(axis=1) - 1
     classes, rows = _without_gaps(classes, state)
     lattice, fields = _header(state, kept, source_count)
@@ -78,7 +78,7 @@ def _exported(state: State, kept: Tensor, classes: I64, model: SceneModel) -> Ex
     if state.vectors is None:
         return None
     latent = state.anchors.latent.detach()[kept]
-    received = torch.from_numpy(model.stages(len(model.layers), classes))
+    received = torch.from_numpy(model.stages(len(model.layers), classes)).to(latent.device)
     made = export(state.vectors.quantiser, latent, state.vectors.codes(latent), received, state.vectors.coordinates)
     state.vectors.coordinates = made.coordinates
     return made
@@ -88,10 +88,10 @@ def integers(state: State, rows: Tensor) -> tuple[list[Any], Any]:
     """Integers at the last step, int32: of scalings (n, 6) and, if they are sent, latents (n, d); offsets (n, K, 3)."""
     a = state.anchors
     widths, offset_widths = torch.exp(state.log_widths), torch.exp(state.log_offset_widths)
-    offsets = torch.round(a.offsets[rows] / offset_widths).int().numpy()
-    values = [torch.round(a.scaling[rows] / widths[:6]).int().numpy()]
+    offsets = torch.round(a.offsets[rows] / offset_widths).int().cpu().numpy()
+    values = [torch.round(a.scaling[rows] / widths[:6]).int().cpu().numpy()]
     if state.vectors is None:
-        values.append(torch.round(a.latent[rows] / widths[6:]).int().numpy())
+        values.append(torch.round(a.latent[rows] / widths[6:]).int().cpu().numpy())
     return values, offsets
 
 
@@ -110,7 +110,7 @@ def _without_gaps(classes: I64, state: State) -> tuple[I64, tuple[LayerRow, ...]
 
 def _header(state: State, kept: Tensor, source_count: int) -> tuple[Any, HeaderFields]:
     """Lattice points from 0 as (n, 3) uint64, and the header that puts them where they were."""
-    points = state.anchors.lattice[kept].numpy()
+    points = state.anchors.lattice[kept].cpu().numpy()
     low = points.min(axis=0)
     bits = max(1, int((points - low).max()).bit_length())
     voxel = state.frame.voxel
@@ -139,4 +139,4 @@ def _channels(state: State, finals: list[Any], classes: I64, steps: int) -> tupl
 
 def _linear(layer: nn.Module) -> Linear:
     assert isinstance(layer, nn.Linear)
-    return Linear.quantised(layer.weight.numpy(), layer.bias.numpy(), bits=WEIGHT_BITS)
+    return Linear.quantised(layer.weight.cpu().numpy(), layer.bias.cpu().numpy(), bits=WEIGHT_BITS)

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from reference_encoder.training.anchors import SLOTS
+from reference_encoder.training.lattice import Distinct
 
 GRADIENT_LIMIT = 2e-4
 """Mean norm of the gradient of a slot's place on the screen, loss a half picture, from which it asks for an anchor."""
@@ -36,15 +37,14 @@ class Statistics:
     weight: Tensor
 
     @classmethod
-    def of(cls, count: int) -> Statistics:
-        """Nothing seen of `count` anchors."""
-        return cls(
-            torch.zeros(count, SLOTS),
-            torch.zeros(count, SLOTS),
-            torch.zeros(count),
-            torch.zeros(count),
-            torch.zeros(count, SLOTS),
-        )
+    def of(cls, count: int, device: torch.device | None = None) -> Statistics:
+        """Nothing seen of `count` anchors; on the processor unless said."""
+        slots, anchors = (count, SLOTS), (count,)
+        return cls(*(torch.zeros(shape, device=device) for shape in (slots, slots, anchors, anchors, slots)))
+
+    def to(self, device: torch.device) -> Statistics:
+        """The same on a device."""
+        return Statistics(*(values.to(device) for values in vars(self).values()))
 
     def add(
         self, visible: Tensor, anchors: Tensor, slots: Tensor, norms: Tensor, shown: Tensor, opacity: Tensor,
@@ -68,7 +68,7 @@ class Statistics:
 
     def taken(self, rows: Tensor, fresh: int = 0) -> Statistics:
         """Of anchors `rows`, and then of `fresh` new ones."""
-        new = Statistics.of(fresh)
+        new = Statistics.of(fresh, rows.device)
         pairs = zip(vars(self).values(), vars(new).values(), strict=True)
         return Statistics(*(torch.cat([old[rows], zeros]) for old, zeros in pairs))
 
@@ -113,41 +113,41 @@ def grown(
         places: (N, K, 3) float64 centres of slots, in voxels.
         statistics: of the N anchors; slots drawn more than `least_drawn` times are judged and start again.
         limit: gradient of the first pass; each next pass wants twice as much.
-        generator: who of those that ask is heard.
+        generator: who of those that ask is heard; on the processor, so that it is the same on every device.
     """
-    judged = statistics.drawn > least_drawn
-    mean = torch.where(judged, statistics.gradient / statistics.drawn.clamp_min(1), torch.zeros(()))
+    judged, device = statistics.drawn > least_drawn, lattice.device
+    mean = torch.where(judged, statistics.gradient / statistics.drawn.clamp_min(1), 0.0)
     taken, found, sizes, asking, parents = lattice, [], [], [], []
     count = 0
     for number in range(PASSES):
         cell = _COARSEST // _NESTED**number
-        heard = torch.rand(mean.shape, generator=generator) < 1 - 0.5 ** (number + 1)
+        heard = (torch.rand(mean.shape, generator=generator) < 1 - 0.5 ** (number + 1)).to(device)
         anchor, slot = ((mean >= limit * 2.0**number) & heard).nonzero(as_tuple=True)
         if not len(anchor):
             continue
         points = torch.round(places[anchor, slot] / cell).long() * cell
-        unique, which = torch.unique(points, dim=0, return_inverse=True)
-        there = torch.unique(torch.round(taken.double() / cell).long() * cell, dim=0)
+        unique, which, _ = Distinct.of(points)
+        there = Distinct.of(torch.round(taken.double() / cell).long() * cell).points
         both = torch.cat([there, unique])
-        _, group, counts = torch.unique(both, dim=0, return_inverse=True, return_counts=True)
+        _, group, counts = Distinct.of(both)
         free = counts[group[len(there) :]] == 1
         renumbered = torch.cumsum(free.long(), 0) - 1
         kept = free[which]
         found.append(unique[free])
-        sizes.append(torch.full((int(free.sum()),), cell))
+        sizes.append(torch.full((int(free.sum()),), cell, device=device))
         asking.append(count + renumbered[which[kept]])
         parents.append(anchor[kept])
         count += len(found[-1])
         taken = torch.cat([taken, found[-1]])
     statistics.clear(judged)
     if not found:
-        empty = torch.zeros(0, dtype=torch.long)
-        return Growth(torch.zeros(0, 3, dtype=torch.long), empty, empty, empty)
+        empty = torch.zeros(0, dtype=torch.long, device=device)
+        return Growth(torch.zeros(0, 3, dtype=torch.long, device=device), empty, empty, empty)
     return Growth(torch.cat(found), torch.cat(sizes), torch.cat(asking), torch.cat(parents))
 
 
 def inherited(latent: Tensor, growth: Growth) -> Tensor:
     """(n, d) latents of new anchors: of each component the largest of those that asked."""
-    new = torch.full((len(growth.lattice), latent.shape[1]), -torch.inf)
+    new = torch.full((len(growth.lattice), latent.shape[1]), -torch.inf, device=latent.device)
     index = growth.asking[:, None].expand(-1, latent.shape[1])
     return new.scatter_reduce(0, index, latent[growth.parents], "amax")

@@ -31,12 +31,14 @@ class Mode:
         now: what is on.
         counts: what growth is decided by is counted.
         price: loss a bit; 0 while rate does not count.
+        ssim_share: of 1 - SSIM in what a picture lacks.
     """
 
     layer: int
     now: Moment
     counts: bool
     price: float
+    ssim_share: float
 
 
 @dataclass(frozen=True)
@@ -68,13 +70,14 @@ def iterate(state: State, camera: Camera, target: Target, mode: Mode, background
     bits_a_weight = WEIGHT_BITS if mode.now.rounded else None
     made = expanded(_values(state, rows, mode), state.networks, camera, bits_a_weight)
     picture = rasterise(made.gaussians, camera, background)
-    loss = dissimilarity(picture.image, target)
+    loss = dissimilarity(picture.image, target, mode.ssim_share)
     total = loss + _VOLUME_WEIGHT * made.gaussians.scales.prod(dim=1).mean()
     if state.vectors is not None and state.vectors.loss is not None:
         total = total + state.vectors.loss
     bits = None
     if mode.price > 0:
-        part = torch.randperm(len(anchors), generator=state.generator)[: max(1, len(anchors) // _RATE_PART)]
+        drawn = torch.randperm(len(anchors), generator=state.noise, device=state.device)
+        part = drawn[: max(1, len(anchors) // _RATE_PART)]
         whole = priced(state, part, mode).total * (len(anchors) / len(part))
         total = total + mode.price * whole
         bits = float(whole.detach())
@@ -96,7 +99,7 @@ def _count(
     if not mode.counts or picture.means.grad is None:
         return
     height, width, _ = picture.image.shape
-    halves = torch.tensor([width / 2, height / 2])
+    halves = picture.means.new_tensor([width / 2, height / 2])
     norms = torch.linalg.norm(picture.means.grad * halves, dim=1)
     state.statistics.weight *= _FADE
     state.statistics.add(visible, visible[rows], slots, norms, picture.shown, opacities, picture.weights)

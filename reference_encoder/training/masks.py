@@ -64,14 +64,15 @@ class Worth:
         return math.exp((low + high) / 2) * scale
 
 
-def worth(state: State, views: Views, background: Tensor) -> Worth:
+def worth(state: State, views: Views, background: Tensor, ssim_share: float) -> Worth:
     """What slots are worth in pictures of the last layer.
 
     Args:
         views: to look from.
         background: (3,) colour behind everything.
+        ssim_share: of 1 - SSIM in what a picture lacks.
     """
-    energy = torch.zeros(len(state.anchors), SLOTS)
+    energy = torch.zeros(len(state.anchors), SLOTS, device=background.device)
     losses, errors = 0.0, 0.0
     for camera, target in views:
         a = state.anchors
@@ -81,12 +82,12 @@ def worth(state: State, views: Views, background: Tensor) -> Worth:
             made = expanded(values, state.networks, camera, WEIGHT_BITS)
         opacities = made.gaussians.opacities.detach().requires_grad_()
         image = rasterise(replace(made.gaussians, opacities=opacities), camera, background).image
-        signs = torch.randint(0, 2, image.shape, generator=state.generator) * 2.0 - 1.0
+        signs = torch.randint(0, 2, image.shape, generator=state.generator).to(image.device) * 2.0 - 1.0
         (image * signs).sum().backward()  # type: ignore[no-untyped-call]
         if opacities.grad is not None:
             flat = rows[made.rows] * SLOTS + made.slots
             energy.view(-1)[flat] += (opacities.grad * opacities.detach()) ** 2 / image.numel()
-        losses += float(dissimilarity(image.detach(), target))
+        losses += float(dissimilarity(image.detach(), target, ssim_share))
         errors += float(((image.detach() - target.pixels) ** 2).mean())
     # L1 and 1 - SSIM grow like the root of the squared error.
     slope = losses / (2 * max(errors, 1e-12))
@@ -96,8 +97,8 @@ def worth(state: State, views: Views, background: Tensor) -> Worth:
 @torch.no_grad()
 def _bits(state: State) -> tuple[Tensor, tuple[Tensor, ...]]:
     """(N, K) bits of slots, and by layer (N,) bits of anchors."""
-    rows = torch.arange(len(state.anchors))
-    by_layer, slots = [], torch.zeros(0)
+    rows = torch.arange(len(state.anchors), device=state.device)
+    by_layer, slots = [], torch.zeros(0, device=state.device)
     for layer in range(state.plan.count):
         priced = state.priced(rows, layer, True)
         slots = MASK_BITS + state.context.offset_bits(priced.offsets, priced.offset_widths).sum(dim=2)
@@ -114,7 +115,7 @@ def first_layers(found: Worth, prices: Sequence[float], allowed: Tensor) -> Tens
         prices: by layer, loss a bit, not rising: what an earlier layer shows, later ones show too.
         allowed: (N, K) bool, slots that may be shown at all.
     """
-    first = torch.full(found.benefit.shape, len(prices))
+    first = torch.full(found.benefit.shape, len(prices), device=allowed.device)
     for layer in reversed(range(len(prices))):
         first[found.shown(layer, prices[layer]) & allowed] = layer
     return first

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from reference_encoder.training.lattice import Distinct
 from reference_encoder.tuning import CONTEXT
 
 OCCUPANCIES = CONTEXT.occupancies
@@ -44,7 +45,7 @@ class Neighbours:
         columns = []
         overall = values.mean(dim=0)
         for cells, counts in zip(self.cells, self.counts, strict=True):
-            sums = torch.zeros(len(counts), values.shape[1]).index_add_(0, cells, values)
+            sums = torch.zeros(len(counts), values.shape[1], device=values.device).index_add_(0, cells, values)
             others = counts[cells] - 1
             means = (sums[cells] - values + overall) / (others + 1)[:, None]
             columns += [means, torch.log1p(others)[:, None]]
@@ -58,9 +59,9 @@ def columns(components: int) -> int:
 
 def _cells(lattice: Tensor, occupancy: float) -> Tensor:
     """(N,) numbers of the cells at the first size at which they hold `occupancy` anchors on average."""
-    numbers = torch.zeros(len(lattice), dtype=torch.long)
+    numbers = torch.zeros(len(lattice), dtype=torch.long, device=lattice.device)
     for shift in range(int(lattice.max() - lattice.min() + 1).bit_length() + 1):
-        numbers = torch.unique(lattice >> shift, dim=0, return_inverse=True)[1]
-        if len(lattice) >= occupancy * int(numbers.max() + 1):
+        points, numbers, _ = Distinct.of(lattice >> shift)
+        if len(lattice) >= occupancy * len(points):
             break
     return numbers

@@ -22,6 +22,8 @@ PAPER_ITERATIONS = 40_000
 MAX_MINUTES = 100_000.0
 MAX_ITERATIONS = 10_000_000
 MIN_LAMBDA, MAX_LAMBDA = 1e-3, 1e3
+LAMBDA_SSIM = 0.2
+"""Of 3DGS, Scaffold-GS and their kin."""
 MIN_SIZE = 10_000
 """Bytes: networks alone take most of as many."""
 
@@ -35,6 +37,7 @@ class TrainOptions:
         iterations: how many it takes, in place of a time. None of both: what the preset says (:meth:`settled`).
         layers: of the file, 1..16.
         lambda_: factor of the rate in the loss, 0.001..1000: 1 as tuned, more for smaller files.
+        lambda_ssim: share of 1 - SSIM in what a picture lacks, 0..1; the rest is L1 (paper §3.5).
         size: bytes that the file shall have, prefixes in proportion; prices of bits follow. None: fixed prices.
         preset: "default" (what pays in bytes) or "paper" (its curriculum, codebooks and entropy model).
         device: "cpu" or "cuda".
@@ -49,6 +52,7 @@ class TrainOptions:
     iterations: int | None = None
     layers: int = 4
     lambda_: float = 1.0
+    lambda_ssim: float = LAMBDA_SSIM
     size: int | None = None
     preset: str = "default"
     device: str = "cpu"
@@ -85,6 +89,8 @@ class TrainOptions:
             raise _wrong("layers", f"{self.layers} layers: 1..{MAX_LAYERS} are possible")
         if not MIN_LAMBDA <= self.lambda_ <= MAX_LAMBDA:
             raise _wrong("lambda_", f"lambda {self.lambda_} is not in {MIN_LAMBDA:g}..{MAX_LAMBDA:g}")
+        if not 0 <= self.lambda_ssim <= 1:
+            raise _wrong("lambda_ssim", f"lambda of SSIM {self.lambda_ssim} is not in 0..1")
         if self.size is not None and self.size < MIN_SIZE:
             raise _wrong("size", f"{self.size} bytes: {MIN_SIZE} is least")
         if self.seed < 0:
@@ -157,6 +163,18 @@ class Trained:
     layers: tuple[LayerQuality, ...]
     iterations: int
     seconds: float
+
+
+class LeftOff(Exception):
+    """Training left off before its end, as it was asked to, with a checkpoint to go on from.
+
+    Attributes:
+        progress: where it stands.
+    """
+
+    def __init__(self, progress: Progress) -> None:
+        super().__init__(f"left off after iteration {progress.iteration:,} of {progress.iterations:,}")
+        self.progress = progress
 
 
 Report = Callable[[Progress], None]

@@ -15,6 +15,8 @@ _SHRINKS = 0.85
 """Of the bytes before, at least, between two looks at masks: what closes never opens again in the last layer."""
 _STEP = 1.5
 """Times that a price changes at most in one of them: values take a while to follow."""
+_STEER = 1.1
+"""The same once masks are settled, when prices are corrected more often."""
 
 
 @dataclass
@@ -53,6 +55,14 @@ class Prices:
         for layer, size in enumerate(sizes):
             if self.estimate[layer]:
                 self.real[layer] = size / self.estimate[layer]
+
+    def steer(self) -> None:
+        """Move prices by what prefixes take above or below the sizes wanted, if any are."""
+        if self.wanted is not None:
+            for layer, wanted in enumerate(self.wanted):
+                off = self.estimate[layer] * self.real[layer] / wanted
+                if off > 0:
+                    self.price[layer] *= min(max(off, 1 / _STEER), _STEER)
 
     def follow(self, found: Worth, allowed: Tensor, weight: float) -> list[float]:
         """Loss a bit by layer at which masks are decided now; prices follow where sizes are wanted.

@@ -17,6 +17,7 @@ from reference_encoder.training.anchors import Frame, SceneNetworks
 from reference_encoder.training.capture import Capture, Photo, pixels
 from reference_encoder.training.checkpoints import identity, load_checkpoint, save_checkpoint
 from reference_encoder.training.curriculum import CURRICULA
+from reference_encoder.training.device import reproducible, run_device
 from reference_encoder.training.evaluate import Views, quality
 from reference_encoder.training.growth import Statistics
 from reference_encoder.training.index_entropy import IndexOptions, JointIndexModel
@@ -24,6 +25,7 @@ from reference_encoder.training.layers import LayerPlan
 from reference_encoder.training.log import RunLog
 from reference_encoder.training.options import (
     LayerQuality,
+    LeftOff,
     Progress,
     Report,
     Stop,
@@ -33,12 +35,11 @@ from reference_encoder.training.options import (
     silent,
 )
 from reference_encoder.training.price import Prices
-from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.training.rate import Context
+from reference_encoder.training.recipe import RECIPES, Recipe
 from reference_encoder.training.similarity import Target
 from reference_encoder.training.state import State, new_anchors, typical_distance
 from reference_encoder.training.trainer import Trainer
-from reference_encoder.training.vectors import Vectors
 from scarfmt.coding.writer import QuantisedScene, write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.source import BytesSource
@@ -57,50 +58,6 @@ _FINISH = 0.04
 """Of the time, at most so many seconds, are kept for networks and the file."""
 _MOST_FINISH = 90.0
 _MEMORY = 0.98
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """What a preset stands for.
-
-    Attributes:
-        features: D, of anchors; as many hidden units.
-        stages, codewords, dimension: of the quantiser of features; 0 stages: latents number by number.
-        curriculum: by name.
-        estimator, projector: of the quantiser.
-    """
-
-    features: int = 32
-    stages: int = 0
-    codewords: int = 1024
-    dimension: int = 16
-    curriculum: str = "default"
-    estimator: str = "rotation"
-    projector: str = "linear"
-
-    def vectors(self, layers: int, seed: int) -> Vectors | None:
-        """The quantiser of a run."""
-        if not self.stages:
-            return None
-        quantiser = Quantiser(
-            self.dimension,
-            self.features,
-            self.stages,
-            self.codewords,
-            estimator=self.estimator,
-            projector=self.projector,
-            seed=seed,
-        )
-        by_layer = tuple(max(1, round((layer + 1) * self.stages / layers)) for layer in range(layers))
-        return Vectors(quantiser, by_layer, priced=self.curriculum != "paper")
-
-
-RECIPES = {
-    "default": Recipe(),
-    "rvq": Recipe(stages=4),
-    "paper": Recipe(features=50, stages=4, curriculum="paper", projector="paper"),
-}
-"""By preset: "rvq" is the paper's quantiser under the curriculum of "default"."""
 
 
 @dataclass
@@ -146,24 +103,22 @@ class Clock:
         return self.iterations or max(iteration, round(iteration / done) if done > 0 else 0)
 
 
-def photos(chosen: tuple[Photo, ...]) -> Views:
-    """Cameras and what pictures of them are to look like."""
-    return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))))) for photo in chosen]
+def photos(chosen: tuple[Photo, ...], device: torch.device) -> Views:
+    """Cameras and what pictures of them are to look like, on a device."""
+    return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))).to(device))) for photo in chosen]
 
 
-def begun(capture: Capture, options: TrainOptions) -> Trainer:
-    """A run before its first iteration.
+def begun(capture: Capture, options: TrainOptions, recipe: Recipe | None = None) -> Trainer:
+    """A run before its first iteration; `recipe` in place of the preset's.
 
     Raises:
-        InvalidInput: ``input-options`` for what cannot be trained.
+        InvalidInput: ``input-options`` for what cannot be trained; as of :func:`run_device`.
     """
-    if options.device != "cpu":
-        message = f"training on {options.device} is not there yet, only its rasteriser is: leave out the device"
-        raise InvalidInput("input-options", message, field="device")
-    recipe = RECIPES[options.preset]
+    device = run_device(options.device)
+    recipe = recipe or RECIPES[options.preset]
     if not recipe.stages:
         _check_no_indices(options)
-    views = photos(capture.train)
+    views = photos(capture.train, device)
     eyes = np.stack([camera.centre for camera, _ in views])
     extent = EXTENT * float(np.linalg.norm(eyes - eyes.mean(axis=0), axis=1).max(initial=1e-6))
     points = torch.from_numpy(capture.points)
@@ -172,17 +127,17 @@ def begun(capture: Capture, options: TrainOptions) -> Trainer:
     anchors = new_anchors(points, frame, recipe.features)
     priced = 6 + (0 if recipe.stages else recipe.features)
     state = State(
-        frame=frame,
-        anchors=anchors,
-        networks=SceneNetworks(recipe.features, recipe.features, True, options.seed),
-        context=Context(priced, options.context != "none", options.seed),
-        log_widths=torch.zeros(priced),
-        log_offset_widths=torch.zeros(3),
-        statistics=Statistics.of(len(anchors)),
+        frame=frame.to(device),
+        anchors=anchors.to(device),
+        networks=SceneNetworks(recipe.features, recipe.features, True, options.seed).to(device),
+        context=Context(priced, options.context != "none", options.seed).to(device),
+        log_widths=torch.zeros(priced, device=device),
+        log_offset_widths=torch.zeros(3, device=device),
+        statistics=Statistics.of(len(anchors), device),
         plan=plan,
         generator=torch.Generator().manual_seed(options.seed),
         extent=extent,
-        vectors=recipe.vectors(plan.count, options.seed),
+        vectors=recipe.vectors(plan.count, options.seed, device),
     )
     pixel_count = sum(camera.width * camera.height for camera, _ in views)
     price = [options.lambda_ * _LAST_PRICE * _FALL ** (plan.count - 1 - layer) for layer in range(plan.count)]
@@ -191,9 +146,10 @@ def begun(capture: Capture, options: TrainOptions) -> Trainer:
         state=state,
         prices=Prices(price, pixel_count, wanted),
         views=views,
-        small=photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in capture.train)),
+        small=photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in capture.train), device),
         curriculum=CURRICULA[recipe.curriculum],
-        background=torch.zeros(3),
+        ssim_share=options.lambda_ssim,
+        background=torch.zeros(3, device=device),
         joint=JointIndexModel(index_options(options)) if recipe.stages else None,
     )
 
@@ -216,11 +172,11 @@ def index_options(options: TrainOptions) -> IndexOptions:
 class Run:
     """A training that goes on: its trainer, its clock, what it has found so far."""
 
-    def __init__(self, capture: Capture, options: TrainOptions, report: Report) -> None:
+    def __init__(self, capture: Capture, options: TrainOptions, report: Report, recipe: Recipe | None = None) -> None:
         self.options, self.report = options, report
-        self.trainer = begun(capture, options)
+        self.trainer = begun(capture, options, recipe)
         self.clock = Clock.of(options)
-        self.held_out = photos(capture.test)
+        self.held_out = photos(capture.test, self.trainer.state.device)
         self.psnr: float | None = None
         self.bytes: int | None = None
         self.loss = float("nan")
@@ -332,6 +288,8 @@ def train(
     folder: Path | None = None,
     report: Report = silent,
     stop: Stop = never,
+    leave: Stop = never,
+    recipe: Recipe | None = None,
 ) -> Trained:
     """Learn a scene from photos, and write it.
 
@@ -342,34 +300,45 @@ def train(
             there. Who has the file safe discards them (`checkpoints.discard_checkpoints`). None keeps nothing.
         report: told after every iteration.
         stop: asked after every iteration whether to end now with the best file so far.
+        leave: asked as often, where there is a folder, whether to leave off: with a checkpoint, and without a file.
+        recipe: what to train in place of what the preset stands for; for research.
 
     Raises:
         InvalidInput: ``input-options``, ``input-dependency``, ``input-checkpoint``.
+        LeftOff: `leave` said yes; the next call goes on.
     """
     options = (options or TrainOptions()).settled()
-    run = Run(capture, options, report)
-    if folder is None:
+    with reproducible(run_device(options.device)):
+        run = Run(capture, options, report, recipe)
+        if folder is not None:
+            return _kept(run, folder, identity(capture, options, recipe or RECIPES[options.preset]), stop, leave)
         while run.step() and not stop():
             if run.check_due():
                 run.check()
         return run.result()
-    whose = identity(capture, options)
+
+
+def _kept(run: Run, folder: Path, whose: str, stop: Stop, leave: Stop) -> Trained:
+    """What a run gives that keeps checkpoints and a log in a folder, and goes on from what it finds there."""
     found = load_checkpoint(folder, whose)
     if found is not None:
         run.load(found[1])
     with RunLog(folder, run.trainer.iteration) as log:
-        _loop(run, folder, whose, log, stop)
+        _loop(run, folder, whose, log, stop, leave)
         trained = run.result()
         ended = replace(run.progress(), psnr=trained.layers[-1].psnr, bytes=len(trained.data), phase="written")
         log.note(ended, layers=str([(layer.bytes, round(layer.psnr, 3)) for layer in trained.layers]))
     return trained
 
 
-def _loop(run: Run, folder: Path, whose: str, log: RunLog, stop: Stop) -> None:
+def _loop(run: Run, folder: Path, whose: str, log: RunLog, stop: Stop, leave: Stop) -> None:
     while run.step() and not stop():
         if run.check_due():
             figures = run.check()
             log.note(run.progress(), **figures)
         if run.save_due():
             run.save(folder, whose)
+        if leave():
+            run.save(folder, whose)
+            raise LeftOff(run.progress())
     run.save(folder, whose)

@@ -19,8 +19,6 @@ from reference_encoder.training.native import Similarity, run_similarity
 _RADIUS, _SIGMA = 5, 1.5
 _REACH = 3 * _RADIUS
 _C1, _C2 = 0.01**2, 0.03**2
-SSIM_SHARE = 0.2
-"""Of SSIM in the loss (3DGS, Scaffold-GS and their kin)."""
 
 
 def _window() -> list[float]:
@@ -114,7 +112,7 @@ class _Dissimilarity(torch.autograd.Function):
         return outputs[0] * gradient, None, None
 
 
-def dissimilarity(picture: Tensor, target: Target, share: float = SSIM_SHARE) -> Tensor:
+def dissimilarity(picture: Tensor, target: Target, share: float) -> Tensor:
     """(1 - share) L1 + share (1 - SSIM) of an (H, W, 3) picture, a scalar that is differentiable once."""
     return _Dissimilarity.apply(picture, target, share)  # type: ignore[no-any-return,no-untyped-call]
 

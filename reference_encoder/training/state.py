@@ -12,8 +12,10 @@ from torch import Tensor
 from reference_encoder.training.anchors import ATTRIBUTES, SLOTS, Anchors, Frame, SceneNetworks
 from reference_encoder.training.curriculum import Moment
 from reference_encoder.training.descent import Descent, Rates
+from reference_encoder.training.device import noise_generator
 from reference_encoder.training.expand import Values
 from reference_encoder.training.growth import Growth, Statistics, inherited
+from reference_encoder.training.lattice import Distinct
 from reference_encoder.training.layers import LayerPlan, coarse
 from reference_encoder.training.neighbours import Neighbours
 from reference_encoder.training.rate import Context, Priced
@@ -43,7 +45,7 @@ _CONTEXT_RATES = Rates(5e-3, 5e-4)
 
 @dataclass
 class State:
-    """A scene in training.
+    """A scene in training, all of it on one device.
 
     Attributes:
         frame: where anchors lie.
@@ -53,7 +55,7 @@ class State:
         descent: Adam over all of it.
         statistics: for growth.
         plan: layers.
-        generator: everything random.
+        generator: of choices, on the processor; `noise`: of many numbers, on the device (`device.noise_generator`).
         extent: of the cameras, world units.
         vectors: codewords that carry features, None where latents are sent number by number.
         around: (N, columns) what neighbours had when last looked at; zeros for anchors that came since.
@@ -69,11 +71,13 @@ class State:
     statistics: Statistics
     plan: LayerPlan
     generator: torch.Generator
+    noise: torch.Generator = field(init=False)
     extent: float
     vectors: Vectors | None = None
     around: Tensor | None = None
 
     def __post_init__(self) -> None:
+        self.noise = noise_generator(self.generator, self.device)
         shared = {"log_widths": self.log_widths, "log_offset_widths": self.log_offset_widths}
         nets = {f"networks.{name}": value for name, value in self.networks.named_parameters()}
         nets |= {f"context.{name}": value for name, value in self.context.named_parameters()}
@@ -83,6 +87,11 @@ class State:
             setattr(self.anchors, name, self.descent.parameters[name])
         self.log_widths = self.descent.parameters["log_widths"]
         self.log_offset_widths = self.descent.parameters["log_offset_widths"]
+
+    @property
+    def device(self) -> torch.device:
+        """Where everything is."""
+        return self.anchors.lattice.device
 
     @torch.no_grad()
     def rearrange(self, rows: Tensor, fresh: Anchors) -> None:
@@ -94,7 +103,8 @@ class State:
             setattr(anchors, name, self.descent.rearrange(name, rows, getattr(fresh, name)))
         self.statistics = self.statistics.taken(rows, len(fresh))
         if self.around is not None:
-            self.around = torch.cat([self.around[rows], torch.zeros(len(fresh), self.around.shape[1])])
+            new = self.around.new_zeros(len(fresh), self.around.shape[1])
+            self.around = torch.cat([self.around[rows], new])
 
     @torch.no_grad()
     def grow(self, growth: Growth, iteration: int) -> None:
@@ -102,13 +112,13 @@ class State:
         size = torch.log(growth.size * self.frame.voxel)
         latent = inherited(self.anchors.latent.detach(), growth)
         fresh = Anchors.fresh(growth.lattice, size, latent, iteration)
-        self.rearrange(torch.arange(len(self.anchors)), fresh)
+        self.rearrange(torch.arange(len(self.anchors), device=self.device), fresh)
 
     @torch.no_grad()
     def start_widths(self) -> None:
         """First cells of values, and what their distributions are like."""
         anchors = self.anchors
-        widths = torch.full((6,), _START_WIDTHS["scaling"])
+        widths = torch.full((6,), _START_WIDTHS["scaling"], device=self.device)
         values = anchors.scaling
         if self.vectors is None:
             spread = anchors.latent.std(dim=0).clamp_min(1e-3)
@@ -123,7 +133,8 @@ class State:
     def look_around(self) -> None:
         """Look at what neighbours have now."""
         if self.context.hidden is not None:
-            shown = self.context.shown(self._values(torch.arange(len(self.anchors))))
+            everyone = torch.arange(len(self.anchors), device=self.device)
+            shown = self.context.shown(self._values(everyone))
             self.around = Neighbours.of(self.anchors.lattice).around(shown)
 
     def _values(self, rows: Tensor) -> Tensor:
@@ -145,25 +156,34 @@ class State:
             "descent": self.descent.state(),
             "statistics": dict(vars(self.statistics)),
             "generator": self.generator.get_state(),
+            "noise": None if self.noise is self.generator else [self.device.type, self.noise.get_state()],
             "vectors": None if self.vectors is None else self.vectors.checkpoint(),
             "around": self.around,
         }
 
     @torch.no_grad()
     def resume(self, kept: dict[str, Any]) -> None:
-        """Take up a checkpoint."""
-        none = torch.zeros(0, dtype=torch.long)
-        self.rearrange(none, Anchors(**kept["anchors"]))
+        """Take up a checkpoint, which is on the processor, of a run on any device."""
+        none = torch.zeros(0, dtype=torch.long, device=self.device)
+        self.rearrange(none, Anchors(**kept["anchors"]).to(self.device))
         self.networks.load_state_dict(kept["networks"])
         self.context.load_state_dict(kept["context"])
         self.log_widths.copy_(kept["widths"][0])
         self.log_offset_widths.copy_(kept["widths"][1])
         self.descent.load(kept["descent"])
-        self.statistics = Statistics(**kept["statistics"])
+        self.statistics = Statistics(**kept["statistics"]).to(self.device)
         self.generator.set_state(kept["generator"])
-        self.around = kept["around"]
+        self._resume_noise(kept.get("noise"))
+        self.around = None if kept["around"] is None else kept["around"].to(self.device)
         if self.vectors is not None:
             self.vectors.resume(kept["vectors"])
+
+    def _resume_noise(self, kept: list[Any] | None) -> None:
+        if kept is not None and kept[0] == self.device.type:
+            self.noise.set_state(kept[1])
+        else:
+            # No generator takes the state of another device's.
+            self.noise = noise_generator(self.generator, self.device)
 
     def shown(self, rows: Tensor, layer: int) -> Tensor:
         """(n, K) bool, slots of anchors `rows` that a layer shows."""
@@ -211,7 +231,7 @@ class State:
         return Priced(values, offsets, self.shown(rows, layer), widths * 3.0**steps, offset_widths, around)
 
     def _noise(self, shape: tuple[int, ...] | torch.Size) -> Tensor:
-        return torch.rand(shape, generator=self.generator) - 0.5
+        return torch.rand(shape, generator=self.noise, device=self.device) - 0.5
 
 
 def _rates(name: str, extent: float) -> Rates:
@@ -232,9 +252,9 @@ def _rounded(values: Tensor, widths: Tensor, steps: int) -> Tensor:
 
 def new_anchors(points: Tensor, frame: Frame, latent: int) -> Anchors:
     """An anchor on every lattice point that some of (P, 3) float64 `points` round to, sized by its neighbours."""
-    lattice = torch.unique(torch.round((points - frame.origin) / frame.voxel).long(), dim=0)
+    lattice = Distinct.of(torch.round((points - frame.origin) / frame.voxel).long()).points
     size = torch.log(_neighbour_distance(frame.voxel * lattice.double()).clamp_min(1e-4 * frame.voxel))
-    return Anchors.fresh(lattice, size.float(), torch.zeros(len(lattice), latent))
+    return Anchors.fresh(lattice, size.float(), torch.zeros(len(lattice), latent, device=lattice.device))
 
 
 def _neighbour_distance(points: Tensor) -> Tensor:

@@ -27,6 +27,8 @@ _LEAST_DRAWN = 0.4
 _LEAST_SEEN = 0.8
 _DECIDE_EVERY, _LOOKS = 400, 48
 """Iterations between two decisions of masks, and photos that each looks at."""
+_STEER_EVERY = 100
+"""Iterations between two corrections of prices once masks are settled."""
 _LOOK_EVERY = 25
 """Iterations between two looks of anchors at their neighbours."""
 _REFRESH_EVERY, _INDEX_EVERY = 1000, 5
@@ -45,10 +47,11 @@ class Trainer:
         prices: of bits.
         views, small: cameras and photos to learn from, whole and at half their size.
         curriculum: when what happens.
+        ssim_share: of 1 - SSIM in what a picture lacks.
         background: (3,) colour behind everything.
         iteration: how many are done.
         order: photos still to come before all are drawn again.
-        joint: what learns to code indices along with the scene, if codewords carry features.
+        joint: what learns to code indices along with the scene, if codewords carry features; on the processor.
         index_bits: L_feat of its last step, bits an anchor.
         noisy, decided, indexed: whether noise, masks, learning to code indices have begun.
     """
@@ -58,6 +61,7 @@ class Trainer:
     views: Views
     small: Views
     curriculum: Curriculum
+    ssim_share: float
     background: Tensor
     iteration: int = 0
     order: list[int] = field(default_factory=list)
@@ -92,7 +96,8 @@ class Trainer:
         if now.draws_layer and plan.count > 1:
             layer = self._drawn(plan.draws)
         counts = now.gathers and layer == plan.count - 1
-        return Mode(layer, now, counts, 0.0 if now.fine_tunes else now.rate * self.prices.a_bit(layer))
+        price = 0.0 if now.fine_tunes else now.rate * self.prices.a_bit(layer)
+        return Mode(layer, now, counts, price, self.ssim_share)
 
     def phase(self, done: float) -> str:
         """What is being learnt, a few words."""
@@ -148,8 +153,10 @@ class Trainer:
     def _restructure(self, now: Moment) -> None:
         if now.grows and self.iteration % _GROW_EVERY == 0:
             self._grow()
-        if now.rate > 0 and not now.hard and self.iteration % _DECIDE_EVERY == 0:
+        if now.decides and self.iteration % _DECIDE_EVERY == 0:
             self._decide_masks(now.rate)
+        elif now.rate > 0 and not now.decides and not now.fine_tunes and self.iteration % _STEER_EVERY == 0:
+            self.prices.steer()
         if now.rate > 0 and self.iteration % _LOOK_EVERY == 0:
             self.state.look_around()
 
@@ -179,7 +186,7 @@ class Trainer:
         state, self.decided = self.state, True
         count = min(_LOOKS, len(self.small))
         chosen = torch.randperm(len(self.small), generator=state.generator)[:count].tolist()
-        found = worth(state, [self.small[number] for number in chosen], self.background)
+        found = worth(state, [self.small[number] for number in chosen], self.background, self.ssim_share)
         first = state.anchors.first
         born = state.anchors.born
         young = (born > 0) & (born > self.iteration - 2 * _DECIDE_EVERY)

@@ -23,7 +23,7 @@ class Vectors:
     """The quantiser of a scene in training, its own optimiser, and what it does now.
 
     Args:
-        quantiser: of M stages.
+        quantiser: of M stages, on the device of the run.
         stages: how many of them each layer has.
         priced: whether codewords are chosen by distortion and bits in the hard phase.
     """

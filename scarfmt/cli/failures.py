@@ -1,6 +1,7 @@
 """How failures end the command: one line on stderr, and an exit code.
 
 0: done. 1: the input is invalid, or the work failed. 2: the arguments are wrong, the output name included.
+75: left off as asked, the same command goes on (sysexits.h calls it a temporary failure).
 130: interrupted (143 when terminated, 129 when the terminal hangs up). Nothing half-written stays behind in any case.
 """
 
@@ -19,6 +20,7 @@ from scarfmt.errors import InputWarning, ScarError, missing_package
 
 FAILED = 1
 WRONG_ARGUMENTS = 2
+UNFINISHED = 75
 INTERRUPTED = 130
 
 ARGUMENT_REFUSALS = frozenset(

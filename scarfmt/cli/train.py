@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import signal
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -28,12 +29,14 @@ from reference_encoder.training.options import (
     MIN_SIZE,
     PAPER_ITERATIONS,
     PRESETS,
+    LeftOff,
     Progress,
     Stop,
     Trained,
     TrainOptions,
+    never,
 )
-from scarfmt.cli.failures import INTERRUPTED, doubts_told, requires_extra
+from scarfmt.cli.failures import INTERRUPTED, UNFINISHED, doubts_told, requires_extra
 from scarfmt.cli.files import STANDARD, check_output, open_output, print_json
 from scarfmt.cli.progress import Report, progress
 from scarfmt.limits import MAX_LAYERS
@@ -78,6 +81,13 @@ RUN_ENDING = ".run"
     f" [default: {DEFAULTS.lambda_:g}].",
 )
 @click.option(
+    "--lambda-ssim",
+    type=click.FloatRange(0, 1),
+    metavar="SHARE",
+    help="Share of structural dissimilarity in what a picture lacks; the rest is absolute difference"
+    f" [default: {DEFAULTS.lambda_ssim:g}].",
+)
+@click.option(
     "--size",
     type=click.IntRange(min=MIN_SIZE),
     metavar="BYTES",
@@ -90,7 +100,7 @@ RUN_ENDING = ".run"
     f" [default: {DEFAULTS.preset}].",
 )
 @click.option(
-    "--device", type=click.Choice(DEVICES), help=f"Where to train; cuda is refused yet [default: {DEFAULTS.device}]."
+    "--device", type=click.Choice(DEVICES), help=f"Where to train: cuda is an NVIDIA GPU [default: {DEFAULTS.device}]."
 )
 @click.option(
     "--context",
@@ -125,6 +135,13 @@ RUN_ENDING = ".run"
     help="Folder for checkpoints, log and plot. If an interrupted run of the same capture and options is in it, it goes"
     f" on [default: OUTPUT{RUN_ENDING}].",
 )
+@click.option(
+    "--slice-minutes",
+    type=click.FloatRange(0, MAX_MINUTES, min_open=True),
+    metavar="M",
+    help="Leave off after so many minutes of this call, with a checkpoint and exit code 75; the same command goes on"
+    " until OUTPUT is written [default: train to the end].",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print bytes, PSNR and SSIM of each layer as JSON on stdout.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
@@ -145,16 +162,19 @@ def train(capture: str, output: str, folder: str | None, as_json: bool, force: b
     """
     if as_json and output == STANDARD:
         raise click.UsageError("--json prints on standard output: give OUTPUT a file name")
-    hold_out, resolution = said.pop("hold_out"), said.pop("resolution")
+    hold_out, resolution, slice_minutes = said.pop("hold_out"), said.pop("resolution"), said.pop("slice_minutes")
+    leave = never if slice_minutes is None else _after(slice_minutes)
     options = TrainOptions(**{name: value for name, value in said.items() if value is not None}).settled()
     check_output(output, force)
     run = _run_folder(output) if folder is None else Path(folder)
+    if slice_minutes is not None and run is None:
+        raise click.UsageError("--slice-minutes needs a folder to go on from: give --run")
     with doubts_told(quiet), progress(quiet) as report, _workspace(run) as workspace:
         photos = _read(capture, resolution, HOLD_OUT if hold_out is None else hold_out, workspace, report)
         if not quiet:
             _print_capture(photos)
         with _stoppable(quiet) as stop:
-            trained = _train(photos, options, run, quiet, report, stop)
+            trained = _train(photos, options, run, quiet, report, stop, leave)
             with open_output(output, force) as target:
                 target.write(trained.data)
         interrupted = stop()
@@ -203,6 +223,12 @@ def _stoppable(quiet: bool) -> Iterator[Stop]:
         signal.signal(signal.SIGINT, before)
 
 
+def _after(minutes: float) -> Stop:
+    """A question that is answered with yes so many minutes from now."""
+    end = time.monotonic() + 60 * minutes
+    return lambda: time.monotonic() >= end
+
+
 def _read(path: str, resolution: int | None, hold_out: int, workspace: Path, report: Report) -> Capture:
     from reference_encoder.training.capture import load_capture
 
@@ -210,7 +236,7 @@ def _read(path: str, resolution: int | None, hold_out: int, workspace: Path, rep
 
 
 def _train(
-    capture: Capture, options: TrainOptions, run: Path | None, quiet: bool, report: Report, stop: Stop
+    capture: Capture, options: TrainOptions, run: Path | None, quiet: bool, report: Report, stop: Stop, leave: Stop
 ) -> Trained:
     from reference_encoder.training.checkpoints import last_iteration
     from reference_encoder.training.run import train as train_capture
@@ -222,8 +248,18 @@ def _train(
     def tell(now: Progress) -> None:
         report(_described(now), now.iteration / max(now.iterations, 1))
 
-    trained: Trained = train_capture(capture, options, run, tell, stop)
+    try:
+        trained: Trained = train_capture(capture, options, run, tell, stop, leave)
+    except LeftOff as left:
+        _leave_off(left, run, quiet)
     return trained
+
+
+def _leave_off(left: LeftOff, run: Path | None, quiet: bool) -> NoReturn:
+    """Say how to go on, and end."""
+    if not quiet:
+        click.echo(f"scarfmt: {left}: the same command goes on, from {run}", err=True)
+    click.get_current_context().exit(UNFINISHED)
 
 
 def _end(run: Path | None, interrupted: bool, quiet: bool) -> None:

@@ -14,7 +14,7 @@ from tests.conftest import REPOSITORY
 PAGES = [REPOSITORY / "README.md", REPOSITORY / "examples" / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
 
 
-SETTINGS = {("docs/encoder-effort.md", "efforts")}
+SETTINGS = {("docs/encoder-effort.md", "efforts"), ("docs/trained.md", "trained-plan")}
 """Sections that show what is set, not what was measured: other tests hold them to the code."""
 
 

@@ -17,7 +17,7 @@ import pytest
 
 import scarfmt
 from reference_encoder.training.capture import Capture
-from reference_encoder.training.options import LayerQuality, Progress, Trained, TrainOptions
+from reference_encoder.training.options import LayerQuality, LeftOff, Progress, Trained, TrainOptions, never
 from scarfmt.cli.train import _described
 from scarfmt.errors import InvalidInput
 from tests.cli.conftest import REPOSITORY, Run
@@ -34,7 +34,9 @@ class Trainer:
     given: list[tuple[Capture, TrainOptions, Path | None]] = field(default_factory=list)
     meanwhile: Callable[[], object] = lambda: None
 
-    def __call__(self, capture: Capture, options: TrainOptions, folder: Path | None, report: Any, stop: Any) -> Trained:
+    def __call__(
+        self, capture: Capture, options: TrainOptions, folder: Path | None, report: Any, stop: Any, leave: Any = never
+    ) -> Trained:
         self.given.append((capture, options, folder))
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
@@ -42,6 +44,8 @@ class Trainer:
             (folder / "log.jsonl").write_bytes(b"{}\n")
         report(NOW)
         self.meanwhile()
+        if leave():
+            raise LeftOff(NOW)
         layers = (LayerQuality(80_000, 25.5, 0.8), LayerQuality(len(self.data), 29.25, 0.9))
         return Trained(self.data, layers, 12_000, 600.0)
 
@@ -61,13 +65,14 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_options_reach_the_trainer(run: Run, trainer: Trainer, capture: Path, tmp_path: Path) -> None:
-    said = ("--iterations", 7, "--layers", 3, "--lambda", 2, "--preset", "paper", "--device", "cuda", "--seed", 5)
-    more = ("--context", "grid2d3d", "--entropy", "gru", "--hold-out", 3, "--resolution", 24, "--run", tmp_path / "r")
-    result = run("train", capture, tmp_path / "a.scar", "--size", 50_000, *said, *more)
+    said = ("--iterations", 7, "--layers", 3, "--lambda", 2, "--lambda-ssim", 0.3, "--seed", 5)
+    more = ("--preset", "paper", "--device", "cuda", "--context", "grid2d3d", "--entropy", "gru", "--hold-out", 3)
+    last = ("--resolution", 24, "--run", tmp_path / "r", "--size", 50_000)
+    result = run("train", capture, tmp_path / "a.scar", *said, *more, *last)
     assert result.exit_code == 0, result.output
     ((read, options, folder),) = trainer.given
     chosen = {"preset": "paper", "device": "cuda", "context": "grid2d3d", "entropy": "gru"}
-    assert options == TrainOptions(iterations=7, layers=3, lambda_=2.0, size=50_000, seed=5, **chosen)
+    assert options == TrainOptions(iterations=7, layers=3, lambda_=2.0, lambda_ssim=0.3, size=50_000, seed=5, **chosen)
     assert (len(read.test), read.photos[0].camera.width, folder) == (3, 24, tmp_path / "r")
 
 
@@ -134,6 +139,23 @@ def test_a_failure_of_the_trainer_leaves_its_checkpoint_and_no_file(
     assert "going on from iteration 5\n" in run("train", capture, tmp_path / "a.scar").stderr
 
 
+def test_a_slice_leaves_off_with_its_checkpoint_and_says_how_to_go_on(
+    run: Run, trainer: Trainer, capture: Path, tmp_path: Path
+) -> None:
+    """After its minutes, and not before; nothing is written until the same command has come to the end."""
+    said = ("train", capture, tmp_path / "a.scar", "--slice-minutes")
+    result = run(*said, 1e-9)
+    assert result.exit_code == 75
+    folder = tmp_path / "a.scar.run"
+    assert "left off after iteration 1,200 of 12,000" in result.stderr
+    assert result.stderr.endswith(f"the same command goes on, from {folder}\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.scar.run"]
+    assert (folder / "checkpoint-00000005.pt").is_file()
+    assert run(*said, 60).exit_code == 0
+    assert (tmp_path / "a.scar").read_bytes() == trainer.data
+    assert run("train", capture, "-", "--slice-minutes", 1).exit_code == 2
+
+
 def test_progress_says_where_training_stands() -> None:
     assert _described(NOW) == "grow · 1,200/12,000 · 27.31 dB · 512 kB · 38,201 anchors · 9 min left"
     assert _described(Progress(0, 9, 0, 30.4, "warm up", None, None, 5, 5, 1.0)).endswith("0/9 · 5 anchors · 30 s left")
@@ -156,7 +178,7 @@ from types import ModuleType
 from pathlib import Path
 from reference_encoder.training.options import Trained, LayerQuality
 signal.signal(signal.SIGINT, signal.default_int_handler)
-def train(capture, options, folder, report, stop):
+def train(capture, options, folder, report, stop, leave):
     folder.mkdir()
     (folder / "checkpoint-00000005.pt").write_bytes(b"x")
     for _ in range({times}):

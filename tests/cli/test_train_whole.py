@@ -70,7 +70,7 @@ train = run.train
 def killed(now):
     if now.iteration == 15:
         os.kill(os.getpid(), signal.SIGKILL)
-run.train = lambda capture, options, folder, report, stop: train(capture, options, folder, killed, stop)
+run.train = lambda capture, options, folder, report, *asked: train(capture, options, folder, killed, *asked)
 from scarfmt import cli
 sys.argv[1:] = {arguments!r}
 cli.main()
@@ -85,13 +85,13 @@ def test_ctrl_c_gives_a_sound_file_early_and_can_be_gone_on_from(
     train = trainer.train
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
-    def interrupted(capture: Any, options: Any, folder: Any, report: Callable[[Progress], None], stop: Any) -> Any:
+    def interrupted(capture: Any, options: Any, folder: Any, report: Callable[[Progress], None], *asked: Any) -> Any:
         def tell(now: Progress) -> None:
             report(now)
             if now.iteration == 8:
                 os.kill(os.getpid(), signal.SIGINT)
 
-        return train(capture, options, folder, tell, stop)
+        return train(capture, options, folder, tell, *asked)
 
     with monkeypatch.context() as patch:
         patch.setattr(trainer, "train", interrupted)

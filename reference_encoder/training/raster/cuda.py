@@ -41,7 +41,7 @@ class _View:
         return *size, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, TILE
 
 
-def _kernels() -> Any:
+def kernels() -> Any:
     """The module of the kernels.
 
     Raises:
@@ -71,7 +71,7 @@ class _Composite(torch.autograd.Function):
         image, left = means.new_empty(height, width, 3), means.new_empty(height, width)
         parts = means.new_zeros(len(view.listing.listed), 1)
         drawn = torch.empty(view.grid, dtype=torch.int32, device=means.device)
-        _kernels().blend[view.grid](*view.lists(), background, image, left, parts, drawn, *view.rules())
+        kernels().blend[view.grid](*view.lists(), background, image, left, parts, drawn, *view.rules())
         ctx.save_for_backward(opacities, background, image)
         ctx.state, ctx.count = (left, drawn, view), len(means)
         weights = _by_splat(parts, view.listing)
@@ -84,7 +84,7 @@ class _Composite(torch.autograd.Function):
         left, drawn, view = ctx.state
         towards, which = towards.contiguous(), view.seen.which
         parts = towards.new_zeros(len(view.listing.listed), GRADIENTS)
-        _kernels().unblend[view.grid](*view.lists(), image, towards, drawn, parts, *view.rules())
+        kernels().unblend[view.grid](*view.lists(), image, towards, drawn, parts, *view.rules())
         sums = _of_splats(_by_splat(parts, view.listing), view.seen.ellipses, opacities[which])
         to_shapes, *others = sums
         to_means, to_opacities, to_colours = (

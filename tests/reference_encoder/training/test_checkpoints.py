@@ -23,6 +23,7 @@ from reference_encoder.training.checkpoints import (
     save_checkpoint,
 )
 from reference_encoder.training.options import TrainOptions
+from reference_encoder.training.recipe import Recipe
 from scarfmt.errors import InputWarning, InvalidInput
 from tests.conftest import REPOSITORY
 
@@ -133,6 +134,8 @@ def test_a_kill_half_way_leaves_the_one_before(tmp_path: Path) -> None:
 
 
 def test_an_identity_is_that_of_all_options_and_of_the_capture() -> None:
+    """Also of a recipe in place of the preset's: what another one learnt is nothing to go on from."""
+
     class Some:
         digest = "abc"
 
@@ -140,5 +143,6 @@ def test_an_identity_is_that_of_all_options_and_of_the_capture() -> None:
         digest = "abd"
 
     options = [TrainOptions(), TrainOptions(seed=1), TrainOptions(lambda_=2.0), TrainOptions(minutes=3.0)]
-    found = {identity(capture, one) for capture in (Some(), Other()) for one in options}  # type: ignore[arg-type]
-    assert len(found) == 2 * len(options)
+    recipes = [Recipe(stages=4), Recipe(stages=4, estimator="straight-through")]
+    every = [(capture, one, recipe) for capture in (Some(), Other()) for one in options for recipe in recipes]
+    assert len({identity(*one) for one in every}) == len(every)  # type: ignore[arg-type]

@@ -48,6 +48,15 @@ def test_growth_is_over_before_pictures_are_hard() -> None:
     assert grows == [False, True, False, True, False]
 
 
+@pytest.mark.parametrize("name", CURRICULA)
+def test_masks_are_decided_while_rate_counts_and_values_can_still_answer(name: str) -> None:
+    """Under every curriculum for a twelfth of the run at least, and never once only networks learn."""
+    found = [moment(CURRICULA[name], done) for done in EVERY]
+    assert sum(one.decides for one in found) >= len(found) / 12
+    assert all(one.rate > 0 for one in found if one.decides)
+    assert not any(one.decides and one.fine_tunes for one in found)
+
+
 def test_a_cold_start_is_hard_from_the_first_step() -> None:
     first = moment(CURRICULA["cold"], 0.0)
     assert (first.hard, first.beta, first.quantises) == (True, 1.0, True)

@@ -16,7 +16,7 @@ def test_worth_is_what_leaving_a_slot_out_changes() -> None:
     state, camera, black = small.state(30), small.camera(), torch.zeros(3)
     target = Target.of(torch.zeros(camera.height, camera.width, 3, dtype=torch.uint8))
     views = [(camera, target)] * 300
-    found = worth(state, views, black)
+    found = worth(state, views, black, 0.2)
     whole = drawn(state, camera, 2, black)
     first = state.anchors.first.clone()
     best = found.benefit.flatten().argsort(descending=True)[:5].tolist()
@@ -63,5 +63,5 @@ def test_a_view_of_nothing_says_nothing() -> None:
     pose = camera.world_to_camera.copy()
     pose[2, 3] = -50.0
     target = Target.of(torch.zeros(camera.height, camera.width, 3, dtype=torch.uint8))
-    found = worth(state, [(replace(camera, world_to_camera=pose), target)], torch.zeros(3))
+    found = worth(state, [(replace(camera, world_to_camera=pose), target)], torch.zeros(3), 0.2)
     assert float(found.benefit.sum()) == 0

@@ -22,6 +22,8 @@ from scarfmt.errors import InvalidInput
         ({"layers": 17}, "layers"),
         ({"lambda_": 0.0}, "lambda_"),
         ({"lambda_": float("nan")}, "lambda_"),
+        ({"lambda_ssim": 1.1}, "lambda_ssim"),
+        ({"lambda_ssim": float("nan")}, "lambda_ssim"),
         ({"seed": -1}, "seed"),
         ({"preset": "best"}, "preset"),
         ({"device": "tpu"}, "device"),

@@ -55,3 +55,15 @@ def test_an_earlier_layer_is_never_cheaper() -> None:
     worth = found()
     chosen = Prices([0.1, 0.4], 10, None).follow(worth, worth.benefit > 0, 1.0)
     assert chosen[0] >= chosen[1]
+
+
+def test_once_masks_are_settled_prices_answer_to_sizes() -> None:
+    """A prefix above its size gets dearer, one below cheaper, each by a little; without sizes nothing moves."""
+    prices = Prices([1.0, 1.0, 1.0], 1, [100.0, 200.0, 300.0])
+    prices.estimate = [105.0, 100.0, 0.0]
+    prices.wrote([105, 180, 300])
+    prices.steer()
+    assert prices.price == pytest.approx([1.05, 1 / 1.1, 1.0])
+    fixed = Prices([1.0], 1, None, [100.0])
+    fixed.steer()
+    assert fixed.price == [1.0]

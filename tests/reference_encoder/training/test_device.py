@@ -1,0 +1,54 @@
+"""Where a training computes: chosen by name, refused where it is not, the same bits every time."""
+
+import pytest
+import torch
+from torch.utils import deterministic
+
+from reference_encoder.training import device
+from reference_encoder.training.device import noise_generator, reproducible, run_device
+from scarfmt.errors import InvalidInput, missing_package
+
+
+def test_a_gpu_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line, before anything is trained."""
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(InvalidInput, match="no CUDA GPU") as caught:
+        run_device("cuda")
+    assert (caught.value.refusal, caught.value.field) == ("input-options", "device")
+    assert run_device("cpu") == torch.device("cpu")
+
+
+def test_a_gpu_without_triton_is_refused_by_the_extra_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The rasteriser on CUDA needs it: who has a GPU is told what else."""
+
+    def missing() -> None:
+        raise missing_package("triton", "cuda")
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(device, "kernels", missing)
+    with pytest.raises(InvalidInput, match=r"triton.*scarfmt\[cuda\]") as caught:
+        run_device("cuda")
+    assert caught.value.refusal == "input-dependency"
+
+
+def test_torch_is_told_to_be_reproducible_as_long_as_a_run_lasts() -> None:
+    """Elsewhere than on the processor; afterwards torch is as it was, also where the run failed."""
+    with reproducible(torch.device("cpu")):
+        assert not torch.are_deterministic_algorithms_enabled()
+    filled = deterministic.fill_uninitialized_memory
+    with pytest.raises(ValueError, match="fails"):
+        _fail_reproducibly()
+    assert not torch.are_deterministic_algorithms_enabled()
+    assert deterministic.fill_uninitialized_memory == filled
+
+
+def _fail_reproducibly() -> None:
+    with reproducible(torch.device("meta")):
+        assert torch.are_deterministic_algorithms_enabled()
+        raise ValueError("fails")
+
+
+def test_on_the_processor_one_generator_draws_everything() -> None:
+    """What a seed gives there has not changed since there are other devices."""
+    choices = torch.Generator().manual_seed(1)
+    assert noise_generator(choices, torch.device("cpu")) is choices
