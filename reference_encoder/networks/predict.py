@@ -51,7 +51,7 @@ Key = tuple[int, int, int]
 """(stream, component, step)."""
 
 _WIDTHS = {4: (4, 0), 8: (8, 3, 0), 16: (16, 8, 3, 0)}
-"""Hidden units tried where decoding takes time, by the most that an effort allows; where it is free, most and none."""
+"""Hidden units tried, by the most that an effort allows."""
 _ESTIMATE = 0.5 / np.log(2)
 """Bits by which the entropy of a histogram falls short of the truth, per free entry (Miller and Madow)."""
 
@@ -280,8 +280,8 @@ def _best(
     key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int, bits_per_ns: float
 ) -> Gain | None:
     """The predictor of one step of one component, None if none pays."""
-    widths = _WIDTHS[training.units] if bits_per_ns else (training.units, 0)
-    found = (_trained(key, sample, static, replace(training, units=u), seed, bits_per_ns) for u in widths)
+    widths = (replace(training, units=units) for units in _WIDTHS[training.units])
+    found = (_trained(key, sample, static, width, seed, bits_per_ns) for width in widths)
     return max((gain for gain in found if gain and gain.bits > 0), key=lambda gain: gain.bits, default=None)
 
 
