@@ -68,7 +68,9 @@ def offsets(data: bytes) -> Iterator[tuple[str, float]]:
         yield name, kilobytes(every[on], np.broadcast_to(numbers, every.shape)[on])
 
 
-def known(contents: Sequence[TileContent], scaling: I32, on: NDArray[np.bool_], every: I64) -> Iterator[tuple[str, I64]]:
+def known(
+    contents: Sequence[TileContent], scaling: I32, on: NDArray[np.bool_], every: I64
+) -> Iterator[tuple[str, I64]]:
     """What a decoder knows before an offset, as contexts that broadcast to (N, K, 3)."""
     layers = np.concatenate([content.slot_layers for content in contents])
     yield "class of the anchor", np.concatenate([content.classes for content in contents])[:, None, None]
