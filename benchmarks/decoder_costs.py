@@ -97,11 +97,12 @@ class Variant:
 
 
 def _predicted(scene: QuantisedScene) -> int:
-    """Anchors that a step with predictors is found for, over all steps."""
+    """Anchors that a step with predictors is found for, over all components of all steps."""
     counts = class_counts(scene.contents)
     steps = {(p.stream, p.step) for group in scene.predictors.values() for p in group}
-    indices = ((scene.model.channel_index(stream), step) for stream, step in steps)
-    return sum(received(scene.model, index, step, counts) for index, step in indices if index is not None)
+    indices, channels = ((scene.model.channel_index(stream), step) for stream, step in steps), scene.model.channels
+    found = ((index, step) for index, step in indices if index is not None)
+    return sum(received(scene.model, index, step, counts) * channels[index].components for index, step in found)
 
 
 def finer(scene: QuantisedScene) -> QuantisedScene:

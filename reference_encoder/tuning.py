@@ -293,6 +293,8 @@ ANCHORS_PER_CELL = 128
 
 PREDICTOR_SAMPLE, PREDICTOR_ANCHORS = 40_000, 160_000
 """Symbols a predictor is trained on, and anchors of the tiles looked at for them [0009]."""
+PREDICTOR_SAMPLE_BYTES = 1 << 28
+"""Samples held at a time: those of a wide latent would fill a machine [0037]."""
 PREDICTOR_LEAST_SYMBOLS = 4000
 """Fewer symbols never pay for a network [0009]."""
 PREDICTOR_TABLE_BITS, PREDICTOR_ENTRY_BITS = 24.0, 6.0

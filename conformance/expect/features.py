@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from conformance.decoders.python.decoder import Decoder
-from conformance.decoders.python.fields import parse_tables
+from conformance.decoders.python.fields import LATENT, parse_tables
 from conformance.decoders.python.tile import NAMES
 
 _KNOWN_KINDS = (1, 2, 3, 4, 5, 6, 7, 8, 16, 64)
@@ -105,10 +105,12 @@ def _entropy(decoder: Decoder) -> Iterator[str]:
         yield "passes"
     if decoder.opening.targets:
         yield "depths"
-    predictors = decoder.predictors[-1].values()
+    predictors = decoder.predictors[-1]
     if predictors:
         yield "predictors"
-    if any(predictor.hidden for predictor in predictors):
+    if any(stream == LATENT for stream, _, _ in predictors):
+        yield "predicted-latents"
+    if any(predictor.hidden for predictor in predictors.values()):
         yield "hidden-units"
     if decoder.grid:
         yield "hash-grid"

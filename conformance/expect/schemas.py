@@ -33,7 +33,8 @@ _SHAPE = {"type": "array", "items": _COUNT, "minItems": 1, "maxItems": 4}
 _STREAM = "(POSITIONS|CLASSES|MASKS|POSITION_RESIDUAL|SCALE|ROTATION|OPACITY|COLOUR|INDICES|LATENT|OFFSETS)"
 _ARRAY_NAMES = {
     "models": r"^(codebook\.[01]|grid\.bits\.(1[0-5]|[0-9]))$",
-    "context": r"^(grid\.features|embedding|context\.(SCALE|ROTATION|OPACITY|COLOUR)\.[0-9]+\.([1-9]|1[0-9]|20))$",
+    "context": r"^(grid\.features|embedding|"
+    r"context\.(SCALE|ROTATION|OPACITY|COLOUR|LATENT)\.[0-9]+\.([1-9]|1[0-9]|20))$",
     "frequencies": rf"^frequencies\.({_STREAM}|INDICES\.[1-8])$",
     "indices": "^index$",
     "integers": rf"^(tile|code|class|slot_layer|v\.{_STREAM})$",

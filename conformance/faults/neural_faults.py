@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 
 from conformance.scenes.cases import Case, refused
-from conformance.surgery.files import blocks_of, changed, rebuilt, tile_parts, without
+from conformance.scenes.made import PLAIN, Plan, build, channel
+from conformance.surgery.files import blocks_of, changed, rebuilt, tile_parts, vector_file, without
 from conformance.writer.fields import varint
 from conformance.writer.networks import network_block, predictors_block
 from conformance.writer.tile import tile_block
 from scarfmt.blocks.index_network import unpack_network
 from scarfmt.blocks.predictors import unpack_predictors
+from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockKind, Stream
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
 from scarfmt.neural.network import IndexNetwork
 from scarfmt.neural.predictors import Predictor
-from scarfmt.scene.model import MAX_CLASSES
+from scarfmt.scene.model import MAX_CLASSES, DecodedContext, LayerRow
 
 Fault = tuple[str, str, str, str, bytes]
 """(name, what is wrong, rule, refusal id, file)."""
@@ -206,7 +208,7 @@ def _predictor_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
 
     yield ("predictors-none", "a PREDICTORS block without a predictor", "R-10.3-1", "bad-predictor",
            changed(base, BlockKind.PREDICTORS, 1, lambda _: b"\0"))
-    yield ("predictor-latent", "a predictor of a channel that is no attribute channel", "R-10.3-1", "bad-predictor",
+    yield ("predictor-residual", "a predictor of POSITION_RESIDUAL", "R-10.3-1", "bad-predictor",
            changed(base, BlockKind.PREDICTORS, 1, lambda c: c[:1] + bytes([Stream.POSITION_RESIDUAL]) + c[2:]))
     yield ("predictor-units", "65 hidden units", "R-10.3-1", "bad-predictor",
            changed(base, BlockKind.PREDICTORS, 1, lambda c: c[:8] + bytes([65]) + c[9:]))
@@ -224,6 +226,9 @@ def _predictor_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
     yield ("predictor-inputs", "as many inputs as two depths have; the file has one", "R-10.3-3", "bad-predictor",
            rebuilt(narrow, [*blocks_of(narrow), fewer]))
 
+    yield ("predictor-inputs-wrapped", "346 inputs, of which a byte holds 90", "R-10.3-3", "bad-predictor",
+           _wrapped_inputs())
+
     def reaching(predictors: tuple[Predictor, ...]) -> tuple[Predictor, ...]:
         output = predictors[0].output
         return first(output=replace(output, biases=_one_more(output.biases, 0)))(predictors)
@@ -234,6 +239,17 @@ def _predictor_faults(base: bytes, edge: bytes) -> Iterator[Fault]:
         yield (f"predictor-weight{name}", f"a weight of {weight} in a row that stays in reach", "R-10.1-1",
                "bad-predictor", edited(partial(_heavy, weight)))
     yield from _record_order_faults(base, edge)
+
+
+def _wrapped_inputs() -> bytes:
+    """A predictor of 90 inputs for LATENT of 64 components and four depths: 15 + 3 + 64 + 4 * 66 = 346."""
+    channels = channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN), channel(Stream.LATENT, 1.5, *(PLAIN,) * 64)
+    data = vector_file(build(Plan(
+        "wrapped inputs", channels, (LayerRow((0,), ((1, 1),)),), (Tile(0, 0, 0),), (10,), bits=5, dimension=64,
+        context=DecodedContext(0, (8, 4, 2, 1)))))
+    output = Linear(np.zeros((2, 346 % 256), np.int32), np.zeros(2, np.int64), 0)
+    payload = predictors_block((Predictor(Stream.LATENT, 0, 1, None, output, (1, 1)),))
+    return rebuilt(data, [*blocks_of(data), Block(BlockKind.PREDICTORS, 1, payload, count=1)])
 
 
 def _heavy(weight: int, predictors: tuple[Predictor, ...]) -> tuple[Predictor, ...]:

@@ -85,9 +85,27 @@ def predictor_cases() -> Iterator[Case]:
     yield _edge("predictors-exact", "contexts that tell inputs near their ends apart, each input by itself", _exact(),
                 (*rules, "R-10.1-1"))
     yield _edge("predictors-largest", "weights of 32767 and -32767", _largest(), ("R-10.1-1", "R-10.3-2"))
+    yield from _latent_cases((*rules, "R-10.3-1"))
     style = WriteOptions(class_columns=15, rice=RiceStyle(raised=4, most_shift=0, zero_shift=31))
     yield _edge("predictors-stored", "class columns without weights, larger Rice parameters, zeros shifted by 31",
                 _passes(1, (5,)), ("R-5.9-1", "R-5.9-2", "R-10.3-1"), style)
+
+
+def _latent_cases(rules: Sequence[str]) -> Iterator[Case]:
+    """LATENT as wide as it may be, and as many inputs as fit in a byte."""
+    rows = (LayerRow((0,), ((2, 1),)), LayerRow((0,), ((2, 2),)))
+    scales = channel(Stream.SCALE, 0.25, *(PLAIN,) * 6)
+    wide = channel(Stream.LATENT, 1.5, *(PLAIN,) * 63, ContextRule(True, 0, 2, -4, 0))
+    every = (PredictorPlan(Stream.LATENT, c, 1, c // 62, (2 + c % 7, 2)) for c in range(64))
+    yield _edge("predictors-latents-64", "predictors of 64 components of LATENT; of a second step, too", Plan(
+        "edge 64 latents", (_SCALE3, wide), rows, _WHOLE, (40,), bits=6, dimension=64,
+        context=DecodedContext(1, (12, 3)), predictors=(*every, PredictorPlan(Stream.LATENT, 63, 2, 2, (6, 3)))), rules)
+    yield _edge("predictors-inputs-255", "57 components and three depths in the anchor profile: 255 inputs", Plan(
+        "edge 255 inputs", (scales, channel(Stream.LATENT, 1.5, *(PLAIN,) * 57), ANCHOR_CHANNELS[1]),
+        tuple(LayerRow(row.stages, tuple((*steps, 1) for steps in row.steps)) for row in rows), _WHOLE, (30,), bits=6,
+        profile=Profile.ANCHOR, slots=1, dimension=57, context=DecodedContext(2, (20, 6, 2)), predictors=(
+            PredictorPlan(Stream.LATENT, 0, 1, 64), PredictorPlan(Stream.LATENT, 56, 1, 0, (16, 8)),
+            PredictorPlan(Stream.LATENT, 30, 2, 3), PredictorPlan(Stream.LATENT, 56, 2, 1, wide=True))), rules)
 
 
 def _exact_predictor(stream: Stream, component: int, step: int, inputs: int, column: int, near: int) -> Predictor:

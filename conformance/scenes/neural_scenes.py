@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from conformance.scenes.made import (
     ANCHOR_CHANNELS,
     BY_CLASS,
@@ -40,7 +42,7 @@ _on = PredictorPlan
 
 def neural_plans() -> dict[str, tuple[str, Plan]]:
     """Name -> (what it tests, plan)."""
-    return {**_predictor_plans(), **_network_plans()}
+    return {**_predictor_plans(), **_latent_plans(), **_network_plans()}
 
 
 def _predictor_plans() -> dict[str, tuple[str, Plan]]:
@@ -78,6 +80,33 @@ def _predictor_plans() -> dict[str, tuple[str, Plan]]:
             context=DecodedContext(0, (8,)), predictors=(
                 _on(Stream.SCALE, 0, 1, 3, edge=True), _on(Stream.COLOUR, 0, 1),
                 _on(Stream.COLOUR, 1, 2, 0, (16, 16), wide=True, edge=True)))),
+    }
+
+
+def _latent_plans() -> dict[str, tuple[str, Plan]]:
+    anchors = (
+        channel(Stream.POSITION_RESIDUAL, 1 / 3, PLAIN, PLAIN, PLAIN),
+        channel(Stream.SCALE, 0.25, *(BY_CLASS,) * 6),
+        channel(Stream.LATENT, 3.0, PLAIN, BY_CLASS, ContextRule(True, 1, 4, -3, 0), ContextRule(False, 2, 0, -5, 1),
+                PLAIN, BY_CLASS, PLAIN),
+        channel(Stream.OFFSETS, 0.125, PLAIN, BY_CLASS, PLAIN),
+    )
+    neural = replace(REFINED_ROWS[2], neural=True)
+    return {
+        "latents-predicted": ("predictors of LATENT in two layers; the index network beside them sees none of it", Plan(
+            "latents", EVERY_CHANNEL, (*REFINED_ROWS[:2], neural), SPREAD_TILES, (60, 30, 0, 50), degree=2, dimension=5,
+            context=DecodedContext(2, (40, 5)), predictors=(
+                _on(Stream.SCALE, 1, 2, 3), _on(Stream.LATENT, 0, 1, 4, (16, 4)), _on(Stream.LATENT, 2, 1, 0, (5, 3)),
+                _on(Stream.LATENT, 3, 2, 3, (2, 7), 4), _on(Stream.LATENT, 4, 1, 64, (256, 1), 15),
+                _on(Stream.LATENT, 4, 2)),
+            network=NetworkPlan(latents=2, classes=3))),
+        "latents-predicted-anchors": ("anchor profile: predictors of LATENT in three layers, 8 passes, 3 depths", Plan(
+            "anchor latents", anchors, (
+                LayerRow((0,), ((0, 1, 1, 1),)), LayerRow((0, 1), ((1, 1, 2, 1), (1, 2, 0, 1))),
+                LayerRow((1, 2), ((2, 2, 4, 1), (1, 2, 1, 1)))), SPREAD_TILES[:2], (50, 60), profile=Profile.ANCHOR,
+            slots=4, dimension=7, bits=11, context=DecodedContext(3, (20, 6, 1)), predictors=(
+                _on(Stream.SCALE, 5, 2, 2), *(_on(Stream.LATENT, c, 1, c % 3, (4 + c, 3)) for c in (0, 1, 3, 6)),
+                *(_on(Stream.LATENT, c, 2, 2 * c, (3, 2)) for c in range(7)), _on(Stream.LATENT, 5, 4, 0, (16, 16))))),
     }
 
 

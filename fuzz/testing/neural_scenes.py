@@ -14,7 +14,7 @@ from scarfmt.container.schema import Profile
 from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.grid import GridLevel, HashGrid
 from scarfmt.neural.network import Inputs
-from scarfmt.neural.predictors import Predictor, first_use, input_width
+from scarfmt.neural.predictors import MAX_INPUTS, Predictor, first_use, input_width
 from scarfmt.scene.model import DecodedContext, SceneModel
 
 _OCCUPANCIES = (64, 24, 12, 3, 2, 1)
@@ -28,20 +28,27 @@ def neural_scene(
     anchors: int = 200,
     layers: int = 3,
     tiles: int = 3,
+    latent: int | None = None,
+    network: bool = True,
 ) -> QuantisedScene:
-    """A scene in which predictors and network are as random as its values; about one in four has no grid."""
+    """A scene in which predictors and network are as random as its values; about one in four has no grid.
+
+    Args:
+        seed, profile, anchors, layers, tiles, latent: as of :func:`fuzz.testing.scenes.random_scene`.
+        network: whether it has an index network, if it has codebooks.
+    """
     rng = np.random.default_rng([seed, 7])
-    scene = random_scene(seed, profile, anchors=anchors, layers=layers, tiles=tiles)
+    scene = random_scene(seed, profile, anchors=anchors, layers=layers, tiles=tiles, latent=latent)
     depths = np.sort(rng.choice(_OCCUPANCIES, int(rng.integers(0, 4)), replace=False))[::-1]
     context = DecodedContext(int(rng.integers(0, 4)), tuple(int(depth) for depth in depths))
     scene = replace(scene, model=replace(scene.model, context=context))
     scene = replace(scene, predictors=_predictors(rng, scene.model))
-    return _with_network(rng, scene) if scene.codebooks is not None else scene
+    return _with_network(rng, scene) if network and scene.codebooks is not None else scene
 
 
 def _predictors(rng: Generator, model: SceneModel) -> dict[int, tuple[Predictor, ...]]:
     found: dict[int, list[Predictor]] = {}
-    for channel in model.attributes:
+    for channel in (index for index in model.predicted if input_width(model, index) <= MAX_INPUTS):
         for component in range(model.channels[channel].components):
             for step in range(1, _MOST_STEPS):
                 layer = first_use(model, channel, step)

@@ -30,6 +30,7 @@ def random_scene(
     layers: int = 3,
     tiles: int = 3,
     sh_degree: int | None = None,
+    latent: int | None = None,
 ) -> QuantisedScene:
     """A scene whose channels, classes, layer table, lattice and values all follow from `seed`.
 
@@ -40,6 +41,7 @@ def random_scene(
         layers: 1..16.
         tiles: 1..64, some of them perhaps without anchors.
         sh_degree: of the explicit profile; random by default.
+        latent: components of LATENT, there wherever it may be; by default `LATENT`, there by chance.
     """
     rng = np.random.default_rng([seed, profile, anchors, layers, tiles])
     degree = int(rng.integers(0, 4)) if sh_degree is None else sh_degree
@@ -47,7 +49,8 @@ def random_scene(
     degree = 0 if profile == Profile.ANCHOR else degree
     bits = int(rng.choice([4, 12, 16, 24, 32]))
     fields = HeaderFields(profile, degree, slots, bits, (-1.5, 0.25, 3.0), 2.0**-bits, anchors)
-    channels = _channels(rng, profile, degree)
+    channels = _channels(rng, profile, degree, latent)
+    size = latent or LATENT
     outputs = _decoder_outputs(profile, degree, channels)
     model = SceneModel(profile, slots, channels, _rows(rng, channels, layers, bool(outputs)))
     table = _tiles(rng, bits, tiles)
@@ -59,14 +62,14 @@ def random_scene(
         model,
         table,
         contents,
-        _books(rng, model.max_stages) if coarse else None,
-        _network(rng, (LATENT, 12, outputs)) if decoder else None,
+        _books(rng, model.max_stages, size) if coarse else None,
+        _network(rng, (size, 12, outputs)) if decoder else None,
         _scene_mlps(rng, slots) if profile == Profile.ANCHOR else (),
         {"title": f"scene {seed}"} if rng.random() < 0.5 else {},
     )
 
 
-def _channels(rng: Generator, profile: Profile, degree: int) -> tuple[Channel, ...]:
+def _channels(rng: Generator, profile: Profile, degree: int, latent: int | None) -> tuple[Channel, ...]:
     """SCALE always, OFFSETS by profile, the others by chance; rules point at any earlier component."""
     chosen: list[tuple[Stream, float, int]] = []
     if rng.random() < 0.5:
@@ -76,8 +79,8 @@ def _channels(rng: Generator, profile: Profile, degree: int) -> tuple[Channel, .
         others = [(Stream.ROTATION, 0.2, 3), (Stream.OPACITY, 0.3, 1), (Stream.COLOUR, 0.1, 3)]
         chosen += [other for other in others if rng.random() < 0.7]
     has_colour = any(stream == Stream.COLOUR for stream, _, _ in chosen)
-    if (profile == Profile.ANCHOR or degree > 0 or not has_colour) and rng.random() < 0.5:
-        chosen.append((Stream.LATENT, 9.0, LATENT))
+    if (profile == Profile.ANCHOR or degree > 0 or not has_colour) and (rng.random() < 0.5 or latent):
+        chosen.append((Stream.LATENT, 9.0, latent or LATENT))
     sources = [(i, c) for i, (_, _, size) in enumerate(chosen) for c in range(size)]
     out = []
     for index, (stream, step, size) in enumerate(chosen):
@@ -168,9 +171,9 @@ def _decoder_outputs(profile: Profile, degree: int, channels: tuple[Channel, ...
     return 3 * ((degree + 1) ** 2 - any(channel.stream == Stream.COLOUR for channel in channels))
 
 
-def _books(rng: Generator, stages: int) -> Codebooks:
+def _books(rng: Generator, stages: int, size: int) -> Codebooks:
     residual = 20 if stages > 1 else 0
-    return Codebooks(rng.integers(-60, 60, (20, LATENT)), rng.integers(-9, 9, (residual, LATENT)))
+    return Codebooks(rng.integers(-60, 60, (20, size)), rng.integers(-9, 9, (residual, size)))
 
 
 def _scene_mlps(rng: Generator, slots: int) -> tuple[QuantisedMlp, ...]:

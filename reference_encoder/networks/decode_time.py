@@ -24,7 +24,7 @@ class Work:
 
     Attributes:
         multiply_adds: of all anchors.
-        anchors: for which their inputs are made, each as often as that happens.
+        anchors: for which their inputs are made, each as often as that happens; of predictors, for every component.
     """
 
     multiply_adds: int
@@ -57,7 +57,8 @@ def predictor_work(scene: QuantisedScene) -> dict[Stream, Work]:
         channel, known = model.channel_index(stream), work.get(stream, Work(0, 0))
         assert channel is not None
         anchors = received(model, channel, step, counts)
-        work[stream] = Work(known.multiply_adds + each * anchors, known.anchors + anchors)
+        components = model.channels[channel].components
+        work[stream] = Work(known.multiply_adds + each * anchors, known.anchors + components * anchors)
     return work
 
 

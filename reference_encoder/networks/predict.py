@@ -8,7 +8,7 @@ save more bits than the network and its tables cost, and than are transferred wh
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -25,6 +25,7 @@ from reference_encoder.tuning import (
     PREDICTOR_ENTRY_BITS,
     PREDICTOR_LEAST_SYMBOLS,
     PREDICTOR_SAMPLE,
+    PREDICTOR_SAMPLE_BYTES,
     PREDICTOR_TABLE_BITS,
     RUN_BITS,
     SKETCH_STRIDE,
@@ -32,7 +33,7 @@ from reference_encoder.tuning import (
     WIDER_SHARE,
 )
 from scarfmt.arrays import F32, F64, I16, I64, Ints
-from scarfmt.blocks.predictors import pack_predictors
+from scarfmt.blocks.predictors import MAX_PREDICTORS, pack_predictors
 from scarfmt.coding.decoder_model import DECODER
 from scarfmt.coding.tile import NeuralModels, TileContent, put_layer
 from scarfmt.container.directory import TileFrame
@@ -42,7 +43,7 @@ from scarfmt.entropy.emitters import Emitter, SymbolCounter
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.errors import Malformed
 from scarfmt.neural.predicted import Predictors
-from scarfmt.neural.predictors import MAX_CONTEXTS, Predictor, first_use, input_width
+from scarfmt.neural.predictors import MAX_CONTEXTS, MAX_INPUTS, Predictor, first_use, input_width
 from scarfmt.scene.model import MAX_CLASSES, NO_SOURCE, ContextRule, LayerRow, SceneModel
 
 _T = TypeVar("_T")
@@ -50,7 +51,7 @@ Key = tuple[int, int, int]
 """(stream, component, step)."""
 
 _WIDTHS = {4: (4, 0), 8: (8, 3, 0), 16: (16, 8, 3, 0)}
-"""Hidden units tried where decoding takes time, by the most that an effort allows."""
+"""Hidden units tried where decoding takes time, by the most that an effort allows; where it is free, most and none."""
 _ESTIMATE = 0.5 / np.log(2)
 """Bits by which the entropy of a histogram falls short of the truth, per free entry (Miller and Madow)."""
 
@@ -96,10 +97,10 @@ class _Tap(Emitter):
             recorder.take(values)
 
     def emit_uniform(self, size: int, values: Ints) -> None:
-        """Nothing: no attribute is coded so."""
+        """Nothing: no channel is coded so."""
 
     def emit_rows(self, weights: F64, values: Ints) -> None:
-        """Nothing: no attribute is coded so."""
+        """Nothing: no channel is coded so."""
 
 
 @dataclass(frozen=True)
@@ -147,41 +148,71 @@ def choose_predictors(
         effort: 1..3.
         bits_per_ns: what a nanosecond of decoding is worth.
     """
-    whole, (model, contents) = _totals(model, contents), _attributes_only(model, contents)
-    frames, training = [TileFrame(b) for b in bits], EFFORTS[effort].predictors
-    promising = set(whole)
+    model, contents = _predicted_only(model, contents)
+    whole, frames, training = _totals(model, contents), [TileFrame(b) for b in bits], EFFORTS[effort].predictors
+    promising = {key for key, total in whole.items() if total >= PREDICTOR_LEAST_SYMBOLS}
+    seeds = {key: seed + number for number, key in enumerate(sorted(whole))}
     if bits_per_ns:
         few = _some_tiles(frames, contents, seed, PREDICTOR_ANCHORS // SKETCH_STRIDE)
-        promising = _promising(model, *few, whole, training, seed, bits_per_ns)
+        promising = _promising(model, *few, whole, promising, training, seeds, bits_per_ns)
     if not promising:
         return {}
     frames, contents = _some_tiles(frames, contents, seed, PREDICTOR_ANCHORS)
     static = _static_bits(model, frames, contents, whole, bits_per_ns)
-    taken = sorted(samples(model, frames, contents, whole, seed).items())
 
-    def best(number: int) -> Gain | None:
-        key, sample = taken[number]
-        return _best(key, sample, static[key], training, seed + number, bits_per_ns) if key in promising else None
+    def best(key: Key, sample: Sample) -> Gain | None:
+        return _best(key, sample, static[key], training, seeds[key], bits_per_ns)
 
-    gains = [gain for gain in _in_threads(best, len(taken)) if gain is not None]
-    return _sent(model, [gain.predictor for gain in _paying(gains, whole, bits_per_ns)])
-
-
-def _in_threads(act: Callable[[int], _T], count: int) -> list[_T]:
-    """What `act` gives for 0.. count - 1. Each predictor is trained by itself, so threads change nothing."""
-    with ThreadPoolExecutor(get_num_threads()) as pool:
-        return list(pool.map(act, range(count)))
+    found = _of_samples(best, model, frames, contents, whole, promising, seeds)
+    gains = [gain for gain in found if gain is not None]
+    return _sent(model, _paying(gains, whole, bits_per_ns))
 
 
-def _sent(model: SceneModel, predictors: Sequence[Predictor]) -> dict[int, tuple[Predictor, ...]]:
-    """Predictors by the layer that sends them."""
+def _of_samples(
+    act: Callable[[Key, Sample], _T],
+    model: SceneModel,
+    frames: Sequence[TileFrame],
+    contents: Sequence[TileContent],
+    whole: Mapping[Key, int],
+    keys: Collection[Key],
+    seeds: Mapping[Key, int],
+) -> list[_T]:
+    """What `act` gives for each of `keys` and its sample, in any order; samples of a few are in memory at a time."""
+    found = list[_T]()
+    for batch in _batches(model, whole, keys):
+        # Each predictor is trained by itself, so threads change nothing. No name holds samples while others are drawn.
+        with ThreadPoolExecutor(get_num_threads()) as pool:
+            found += pool.map(lambda item: act(*item), samples(model, frames, contents, whole, batch, seeds).items())
+    return found
+
+
+def _batches(model: SceneModel, whole: Mapping[Key, int], keys: Collection[Key]) -> Iterator[list[Key]]:
+    """`keys`, step by step, cut where their samples would take more than `PREDICTOR_SAMPLE_BYTES`."""
+    batch, taken = list[Key](), 0
+    for stream, component, step in sorted(keys, key=lambda key: (key[0], key[2])):
+        channel = model.channel_index(Stream(stream))
+        assert channel is not None
+        key = stream, component, step
+        size = 2 * min(PREDICTOR_SAMPLE, whole[key]) * input_width(model, channel)
+        if batch and taken + size > PREDICTOR_SAMPLE_BYTES:
+            yield batch
+            batch, taken = [], 0
+        batch.append(key)
+        taken += size
+    if batch:
+        yield batch
+
+
+def _sent(model: SceneModel, gains: Sequence[Gain]) -> dict[int, tuple[Predictor, ...]]:
+    """Predictors by the layer that sends them: of each layer as many of those that save most as a block may hold."""
     chosen: dict[int, tuple[Predictor, ...]] = {}
-    for predictor in predictors:
+    for gain in sorted(gains, key=lambda gain: -gain.bits):
+        predictor = gain.predictor
         channel = model.channel_index(predictor.stream)
         layer = None if channel is None else first_use(model, channel, predictor.step)
         assert layer is not None
-        chosen[layer] = (*chosen.get(layer, ()), predictor)
-    return chosen
+        chosen[layer] = (*chosen.get(layer, ()), predictor)[:MAX_PREDICTORS]
+    return {layer: tuple(sorted(group, key=lambda p: p.key)) for layer, group in sorted(chosen.items())}
 
 
 def _promising(
@@ -189,25 +220,21 @@ def _promising(
     frames: Sequence[TileFrame],
     contents: Sequence[TileContent],
     whole: Mapping[Key, int],
+    keys: Collection[Key],
     training: PredictorTraining,
-    seed: int,
+    seeds: Mapping[Key, int],
     bits_per_ns: float,
 ) -> set[Key]:
-    """Keys for which a predictor might pay for its time, told from a few tiles before anything is trained well."""
+    """Those of `keys` for which a predictor may pay for its time, told from a few tiles before any is trained well."""
     static = _static_bits(model, frames, contents, whole, bits_per_ns)
-    bounds = [(key, _bound(model, key, bits, whole[key], bits_per_ns)) for key, bits in static.items()]
+    bounds = [(k, _bound(model, k, bits, whole[k], bits_per_ns)) for k, bits in static.items() if k in keys]
     worth = {key for key, _ in _steps_that_pay(bounds, whole, bits_per_ns)}
-    if not worth:
-        return set()
-    taken = [
-        (key, found) for key, found in sorted(samples(model, frames, contents, whole, seed).items()) if key in worth
-    ]
 
-    def hope(number: int) -> tuple[Key, float]:
-        key, sample = taken[number]
-        return key, _hope(key, sample, static[key], training, seed + number, bits_per_ns)
+    def hope(key: Key, sample: Sample) -> tuple[Key, float]:
+        return key, _hope(key, sample, static[key], training, seeds[key], bits_per_ns)
 
-    return {key for key, _ in _steps_that_pay(_in_threads(hope, len(taken)), whole, bits_per_ns)}
+    hopes = _of_samples(hope, model, frames, contents, whole, worth, seeds)
+    return {key for key, _ in _steps_that_pay(hopes, whole, bits_per_ns)}
 
 
 def _bound(model: SceneModel, key: Key, bits: float, symbols: int, bits_per_ns: float) -> float:
@@ -229,9 +256,11 @@ def _steps_that_pay(
 ) -> list[tuple[Key, float]]:
     """Those (key, bits) above 0 of steps of which all components together gain more than their context takes."""
     gains, total = [gain for gain in gains if gain[1] > 0], defaultdict[tuple[int, int], float](float)
+    for (stream, _, step), symbols in whole.items():
+        total[stream, step] -= bits_per_ns * DECODER.predicted * symbols
     for (stream, _, step), bits in gains:
         total[stream, step] += bits
-    return [(key, bits) for key, bits in gains if total[key[0], key[2]] > bits_per_ns * DECODER.predicted * whole[key]]
+    return [(key, bits) for key, bits in gains if total[key[0], key[2]] > 0]
 
 
 def _hope(key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int, bits_per_ns: float) -> float:
@@ -251,7 +280,7 @@ def _best(
     key: Key, sample: Sample, static: float, training: PredictorTraining, seed: int, bits_per_ns: float
 ) -> Gain | None:
     """The predictor of one step of one component, None if none pays."""
-    widths = _WIDTHS[training.units] if bits_per_ns else (training.units,)
+    widths = _WIDTHS[training.units] if bits_per_ns else (training.units, 0)
     found = (_trained(key, sample, static, replace(training, units=u), seed, bits_per_ns) for u in widths)
     return max((gain for gain in found if gain and gain.bits > 0), key=lambda gain: gain.bits, default=None)
 
@@ -329,19 +358,19 @@ def samples(
     frames: Sequence[TileFrame],
     contents: Sequence[TileContent],
     whole: Mapping[Key, int],
-    seed: int,
+    keys: Collection[Key],
+    seeds: Mapping[Key, int],
 ) -> dict[Key, Sample]:
-    """A sample of the symbols of every step of every component that has enough of them."""
-    here, random = _totals(model, contents), np.random.default_rng(seed)
-    enough = {key for key, total in whole.items() if total >= PREDICTOR_LEAST_SYMBOLS and here[key]}
-    # All are recorded, so that all are coded in passes.
+    """A sample of the symbols of those `keys` that have any here, drawn with the seed of each."""
+    here = _totals(model, contents)
     recorders = {
-        key: Recorder(min(1.0, PREDICTOR_SAMPLE / max(total, 1)) if key in enough else 0.0, random)
-        for key, total in sorted(here.items())
+        key: Recorder(min(1.0, PREDICTOR_SAMPLE / here[key]), np.random.default_rng(seeds[key]))
+        for key in keys
+        if here[key]
     }
     _run(model, frames, contents, _Tap(recorders), NeuralModels(cast(Predictors, recorders)))
     out = {}
-    for key in sorted(enough):
+    for key in list(recorders):
         recorder = recorders.pop(key)
         symbols = np.concatenate(recorder.symbols).astype(np.int64)
         groups = np.array(recorder.groups)
@@ -396,11 +425,11 @@ def _static_bits(
 
 
 def _totals(model: SceneModel, contents: Sequence[TileContent]) -> dict[Key, int]:
-    """Symbols of every step of every component of the attribute channels: each anchor has each step once."""
+    """Symbols of every step of every component: each anchor has each step once."""
     classes = sum((np.bincount(c.classes, minlength=MAX_CLASSES) for c in contents), np.zeros(MAX_CLASSES, np.int64))
     out = {}
-    for index in model.attributes:
-        channel, steps = model.channels[index], np.array([row[index] for row in model.layers[-1].steps])
+    for index, channel in enumerate(model.channels):
+        steps = np.array([row[index] for row in model.layers[-1].steps])
         for step in range(1, int(steps.max()) + 1):
             total = int(classes[: len(steps)][steps >= step].sum())
             out.update({(int(channel.stream), c, step): total for c in range(channel.components)})
@@ -417,12 +446,12 @@ def _some_tiles(
     return [frames[tile] for tile in kept], [contents[tile] for tile in kept]
 
 
-def _attributes_only(model: SceneModel, contents: Sequence[TileContent]) -> tuple[SceneModel, list[TileContent]]:
-    """The scene with nothing but positions, classes and attribute channels: the rest would be coded in vain."""
-    kept = model.attributes
+def _predicted_only(model: SceneModel, contents: Sequence[TileContent]) -> tuple[SceneModel, list[TileContent]]:
+    """The scene with nothing but positions, classes and channels that may have predictors: the rest is of no use."""
+    kept = tuple(index for index in model.predicted if input_width(model, index) <= MAX_INPUTS)
 
     def moved(rule: ContextRule) -> ContextRule:
-        # Sources are coded earlier, and position residuals are never one: all are attributes.
+        # Sources are coded earlier, and position residuals are never one: all are kept.
         found = rule.source_channel
         return rule if found == NO_SOURCE else replace(rule, source_channel=kept.index(found))
 

@@ -12,13 +12,12 @@ from scarfmt.blocks.declare import STREAM, U8, Bits, Count, Derived, Record, Rep
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind, Stream
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
-from scarfmt.neural.predictors import MAX_HIDDEN, Predictor, bad_predictor
+from scarfmt.neural.predictors import MAX_HIDDEN, MAX_INPUTS, Predictor, bad_predictor
 from scarfmt.scene.model import MAX_CLASSES
-from scarfmt.scene.streams import CONTEXT_STREAMS
+from scarfmt.scene.streams import PREDICTED_STREAMS
 
 MAX_PREDICTORS = 1024
-"""Four attribute channels of ten components, twenty steps each, are 200."""
-MAX_INPUTS = 255
+"""Eleven components of attribute channels and 64 of LATENT, thirteen steps each, are 975."""
 
 LAYER_OF_PREDICTOR = Record(
     "shift" / U8,
@@ -57,7 +56,7 @@ PREDICTORS = Record(
 
 def _sound_head(at: Scope) -> bool:
     columns = at["classes"] <= MAX_CLASSES < at["inputs"] <= MAX_INPUTS
-    return bool(at["stream"] in CONTEXT_STREAMS and columns and at["units"] <= MAX_HIDDEN)
+    return bool(at["stream"] in PREDICTED_STREAMS and columns and at["units"] <= MAX_HIDDEN)
 
 
 def _checked(at: Scope) -> Predictor:

@@ -18,7 +18,7 @@ class DecoderModel:
         symbol: one symbol from a table of two or more.
         group: opening one table for the symbols of a pass, or of a step without passes.
         tile_layer: beginning one layer of one tile.
-        predicted: finding what is decided around an anchor, for one step of one channel with predictors.
+        predicted: finding what is decided around an anchor, for each component of a step with predictors.
         predictor_multiply_add: one of a predictor.
         index_row: the inputs of the index network for an anchor, its hash grid among them.
         index_multiply_add: one of the index network.
@@ -35,7 +35,7 @@ class DecoderModel:
     index_multiply_add: float
 
     def predictors_ns(self, multiply_adds: int, anchors: int) -> float:
-        """Of predictors: `anchors` for which a step's context is found, each as often as that happens."""
+        """Of predictors: `anchors` for which a step's context is found, each counted for every component."""
         return self.predictor_multiply_add * multiply_adds + self.predicted * anchors
 
     def index_network_ns(self, multiply_adds: int, anchors: int) -> float:
@@ -49,12 +49,12 @@ DECODER = DecoderModel(
     symbol=12.0,
     group=100.0,
     tile_layer=100_000.0,
-    predicted=180.0,
+    predicted=72.0,
     predictor_multiply_add=0.02,
     index_row=2100.0,
     index_multiply_add=0.035,
 )
-"""The decoder that the encoder decides for (decision 0030)."""
+"""The decoder that the encoder decides for (decisions 0030, 0037)."""
 
 MECHANISMS = "mechanisms"
 """Member of METADATA in which an encoder tells what the networks it kept save and make a decoder do.

@@ -8,7 +8,6 @@
 #define KINDS 256       /* contexts of a component */
 #define CLASS_KINDS 16
 #define VALUE_LIMIT 2147483647
-#define MOST_ATTRIBUTE 6 /* components of an attribute channel */
 
 INLINE int64_t pairs_of(int64_t numbers) { return (numbers + 1) / 2; }
 

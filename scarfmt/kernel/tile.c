@@ -52,13 +52,32 @@ INLINE void *carved(uint8_t *base, int64_t *used, int64_t bytes) {
     return at;
 }
 
+/* Whether a channel has predictors in some layer. */
+static int64_t has_predictors(const TileModel *model, int64_t channel) {
+    for (int64_t layer = 0; layer < model->layers; layer++)
+        if (model->layer[layer].predictors[channel]) return 1;
+    return 0;
+}
+
+/* The most components of a channel whose values go to rows: it has predictors, or those of others look at it. */
+static int64_t most_in_rows(const TileModel *model) {
+    int64_t most = 0;
+    if (!model->predicted) return most;
+    for (int64_t c = 0; c < model->channels; c++) {
+        const TileChannel *channel = model->channel + c;
+        if (channel->components > most && (channel->attribute || has_predictors(model, c))) most = channel->components;
+    }
+    return most;
+}
+
 /* Lays out the memory of a call from `base` on; returns the bytes taken. Without a base only these matter. */
 static int64_t lay_out(Work *w, const TileModel *model, int64_t total, int64_t longest, uint8_t *base) {
-    int64_t used = 0, most = 1, attributes = model->attributes;
+    const int64_t attributes = model->attributes, in_rows = most_in_rows(model);
+    int64_t used = 0, most = 1;
     for (int64_t c = 0; c < model->channels; c++)
         most = model->channel[c].components > most ? model->channel[c].components : most;
-    const int64_t blocks = (total + BLOCK - 1) / BLOCK, row = channel_row_words(attributes, MOST_ATTRIBUTE);
-    const int64_t inputs = blocks * BLOCK * channel_input_words(attributes, MOST_ATTRIBUTE, model->depths);
+    const int64_t blocks = (total + BLOCK - 1) / BLOCK, row = channel_row_words(attributes, in_rows);
+    const int64_t inputs = blocks * BLOCK * channel_input_words(attributes, in_rows, model->depths);
     const int64_t numbers = total * most;
     w->words = carved(base, &used, longest + 4);
     w->by_code = carved(base, &used, 8 * total), w->merged = carved(base, &used, 8 * total);
@@ -66,15 +85,14 @@ static int64_t lay_out(Work *w, const TileModel *model, int64_t total, int64_t l
     w->after = carved(base, &used, 8 * total), w->chosen64 = carved(base, &used, 8 * total);
     w->anchors64 = carved(base, &used, 8 * total);
     w->counts = carved(base, &used, 8 * (most * KINDS + 1));
-    w->plain = carved(base, &used, 4 * total * MOST_ATTRIBUTE);
-    w->first = carved(base, &used, 4 * total * MOST_ATTRIBUTE);
+    w->plain = carved(base, &used, 4 * total * in_rows), w->first = carved(base, &used, 4 * total * in_rows);
     w->settled = carved(base, &used, 4 * total * attributes);
     w->chosen = carved(base, &used, 4 * total);
     w->order = carved(base, &used, 4 * numbers), w->symbols = carved(base, &used, 4 * numbers);
     for (int64_t d = 0; d < model->depths; d++) {
         w->cell[d] = carved(base, &used, 4 * total);
-        w->sums[d] = carved(base, &used, 8 * total * (MOST_ATTRIBUTE + 1));
-        w->means[d] = carved(base, &used, 4 * total * fours(MOST_ATTRIBUTE + 1));
+        w->sums[d] = carved(base, &used, 8 * total * (in_rows + 1));
+        w->means[d] = carved(base, &used, 4 * total * fours(in_rows + 1));
     }
     w->kind16 = carved(base, &used, 2 * numbers);
     w->kind = carved(base, &used, total), w->open = carved(base, &used, total);

@@ -1,7 +1,8 @@
 """Predictors: tiny integer networks that choose the table of a channel value (SPEC §10.3).
 
-A predictor belongs to one ternary step of one component of an attribute channel. From what is decoded around an
-anchor it computes a context number; a static table of that number codes the symbol. No probability is computed.
+A predictor belongs to one ternary step of one component of an attribute channel or of LATENT. From what is decoded
+around an anchor it computes a context number; a static table of that number codes the symbol. No probability is
+computed.
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ from scarfmt.neural.arithmetic import Linear
 from scarfmt.neural.context import CellMeans, cell_power, count_features
 from scarfmt.neural.context_operations import NUMPY_CONTEXT, ContextOperations, fine
 from scarfmt.scene.model import MAX_CLASSES, SceneModel
-from scarfmt.scene.streams import CONTEXT_STREAMS
+from scarfmt.scene.streams import PREDICTED_STREAMS
 
 AMAX = 511
 """Inputs and hidden units are 10-bit activations."""
+MAX_INPUTS = 255
+"""A wide LATENT under many depths has more: then it has no predictors."""
 MAX_CONTEXTS = 256
 MAX_HIDDEN = 64
 CLASS_INPUT = 64
@@ -35,7 +38,7 @@ class Predictor:
     """The context of one step of one component.
 
     Attributes:
-        stream: an attribute channel.
+        stream: one of `streams.PREDICTED_STREAMS`.
         component, step: of the symbols it chooses tables for; step from 1.
         hidden: ReLU layer, (units, inputs), or None.
         output: (2, inputs + units): from inputs, then hidden units.
@@ -79,14 +82,14 @@ class Predictor:
             layer.check(AMAX, "bad-predictor")
         one, two = self.buckets
         fits = (
-            self.stream in CONTEXT_STREAMS
+            self.stream in PREDICTED_STREAMS
             and self.step >= 1
             and one >= 1
             and two >= 1
             and one * two <= MAX_CONTEXTS
             and self.output.outputs == 2
             and self.units <= MAX_HIDDEN
-            and self.inputs >= 1
+            and 1 <= self.inputs <= MAX_INPUTS
             and (self.hidden is None or self.hidden.inputs == self.inputs)
         )
         if not fits:
@@ -113,8 +116,9 @@ def bad_predictor(message: str) -> Malformed:
 
 def input_width(model: SceneModel, channel: int) -> int:
     """Inputs of the predictors of a channel (SPEC §10.3)."""
-    own = sum(c.components for c in model.channels[: channel + 1] if c.stream in CONTEXT_STREAMS)
-    return MAX_CLASSES + own + len(model.context.occupancies) * (model.channels[channel].components + 2)
+    before = sum(model.channels[index].components for index in model.attributes if index < channel)
+    own = model.channels[channel].components
+    return MAX_CLASSES + before + own + len(model.context.occupancies) * (own + 2)
 
 
 def first_use(model: SceneModel, channel: int, step: int) -> int | None:
@@ -127,7 +131,7 @@ def check_predictors(model: SceneModel, layer: int, predictors: Sequence[Predict
     """Check the predictors of a layer's PREDICTORS block against the scene (SPEC §10.3).
 
     Raises:
-        Malformed: ``bad-predictor`` unless keys ascend strictly, each is of an attribute channel that the file has,
+        Malformed: ``bad-predictor`` unless keys ascend strictly, each is of a channel that the file has,
             of one of its components and of a step that first travels in this layer, with that channel's inputs.
     """
     keys = [predictor.key for predictor in predictors]

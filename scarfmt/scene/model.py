@@ -16,7 +16,7 @@ import numpy as np
 from scarfmt.arrays import I64
 from scarfmt.container.schema import Profile, Stream
 from scarfmt.errors import Malformed
-from scarfmt.scene.streams import CONTEXT_STREAMS, STREAMS, Codec, components, needed
+from scarfmt.scene.streams import CONTEXT_STREAMS, PREDICTED_STREAMS, STREAMS, Codec, components, needed
 
 MAX_CLASSES = 15
 MAX_CHANNELS = 8
@@ -217,6 +217,11 @@ class SceneModel:
     def attributes(self) -> tuple[int, ...]:
         """Indices of the channels whose values are context for others (SPEC §10.2)."""
         return tuple(index for index, channel in enumerate(self.channels) if channel.stream in CONTEXT_STREAMS)
+
+    @cached_property
+    def predicted(self) -> tuple[int, ...]:
+        """Indices of the channels that may have predictors (SPEC §10.3)."""
+        return tuple(index for index, channel in enumerate(self.channels) if channel.stream in PREDICTED_STREAMS)
 
     def channel_index(self, stream: Stream) -> int | None:
         """Index of the channel that `stream` carries, None without it."""

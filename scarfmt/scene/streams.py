@@ -45,6 +45,7 @@ class StreamSpec:
             channel it is 0.
         needed: profiles without which nothing could be drawn.
         is_context: whether its decoded values are context for other symbols (SPEC §10.2).
+        is_predicted: whether it may have predictors although it is not (SPEC §10.3).
         attribute: what users call it in requests, None where it is never asked for by itself.
     """
 
@@ -53,6 +54,7 @@ class StreamSpec:
     profiles: Mapping[Profile, int | None] = field(default_factory=lambda: {Profile.EXPLICIT: 0, Profile.ANCHOR: 0})
     needed: frozenset[Profile] = frozenset()
     is_context: bool = False
+    is_predicted: bool = False
     attribute: str | None = None
 
     @property
@@ -79,7 +81,7 @@ STREAMS: Mapping[Stream, StreamSpec] = {
         StreamSpec(Stream.COLOUR, Codec.CHANNEL, {_EXPLICIT: 3}, is_context=True, attribute="colour"),
         # What users ask for as latents are indices and, where there are any, their refinements.
         StreamSpec(Stream.INDICES, Codec.INDICES, attribute="latents"),
-        StreamSpec(Stream.LATENT, Codec.CHANNEL, {_EXPLICIT: None, _ANCHOR: None}),
+        StreamSpec(Stream.LATENT, Codec.CHANNEL, {_EXPLICIT: None, _ANCHOR: None}, is_predicted=True),
         StreamSpec(Stream.OFFSETS, Codec.SLOT_CHANNEL, {_ANCHOR: 3}, needed=frozenset({_ANCHOR}), attribute="offsets"),
     )
 }
@@ -90,6 +92,9 @@ CHANNEL_STREAMS = tuple(spec.stream for spec in STREAMS.values() if spec.is_chan
 
 CONTEXT_STREAMS = frozenset(spec.stream for spec in STREAMS.values() if spec.is_context)
 """Channels whose decoded values are context for others (SPEC §10.2)."""
+
+PREDICTED_STREAMS = CONTEXT_STREAMS | {spec.stream for spec in STREAMS.values() if spec.is_predicted}
+"""Channels that may have predictors (SPEC §10.3)."""
 
 ATTRIBUTES: Mapping[str, Stream] = {
     spec.attribute: spec.stream for spec in STREAMS.values() if spec.attribute is not None

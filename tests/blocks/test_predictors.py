@@ -104,7 +104,8 @@ def record(**changes: int) -> bytes:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"stream": Stream.LATENT},
+        {"stream": Stream.POSITION_RESIDUAL},
+        {"stream": Stream.OFFSETS},
         {"stream": 99},
         {"step": 0},
         {"one": 255, "two": 1},

@@ -6,19 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from conformance.surgery.files import blocks_of, rebuilt
 from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.strategies import neural_scenes
 from reference_decoder.backends import backend as engine_of
+from scarfmt.coding.engine import NUMPY_ENGINE
 from scarfmt.coding.reader import ALL_STREAMS, SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
+from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput, Malformed, ScarError
+from scarfmt.scene.model import MAX_COMPONENTS
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
 
@@ -54,6 +57,19 @@ def test_what_networks_coded_comes_back(scene: QuantisedScene) -> None:
 def test_backend_and_threads_change_nothing(scene: QuantisedScene, backend: str, threads: int) -> None:
     """Torch and NumPy, one thread or more: the same integers."""
     assert_same(read(write_scene(scene), None, backend, threads), scene.contents)
+
+
+@settings(deadline=None, max_examples=12)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(Profile), st.integers(1, MAX_COMPONENTS), st.booleans())
+@example(2, Profile.EXPLICIT, MAX_COMPONENTS, False)
+@example(5, Profile.ANCHOR, MAX_COMPONENTS, True)
+def test_predictors_of_latents_are_the_same_everywhere(seed: int, profile: Profile, size: int, network: bool) -> None:
+    """Of any width, with an index network and without: every engine writes the same file and reads it back."""
+    scene = neural_scene(seed, profile, anchors=60, latent=size, network=network)
+    data = write_scene(scene, engine=NUMPY_ENGINE)
+    assert write_scene(scene, engine=best_engine()) == data
+    for backend in ("auto", "numpy"):
+        assert_same(read(data, None, backend), scene.contents)
 
 
 @settings(deadline=None, max_examples=12)

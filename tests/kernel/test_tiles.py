@@ -10,16 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import write_scene
-from scarfmt.container.schema import Profile
+from scarfmt.container.schema import Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import ScarError
 from scarfmt.kernel import tiles as tiles_module
 from scarfmt.kernel.engine import KernelEngine
 from scarfmt.kernel.tiles import KernelTiles
+from scarfmt.scene.model import MAX_COMPONENTS
 from tests.kernel.samples import SEEDS, library, needs_kernel, same
 
 pytestmark = needs_kernel
@@ -50,6 +52,16 @@ def test_every_tile_of_gaussians_is_read_whole(attempts: list[bool]) -> None:
     for seed in range(6):
         contents(write_scene(random_scene(seed, anchors=300, layers=3)))
     assert attempts
+    assert all(attempts)
+
+
+def test_tiles_with_predictors_of_wide_latents_are_read_whole(attempts: list[bool]) -> None:
+    """What the library lays out for rows is as wide as the widest channel that has predictors."""
+    scenes = [neural_scene(seed, latent=MAX_COMPONENTS, network=False) for seed in range(8)]
+    predicted = [s for s in scenes if any(p.stream == Stream.LATENT for group in s.predictors.values() for p in group)]
+    assert len(predicted) > 2
+    for scene in predicted:
+        contents(write_scene(scene))
     assert all(attempts)
 
 

@@ -79,7 +79,8 @@ def test_memory_order_does_not_matter() -> None:
 
 
 BROKEN = {
-    "not an attribute": {"stream": Stream.LATENT},
+    "a channel that has none": {"stream": Stream.POSITION_RESIDUAL},
+    "256 inputs": {"hidden": None, "output": linear(np.random.default_rng(0), 2, 256, 1)},
     "step 0": {"step": 0},
     "no bucket": {"buckets": (0, 4)},
     "too many contexts": {"buckets": (129, 2)},
@@ -103,12 +104,12 @@ def test_broken_predictors_are_refused(change: dict[str, Any]) -> None:
 
 
 def scene(depths: int = 2) -> SceneModel:
-    """Four channels, two of them attributes; step 2 of colours first travels in layer 2."""
+    """Four channels, two of them attributes; step 2 of colours and LATENT first travel in layer 2."""
     channels = tuple(
         Channel(stream, (1.0,) * size, (ContextRule(),) * size)
         for stream, size in ((Stream.POSITION_RESIDUAL, 3), (Stream.SCALE, 3), (Stream.COLOUR, 3), (Stream.LATENT, 2))
     )
-    rows = LayerRow((0,), ((0, 2, 1, 0),)), LayerRow((0, 0), ((0, 2, 2, 0), (0, 1, 1, 0)))
+    rows = LayerRow((0,), ((0, 2, 1, 0),)), LayerRow((0, 0), ((0, 2, 2, 1), (0, 1, 1, 0)))
     return SceneModel(Profile.EXPLICIT, 1, channels, rows, DecodedContext(1, (24, 3)[:depths]))
 
 
@@ -117,9 +118,10 @@ def fitting(stream: Stream, component: int, step: int, inputs: int) -> Predictor
 
 
 def test_input_widths_follow_the_scene() -> None:
-    """Classes, own attributes so far, and per depth the channel's means, a count and a difference."""
+    """Classes, attributes before, own values, and per depth the channel's means, a count and a difference."""
     assert input_width(scene(), 1) == MAX_CLASSES + 3 + 2 * 5
     assert input_width(scene(0), 2) == MAX_CLASSES + 6
+    assert input_width(scene(), 3) == MAX_CLASSES + 6 + 2 + 2 * 4
 
 
 def test_first_use_is_the_layer_in_which_a_step_travels() -> None:
@@ -132,7 +134,8 @@ def test_predictors_must_fit_the_scene() -> None:
     width = input_width(scene(), 1)
     good = [fitting(Stream.SCALE, 0, 1, width), fitting(Stream.SCALE, 0, 2, width)]
     check_predictors(scene(), 1, good)
-    check_predictors(scene(), 2, [fitting(Stream.COLOUR, 1, 2, input_width(scene(), 2))])
+    latent = fitting(Stream.LATENT, 1, 1, input_width(scene(), 3))
+    check_predictors(scene(), 2, [fitting(Stream.COLOUR, 1, 2, input_width(scene(), 2)), latent])
     for bad in (
         good[::-1],
         [good[0], good[0]],

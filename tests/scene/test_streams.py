@@ -6,7 +6,15 @@ import subprocess
 import sys
 
 from scarfmt.container.registries import Profile, Stream
-from scarfmt.scene.streams import ATTRIBUTES, CHANNEL_STREAMS, CONTEXT_STREAMS, STREAMS, components, needed
+from scarfmt.scene.streams import (
+    ATTRIBUTES,
+    CHANNEL_STREAMS,
+    CONTEXT_STREAMS,
+    PREDICTED_STREAMS,
+    STREAMS,
+    components,
+    needed,
+)
 
 
 def test_every_stream_of_a_tile_block_is_registered_once_and_ascending() -> None:
@@ -24,6 +32,11 @@ def test_what_is_needed_can_occur() -> None:
 def test_only_channels_are_context() -> None:
     """The context of symbols is made of channel values (SPEC §10.2)."""
     assert set(CHANNEL_STREAMS) > CONTEXT_STREAMS == {Stream.SCALE, Stream.ROTATION, Stream.OPACITY, Stream.COLOUR}
+
+
+def test_latents_may_be_predicted_though_they_are_no_context() -> None:
+    """Nothing that has predictors looks at LATENT but LATENT itself (SPEC §10.3)."""
+    assert set(CHANNEL_STREAMS) > PREDICTED_STREAMS == CONTEXT_STREAMS | {Stream.LATENT}
 
 
 def test_users_reach_every_channel_by_a_name() -> None:

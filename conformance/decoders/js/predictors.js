@@ -26,6 +26,9 @@ export const ATTRIBUTES = Object.freeze([STREAM.SCALE, STREAM.ROTATION, STREAM.O
 /** @param {number} stream */
 export const isAttribute = (stream) => ATTRIBUTES.includes(/** @type {any} */ (stream));
 
+/** Predicted channels, §10.3. @param {number} stream */
+const isPredicted = (stream) => isAttribute(stream) || stream === STREAM.LATENT;
+
 export class Predictor {
   /**
    * @param {Head} head
@@ -91,7 +94,7 @@ export function readPredictors(bytes, offset) {
 function readPredictor(reader) {
   const [stream, component, step, b1, b2, classes, inputs, units] = Array.from({ length: 8 }, () => reader.u8());
   const head = { stream, component, step, b1: b1 + 1, b2: b2 + 1, classes, inputs, units };
-  const sound = isAttribute(stream) && classes <= CLASS_COLUMNS && inputs > CLASS_COLUMNS && units <= 64;
+  const sound = isPredicted(stream) && classes <= CLASS_COLUMNS && inputs > CLASS_COLUMNS && units <= 64;
   reader.demand(sound, "bad-predictor", "the head of a predictor");
   const hidden = units > 0 ? readLayer(reader, units, inputs, classes) : null;
   const output = readLayer(reader, 2, inputs + units, classes);
@@ -152,9 +155,10 @@ export function checkPredictors(predictors, channels, rows, depths) {
     bad(i >= 0 && head.component < channels[i].components, "no such component");
     const first = rows.findIndex(({ steps }) => steps[i].some((n) => n >= head.step));
     bad(first === rows.length - 1, "the step does not first travel in this layer");
-    const attributes = channels.slice(0, i + 1).filter(({ stream }) => isAttribute(stream));
-    const all = attributes.reduce((sum, { components }) => sum + components, 0);
-    const wanted = CLASS_COLUMNS + all + depths * (channels[i].components + 2);
+    const own = channels[i].components;
+    const attributes = channels.slice(0, i).filter(({ stream }) => isAttribute(stream));
+    const seen = attributes.reduce((sum, { components }) => sum + components, own);
+    const wanted = CLASS_COLUMNS + seen + depths * (own + 2);
     bad(head.inputs === wanted, `${head.inputs} inputs, not ${wanted}`);
   }
 }

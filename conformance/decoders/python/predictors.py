@@ -10,6 +10,7 @@ from conformance.decoders.python.context import fine
 from conformance.decoders.python.fields import Payload, require
 
 ATTRIBUTES = (5, 6, 7, 8)
+PREDICTED = (*ATTRIBUTES, 10)
 MAX_CLASSES = 15
 
 Key = tuple[int, int, int]
@@ -35,7 +36,7 @@ def parse_predictors(block: bytes) -> dict[Key, Predictor]:
     require(count > 0, "bad-predictor")
     for _ in range(count):
         stream, component, step, b1, b2, classes, inputs, units = reader.fields("8B")
-        sane = stream in ATTRIBUTES and classes <= MAX_CLASSES < inputs and units <= 64
+        sane = stream in PREDICTED and classes <= MAX_CLASSES < inputs and units <= 64
         require(sane, "bad-predictor")
         hidden = _stored_layer(reader, units, inputs, classes) if units else None
         output = _stored_layer(reader, 2, inputs + units, classes)

@@ -171,7 +171,7 @@ def _constants() -> dict[str, int]:
         "MAX_RICE_PARAMETER": rice.MAX_PARAMETER,
         "MAX_RICE_QUOTIENT": rice.MAX_QUOTIENT,
         "MAX_PREDICTORS": predictor_codec.MAX_PREDICTORS,
-        "MAX_PREDICTOR_INPUTS": predictor_codec.MAX_INPUTS,
+        "MAX_PREDICTOR_INPUTS": predictors.MAX_INPUTS,
         "MAX_PREDICTOR_HIDDEN": predictors.MAX_HIDDEN,
         "MAX_PREDICTOR_CONTEXTS": predictors.MAX_CONTEXTS,
         "MAX_NETWORK_INPUTS": network.MAX_INPUTS,

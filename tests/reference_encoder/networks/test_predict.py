@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from reference_encoder.networks import predict
 from reference_encoder.networks.predict import Sample, choose_predictors, coded_bits, expected_bits
 from reference_encoder.networks.predictor_net import FloatNet, float_contexts, quantised, train
 from reference_encoder.options import PredictorTraining
@@ -22,15 +23,17 @@ from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow, 
 BITS = 6
 
 
-def scene(seed: int, smooth: bool) -> tuple[SceneModel, list[TileContent]]:
-    """Two tiles, one attribute, two layers; the attribute smooth over space, or pure noise."""
+def scene(
+    seed: int, smooth: bool, stream: Stream = Stream.OPACITY, components: int = 1, depths: tuple[int, ...] = (24, 3)
+) -> tuple[SceneModel, list[TileContent]]:
+    """Two tiles, one channel, two layers; its values smooth over space, or pure noise."""
     rng = np.random.default_rng(seed)
     channels = tuple(
         Channel(stream, (1.0,) * size, (ContextRule(),) * size)
-        for stream, size in ((Stream.POSITION_RESIDUAL, 3), (Stream.OPACITY, 1))
+        for stream, size in ((Stream.POSITION_RESIDUAL, 3), (stream, components))
     )
     rows = LayerRow((0,), ((0, 1),)), LayerRow((0, 0), ((0, 2), (0, 2)))
-    model = SceneModel(Profile.EXPLICIT, 1, channels, rows, DecodedContext(1, (24, 3)))
+    model = SceneModel(Profile.EXPLICIT, 1, channels, rows, DecodedContext(1, depths))
     tiles = []
     for tile in range(2):
         count = 2500
@@ -40,7 +43,7 @@ def scene(seed: int, smooth: bool) -> tuple[SceneModel, list[TileContent]]:
         content.codes = codes[np.lexsort((codes, content.classes))]
         place = deinterleave(content.codes) / 2**BITS
         field = 20 * np.sin(4 * place[:, :1] + tile) if smooth else rng.uniform(-20, 20, (count, 1))
-        content.values[1] = np.rint(field + rng.normal(0, 0.3, (count, 1))).astype(np.int32)
+        content.values[1] = np.rint(field + rng.normal(0, 0.3, (count, components))).astype(np.int32)
         content.first = first_values(model, content)
         tiles.append(content)
     return model, tiles
@@ -60,9 +63,10 @@ def bits_of(model: SceneModel, tiles: list[TileContent], chosen: dict[int, tuple
     return bits + sum(8 * len(pack_predictors(group)) for group in chosen.values())
 
 
-def test_predictors_pay_where_neighbours_are_alike() -> None:
-    """A smooth field is coded in far fewer bits, and the choice is one that a reader takes."""
-    model, tiles = scene(1, smooth=True)
+@pytest.mark.parametrize("stream", [Stream.OPACITY, Stream.LATENT])
+def test_predictors_pay_where_neighbours_are_alike(stream: Stream) -> None:
+    """A smooth field is coded in far fewer bits, and the choice is one that a reader takes; LATENT like any other."""
+    model, tiles = scene(1, True, stream)
     chosen = choose_predictors(model, tiles, [BITS, BITS], seed=3, effort=1)
     assert set(chosen) == {1, 2}
     for layer, group in chosen.items():
@@ -78,12 +82,19 @@ def test_noise_never_costs_more() -> None:
     assert bits_of(model, tiles, chosen) <= bits_of(model, tiles, {})
 
 
-def test_the_choice_depends_on_the_seed_alone() -> None:
-    """Not on how many threads torch may use, nor on what was random before."""
+def test_latents_too_wide_for_predictors_have_none() -> None:
+    """There is no byte for so many inputs."""
+    model, tiles = scene(4, True, Stream.LATENT, components=47, depths=(9, 6, 3, 1))
+    assert choose_predictors(model, tiles, [BITS, BITS], effort=1) == {}
+
+
+def test_the_choice_depends_on_the_seed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not on how many threads torch may use, what was random before, or how many samples fit in memory."""
     model, tiles = scene(1, smooth=True)
     found, threads = [], torch.get_num_threads()
-    for number in (1, 2):
+    for number, held in ((1, 1), (2, 1 << 28)):
         torch.set_num_threads(number)
+        monkeypatch.setattr(predict, "PREDICTOR_SAMPLE_BYTES", held)
         torch.manual_seed(number)
         chosen = choose_predictors(model, tiles, [BITS, BITS], seed=5, effort=1)
         found.append([pack_predictors(chosen[layer]) for layer in sorted(chosen)])
