@@ -58,7 +58,8 @@ def offsets(data: bytes) -> Iterator[tuple[str, float]]:
     reader = SceneReader(BytesSource(data), engine=best_engine())
     models = reader.models()
     channel, scale = (models.model.channel_index(stream) for stream in (Stream.OFFSETS, Stream.SCALE))
-    assert channel is not None and scale is not None
+    assert channel is not None
+    assert scale is not None
     contents = [content for _, content in reader.tiles(models)]
     on = np.concatenate([content.slot_layers for content in contents]) > 0
     every = np.concatenate([content.values[channel] for content in contents]).astype(np.int64)
