@@ -52,6 +52,10 @@ _SCALARS: Changes = {"preset": "default", "entropy": None, "context": None}
 _STATIC: Changes = {"entropy": "static", "context": "none"}
 
 
+_PRICES = (1.0, 2.0, 4.0, 8.0)
+"""Of a bit in each of four layers, the last first, in that of the last (`run.begun`)."""
+
+
 def _sweep(option: str, values: Sequence[float]) -> tuple[Row, ...]:
     return tuple(Row(f"{value:g}", {**_SCALARS, option: value}) for value in values)
 
@@ -96,6 +100,14 @@ STUDIES: dict[str, Study] = {
         ),
     ),
     "lambda-ssim": Study("Share of SSIM in the loss", _sweep("lambda_ssim", (0.1, 0.2, 0.3, 0.4)), by_layer=True),
+    "single": Study(
+        "Layers, or a file for each rate alone",
+        (
+            Row("four layers", _SCALARS),
+            *(Row(f"one layer, lambda {times:g}", {**_SCALARS, "layers": 1, "lambda_": times}) for times in _PRICES),
+        ),
+        by_layer=True,
+    ),
     "lambda": Study("Weight of the bytes", _sweep("lambda_", (0.25, 0.5, 1.0, 2.0, 4.0)), by_layer=True),
 }
 """By name. The first five are the ablations of the paper (§5), the sixth its figure over lambda_ssim."""
@@ -119,7 +131,7 @@ class Training:
         plain, usual = TrainOptions(), RECIPES[self.options.preset]
         said = [
             f"{name.rstrip('_')}={getattr(self.options, name)}"
-            for name in ("entropy", "context", "lambda_", "lambda_ssim")
+            for name in ("entropy", "context", "layers", "lambda_", "lambda_ssim")
             if getattr(self.options, name) != getattr(plain, name)
         ]
         said += [f"{name}={value}" for name, value in vars(self.recipe).items() if value != getattr(usual, name)]

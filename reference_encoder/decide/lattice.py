@@ -44,8 +44,6 @@ class Placement:
 
 def place(positions: F64, wanted_step: F64, tile_anchors: int | None = None) -> Placement:
     """Tiles and cells for (N, 3) positions whose quantiser step should be about (N,) `wanted_step`."""
-    if tile_anchors is None:
-        tile_anchors = LARGE_SCENE_TILE_ANCHORS if len(positions) > LARGE_SCENE else TILE_ANCHORS
     low = positions.min(axis=0)
     reach = float(np.abs(positions).max())
     side = float(np.max(positions.max(axis=0) - low))
@@ -53,7 +51,7 @@ def place(positions: F64, wanted_step: F64, tile_anchors: int | None = None) -> 
     unit = np.clip((positions - low) / side, 0.0, np.nextafter(1.0, 0.0))
     path = interleave((unit * (1 << MAX_TILE_DEPTH)).astype(np.uint64))
     order = np.argsort(path, kind="stable")
-    depth, prefix, first = split(path[order], MAX_TILE_DEPTH, tile_anchors)
+    depth, prefix, first = split(path[order], MAX_TILE_DEPTH, tile_anchors or usual_tile(len(positions)))
     tile = np.empty(len(positions), np.int64)
     tile[order] = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(positions))))
     bits = _local_bits(depth, tile, wanted_step, side, reach)
@@ -62,6 +60,11 @@ def place(positions: F64, wanted_step: F64, tile_anchors: int | None = None) -> 
     tiles = tuple(Tile(int(d), int(s), int(p)) for d, s, p in zip(depth, shift, prefix, strict=True))
     lattice = Lattice((float(low[0]), float(low[1]), float(low[2])), side / 2.0**lattice_bits, lattice_bits)
     return _cells(positions, lattice, tiles, tile, depth, bits)
+
+
+def usual_tile(count: int) -> int:
+    """Most anchors of a tile in a scene of `count`, where nobody asks for another number."""
+    return LARGE_SCENE_TILE_ANCHORS if count > LARGE_SCENE else TILE_ANCHORS
 
 
 def split(path: U64, bits: int, most: int) -> tuple[I64, U64, I64]:

@@ -16,6 +16,16 @@ ATTRIBUTES = ("latent", "scaling", "offsets")
 """What is learnt of each anchor, in the order of checkpoints."""
 
 
+REACH = 1 << 20
+"""Voxels across what training starts from, at most; half as much again may grow on each side. A tile has twice as many
+(SPEC §13.1)."""
+
+
+def within_reach(lattice: Tensor) -> Tensor:
+    """(n,) bool, which of (n, 3) int64 lattice points a file can have."""
+    return ((lattice >= -(REACH // 2)) & (lattice < REACH + REACH // 2)).all(dim=1)
+
+
 @dataclass(frozen=True)
 class Frame:
     """Where anchors may lie: on points origin + voxel * integer.
@@ -31,6 +41,12 @@ class Frame:
     def to(self, device: torch.device) -> Frame:
         """The same on a device."""
         return Frame(self.origin.to(device), self.voxel)
+
+    @classmethod
+    def round(cls, points: Tensor, voxel: float) -> Frame:
+        """Round (P, 3) float64 points, with a coarser voxel where they are too far apart for that."""
+        origin = points.min(dim=0).values
+        return cls(origin, max(voxel, float((points.max(dim=0).values - origin).max()) / REACH))
 
     def world(self, lattice: Tensor) -> Tensor:
         """(n, 3) float32 world positions of (n, 3) int64 lattice points."""

@@ -14,11 +14,12 @@ from reference_encoder.training.anchors import NETWORKS, SLOTS
 from reference_encoder.training.fixed_latents import Exported, export
 from reference_encoder.training.layers import coarse
 from reference_encoder.training.state import WEIGHT_BITS, State
+from reference_encoder.training.tiles import Tiles
 from scarfmt.arrays import I64
 from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene
-from scarfmt.container.file import HeaderFields, Tile
+from scarfmt.container.file import HeaderFields
 from scarfmt.container.morton import interleave
 from scarfmt.container.schema import ColourSpace, CoordinateFrame, Profile, Stream
 from scarfmt.scene.model import Channel, ContextRule, LayerRow, SceneModel
@@ -45,24 +46,27 @@ def quantised_scene(state: State, metadata: Mapping[str, Any], source_count: int
     classes = np.where(layers > 0, layers, state.plan.count + 1).min(axis=1) - 1
     classes, rows = _without_gaps(classes, state)
     lattice, fields = _header(state, kept, source_count)
-    codes = interleave(lattice)
-    order = np.lexsort((codes, classes))
+    tiles = Tiles.of(interleave(lattice), fields.lattice_bits)
     steps = state.plan.steps[-1] - 1
     values, offsets = integers(state, kept)
     finals = [*values, (offsets * (layers > 0)[:, :, None]).astype(np.int32)]
     model = SceneModel(Profile.ANCHOR, SLOTS, _channels(state, finals, classes, steps), rows)
     exported = _exported(state, kept, classes, model)
-    content = TileContent.empty(model, len(kept))
-    content.codes, content.classes, content.slot_layers = codes[order], classes[order], layers[order]
-    content.values = [final[order] for final in finals]
-    content.first = first_values(model, content)
-    if exported is not None:
-        content.indices = exported.indices[order]
+
+    def content(here: I64) -> TileContent:
+        made = TileContent.empty(model, len(here))
+        made.codes, made.classes, made.slot_layers = tiles.codes[here], classes[here], layers[here]
+        made.values = [final[here] for final in finals]
+        made.first = first_values(model, made)
+        if exported is not None:
+            made.indices = exported.indices[here]
+        return made
+
     return QuantisedScene(
         fields=fields,
         model=model,
-        tiles=(Tile(0, 0, 0),),
-        contents=(content,),
+        tiles=tiles.tiles,
+        contents=tuple(content(here) for here in tiles.anchors(classes)),
         codebooks=None if exported is None else exported.codebooks,
         decoder=QuantisedMlp((_linear(state.networks.decoder),)) if exported is None else exported.decoder,
         scene_mlps=tuple(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from reference_encoder.training.anchors import SLOTS
+from reference_encoder.training.anchors import SLOTS, within_reach
 from reference_encoder.training.lattice import Distinct
 
 GRADIENT_LIMIT = 2e-4
@@ -123,9 +123,11 @@ def grown(
         cell = _COARSEST // _NESTED**number
         heard = (torch.rand(mean.shape, generator=generator) < 1 - 0.5 ** (number + 1)).to(device)
         anchor, slot = ((mean >= limit * 2.0**number) & heard).nonzero(as_tuple=True)
+        points = torch.round(places[anchor, slot] / cell).long() * cell
+        near = within_reach(points)
+        anchor, points = anchor[near], points[near]
         if not len(anchor):
             continue
-        points = torch.round(places[anchor, slot] / cell).long() * cell
         unique, which, _ = Distinct.of(points)
         there = Distinct.of(torch.round(taken.double() / cell).long() * cell).points
         both = torch.cat([there, unique])

@@ -123,7 +123,7 @@ def begun(capture: Capture, options: TrainOptions, recipe: Recipe | None = None)
     extent = EXTENT * float(np.linalg.norm(eyes - eyes.mean(axis=0), axis=1).max(initial=1e-6))
     points = torch.from_numpy(capture.points)
     plan = LayerPlan.of(options.layers)
-    frame = Frame(points.min(dim=0).values, VOXEL * typical_distance(points))
+    frame = Frame.round(points, VOXEL * typical_distance(points))
     anchors = new_anchors(points, frame, recipe.features)
     priced = 6 + (0 if recipe.stages else recipe.features)
     state = State(

@@ -102,6 +102,8 @@ class State:
         for name in ATTRIBUTES:
             setattr(anchors, name, self.descent.rearrange(name, rows, getattr(fresh, name)))
         self.statistics = self.statistics.taken(rows, len(fresh))
+        if self.vectors is not None:
+            self.vectors.rearrange(rows, len(fresh))
         if self.around is not None:
             new = self.around.new_zeros(len(fresh), self.around.shape[1])
             self.around = torch.cat([self.around[rows], new])
@@ -209,7 +211,7 @@ class State:
         if self.vectors is None:
             features = self.networks.features(priced.values[:, 6:], WEIGHT_BITS if rounded else None)
         elif self.vectors.begun:
-            features = self.vectors.features(self.anchors.latent[rows], layer, now)
+            features = self.vectors.features(self.anchors.latent[rows], rows, layer, now)
         else:
             features = self.anchors.latent[rows]
         positions = self.frame.world(self.anchors.lattice[rows])

@@ -19,6 +19,10 @@ _ECVQ = 0.5
 """Of the slope of distortion by bits of an ideal quantiser: what a bit costs when codewords are chosen."""
 
 
+_TURNS = 8
+"""Looks at an anchor between two choices of its codewords: choosing takes several times as long as all else."""
+
+
 class Vectors:
     """The quantiser of a scene in training, its own optimiser, and what it does now.
 
@@ -35,6 +39,8 @@ class Vectors:
         self.loss: Tensor | None = None
         self.coordinates: Coordinates | None = None
         self._seen: tuple[Tensor, Tensor] | None = None
+        self._chosen: Tensor | None = None
+        self._turn = 0
         self._optimiser = torch.optim.Adam(list(quantiser.network_parameters()), lr=_RATE)
 
     def begin(self, latent: Tensor, weight: Tensor) -> None:
@@ -42,6 +48,17 @@ class Vectors:
         self.begun = True
         self.quantiser.fit(latent, weight)
         self.quantiser.start(self.quantiser.project(latent), weight)
+        self._chosen = self._unknown(len(latent))
+
+    def rearrange(self, rows: Tensor, fresh: int) -> None:
+        """Keep anchors `rows`, and take in `fresh` ones."""
+        if self._chosen is not None:
+            self._chosen = torch.cat([self._chosen[rows], self._unknown(fresh)])
+
+    def _unknown(self, count: int) -> Tensor:
+        """(count, M) codewords of anchors that have none yet."""
+        device = self.quantiser.uses.device
+        return torch.full((count, self.quantiser.stages), -1, device=device)
 
     def open(self) -> None:
         """From now on pictures move books, projector and decoder."""
@@ -50,11 +67,12 @@ class Vectors:
         parameters = [*self.quantiser.network_parameters(), *self.quantiser.book_parameters()]
         self._optimiser = torch.optim.Adam(parameters, lr=_LAST_RATE)
 
-    def features(self, latent: Tensor, layer: int, now: Moment | None) -> Tensor:
+    def features(self, latent: Tensor, rows: Tensor, layer: int, now: Moment | None) -> Tensor:
         """(n, D) features that a picture of a layer is made of.
 
         Args:
             latent: (n, D) continuous features.
+            rows: (n,) int64 of which anchors.
             layer: 0-based.
             now: None for those of the file.
         """
@@ -62,15 +80,27 @@ class Vectors:
             with torch.no_grad():
                 shown: Tensor = self.quantiser.decode(self.quantiser.look_up(self.codes(latent), self.stages[layer]))
                 return shown
-        price = self._price() if now.hard else 0.0
+        indices = self._choose(latent.detach(), rows, self._price() if now.hard else 0.0)
         given = latent if now.hard else latent.detach()
-        made: Quantised = self.quantiser(given, self.stages[layer], price, self.quantiser.bits())
+        made: Quantised = self.quantiser(given, self.stages[layer], indices=indices)
         self.loss, self._seen = made.loss, (made.encoded, made.indices)
         if now.hard:
             return made.features
         shown = latent + now.beta * (made.features - latent).detach()
         kept: Tensor = now.feature_gradient * latent
         return kept + (shown - kept).detach()
+
+    @torch.no_grad()
+    def _choose(self, latent: Tensor, rows: Tensor, price: float) -> Tensor:
+        """(n, M) int64 codewords of features, chosen now for anchors whose turn it is and for those that have none."""
+        assert self._chosen is not None
+        self._turn += 1
+        indices = self._chosen[rows]
+        due = ((rows + self._turn) % _TURNS == 0) | (indices[:, 0] < 0)
+        encoded = self.quantiser.project(latent[due])
+        indices[due] = self.quantiser.choose(encoded, self.quantiser.bits(), price)
+        self._chosen[rows] = indices
+        return indices
 
     def codes(self, latent: Tensor) -> Tensor:
         """(n, M) int64 codewords of (n, D) features, as the file has them."""
@@ -104,11 +134,13 @@ class Vectors:
     def checkpoint(self) -> dict[str, Any]:
         """For a checkpoint; moments of the optimiser are left out."""
         flags = {"begun": self.begun, "opened": self.opened, "distortion": self.distortion}
-        return {"quantiser": self.quantiser.state_dict(), **flags}
+        return {"quantiser": self.quantiser.state_dict(), "chosen": self._chosen, "turn": self._turn, **flags}
 
     def resume(self, kept: dict[str, Any]) -> None:
         """Take up a checkpoint."""
         self.quantiser.load_state_dict(kept["quantiser"])
         self.begun, self.distortion = kept["begun"], kept["distortion"]
+        chosen, self._turn = kept["chosen"], kept["turn"]
+        self._chosen = None if chosen is None else chosen.to(self.quantiser.uses.device)
         if kept["opened"]:
             self.open()

@@ -70,3 +70,17 @@ def test_anchors_that_hardly_show_are_found_once_seen_often() -> None:
     statistics.opacity += torch.tensor([0.1, 50.0, 0.0])
     assert statistics.unseen(80).tolist() == [True, False, False]
     assert statistics.seen.tolist() == [0.0, 0.0, 10.0]
+
+
+def test_nothing_grows_beyond_what_a_file_can_have() -> None:
+    """A slot that flew off asks in vain: positions of a file are cells of a lattice of limited size."""
+    statistics = Statistics.of(2)
+    statistics.drawn[:] = 100
+    statistics.gradient[:] = 100.0
+    places = torch.full((2, 10, 3), 40.0, dtype=torch.float64)
+    places[1] = 1e9
+    lattice = torch.tensor([[0, 0, 0], [1, 1, 1]])
+    found = grown(lattice, places, statistics, 1e-4, 10, torch.Generator().manual_seed(0))
+    assert len(found.lattice)
+    assert found.lattice.max() <= 48
+    assert set(found.parents.tolist()) == {0}

@@ -10,6 +10,7 @@ from reference_encoder.training.vectors import Vectors
 from tests.reference_encoder.training import small
 
 SOFT = moment(CURRICULA["default"], 0.5)
+ROWS = torch.arange(200)
 
 
 def _begun() -> tuple[Vectors, torch.Tensor]:
@@ -26,7 +27,7 @@ def test_injection_mixes_and_passes_the_gradient(beta: float) -> None:
     vectors, latent = _begun()
     now: Moment = replace(SOFT, beta=beta, feature_gradient=0.25)
     given = latent.clone().requires_grad_()
-    shown = vectors.features(given, 1, now)
+    shown = vectors.features(given, ROWS, 1, now)
     quantised = vectors.quantiser(latent, 1).features
     assert torch.allclose(shown, latent + beta * (quantised - latent), atol=1e-5)
     shown.sum().backward()
@@ -39,7 +40,7 @@ def test_in_the_hard_phase_pictures_move_books_and_decoder() -> None:
     vectors, latent = _begun()
     vectors.open()
     given = latent.clone().requires_grad_()
-    vectors.features(given, 2, replace(SOFT, hard=True)).square().sum().backward()
+    vectors.features(given, ROWS, 2, replace(SOFT, hard=True)).square().sum().backward()
     assert given.grad is not None
     assert float(given.grad.abs().sum()) > 0
     assert all(p.grad is not None and float(p.grad.abs().sum()) > 0 for p in vectors.quantiser.book_parameters())
@@ -48,9 +49,29 @@ def test_in_the_hard_phase_pictures_move_books_and_decoder() -> None:
 def test_more_stages_say_more() -> None:
     """A later layer is nearer to the features, and costs more bits."""
     vectors, latent = _begun()
-    errors = [float((vectors.features(latent, layer, None) - latent).square().mean()) for layer in (0, 2)]
+    errors = [float((vectors.features(latent, ROWS, layer, None) - latent).square().mean()) for layer in (0, 2)]
     assert errors[1] < errors[0]
     assert 0 < vectors.index_bits(0) < vectors.index_bits(2)
+
+
+def test_codewords_are_chosen_in_turns() -> None:
+    """Those of new features are up to date after eight looks, an eighth at each; anchors that come get some at once."""
+    vectors, latent = _begun()
+    vectors.features(latent, ROWS, 1, SOFT)
+    moved = latent.flip(0)
+    found = []
+    for _ in range(8):
+        shown = vectors.features(moved, ROWS, 1, replace(SOFT, beta=1.0))
+        fresh = vectors.quantiser(moved, vectors.stages[1]).features
+        found.append(int((shown - fresh).abs().amax(dim=1).lt(1e-5).sum()))
+    assert found == sorted(found)
+    assert found[0] < 100
+    assert found[-1] == 200
+    kept = torch.arange(0, 200, 2)
+    vectors.rearrange(kept, 3)
+    grown = torch.cat([moved[kept], latent[:3]])
+    shown = vectors.features(grown, torch.arange(103), 1, replace(SOFT, beta=1.0))
+    assert torch.allclose(shown, vectors.quantiser(grown, vectors.stages[1]).features, atol=1e-5)
 
 
 def test_a_checkpoint_keeps_books_and_phase() -> None:
@@ -62,3 +83,5 @@ def test_a_checkpoint_keeps_books_and_phase() -> None:
     other.resume(vectors.checkpoint())
     assert other.opened
     assert torch.equal(other.codes(latent), vectors.codes(latent))
+    hard = replace(SOFT, hard=True)
+    assert torch.equal(other.features(latent, ROWS, 1, hard), vectors.features(latent, ROWS, 1, hard))
