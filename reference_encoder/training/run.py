@@ -54,9 +54,9 @@ _LAST_PRICE, _FALL = 0.015, 2.0
 _CHECK_SECONDS = 120.0
 _CHECK_ITERATIONS = 500
 _SAVE_SECONDS = 180.0
-_FINISH = 0.04
+_FINISH = 0.1
 """Of the time, at most so many seconds, are kept for networks and the file."""
-_MOST_FINISH = 90.0
+_MOST_FINISH = 180.0
 _MEMORY = 0.98
 
 
