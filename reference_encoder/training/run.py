@@ -54,6 +54,8 @@ _LAST_PRICE, _FALL = 0.015, 2.0
 _CHECK_SECONDS = 120.0
 _CHECK_ITERATIONS = 500
 _SAVE_SECONDS = 180.0
+_LEAST_HALF = 360
+"""Pixels of the longest side of a photo at half its size: what is learnt of smaller ones has to be learnt again."""
 _FINISH = 0.1
 """Of the time, at most so many seconds, are kept for networks and the file."""
 _MOST_FINISH = 180.0
@@ -108,6 +110,13 @@ def photos(chosen: tuple[Photo, ...], device: torch.device) -> Views:
     return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))).to(device))) for photo in chosen]
 
 
+def halves(chosen: tuple[Photo, ...], device: torch.device) -> Views:
+    """Photos at half their size; none where that would leave too little to see."""
+    if max(max(photo.camera.width, photo.camera.height) for photo in chosen) < 2 * _LEAST_HALF:
+        return []
+    return photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in chosen), device)
+
+
 def begun(capture: Capture, options: TrainOptions, recipe: Recipe | None = None) -> Trainer:
     """A run before its first iteration; `recipe` in place of the preset's.
 
@@ -146,7 +155,7 @@ def begun(capture: Capture, options: TrainOptions, recipe: Recipe | None = None)
         state=state,
         prices=Prices(price, pixel_count, wanted),
         views=views,
-        small=photos(tuple(replace(photo, camera=photo.camera.scaled(0.5)) for photo in capture.train), device),
+        small=halves(capture.train, device) or views,
         curriculum=CURRICULA[recipe.curriculum],
         ssim_share=options.lambda_ssim,
         background=torch.zeros(3, device=device),

@@ -35,7 +35,7 @@ _REFRESH_EVERY, _INDEX_EVERY = 1000, 5
 """Iterations between two looks at the indices of the scene, and between two steps of what codes them."""
 _LARGEST_AFTER_PRUNING = 0.05
 SMALL_UNTIL = 0.4
-"""Fraction of the run until which photos are learnt at half their size, a quarter of the pixels."""
+"""Fraction of the run until which photos are learnt at half their size, a quarter of the pixels, if they are large."""
 
 
 @dataclass
@@ -45,7 +45,7 @@ class Trainer:
     Attributes:
         state: what is learnt.
         prices: of bits.
-        views, small: cameras and photos to learn from, whole and at half their size.
+        views, small: cameras and photos to learn from, whole and at half their size, if that is enough to see.
         curriculum: when what happens.
         ssim_share: of 1 - SSIM in what a picture lacks.
         background: (3,) colour behind everything.

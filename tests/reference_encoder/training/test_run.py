@@ -10,11 +10,12 @@ import torch
 
 import scarfmt
 from reference_decoder.anchors import gaussians
+from reference_encoder.training import run
 from reference_encoder.training.capture import Capture, load_capture
 from reference_encoder.training.evaluate import drawn
 from reference_encoder.training.options import LeftOff, TrainOptions
 from reference_encoder.training.recipe import RECIPES, Recipe
-from reference_encoder.training.run import begun, layer_sizes, smallest, train
+from reference_encoder.training.run import begun, halves, layer_sizes, smallest, train
 from scarfmt.errors import InvalidInput
 from scarfmt.render.rasterise import render
 from tests.reference_encoder.training import captures
@@ -43,6 +44,21 @@ def test_the_file_is_what_was_learnt(capture: Capture, preset: str) -> None:
         picture = render(made.scene, camera, colours=made.colours.astype(np.float64))
         mine = drawn(trainer.state, camera, layer, torch.zeros(3)).numpy()
         assert np.abs(picture - mine).max() < 0.02
+
+
+def test_large_photos_are_learnt_at_half_their_size_first(capture: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Small ones are not: what they show at half their size would have to be learnt again."""
+    cpu = torch.device("cpu")
+    assert halves(capture.train, cpu) == []
+    trainer = begun(capture, OPTIONS)
+    assert trainer.small is trainer.views
+    monkeypatch.setattr(run, "_LEAST_HALF", captures.WIDTH // 2)
+    smaller = [(camera.width, camera.height) for camera, _ in halves(capture.train, cpu)]
+    assert smaller == [(captures.WIDTH // 2, captures.HEIGHT // 2)] * len(capture.train)
+    trainer = begun(capture, OPTIONS)
+    assert len(trainer.small) == len(trainer.views)
+    for done in (0.0, 0.5):
+        trainer.step(done)
 
 
 def test_the_same_seed_gives_the_same_file_and_another_one_another(capture: Capture) -> None:
