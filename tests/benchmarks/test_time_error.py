@@ -33,7 +33,7 @@ DECODE = {"min": 0.5, "median": 0.6, "cpu": 0.4, "peak_bytes": 1 << 20, "runs": 
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A file with predictors and an index network."""
     path = tmp_path_factory.mktemp("files") / "neural.scar"
-    path.write_bytes(write_scene(neural_scene(3, Profile.EXPLICIT)))
+    path.write_bytes(write_scene(neural_scene(1, Profile.EXPLICIT)))
     return path
 
 
