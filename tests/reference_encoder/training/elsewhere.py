@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 import torch
+from torch import library as registry
 
 try:
     from torch.utils.backend_registration import _setup_privateuseone_for_python_backend
@@ -91,10 +92,10 @@ def _run(op: Any, args: list[Any], kwargs: dict[str, Any]) -> Any:
     return _mapped(placed, out)
 
 
-def _registered() -> torch.library.Library:
+def _registered() -> registry.Library:
     """The device under its name, and what makes its first tensors."""
     _setup_privateuseone_for_python_backend(NAME)
-    library = torch.library.Library("aten", "IMPL")
+    library = registry.Library("aten", "IMPL")
 
     def maker(make: Callable[..., torch.Tensor]) -> Callable[..., Tensor]:
         return lambda *args, dtype=None, **_: Tensor(make(*args, dtype=dtype))
