@@ -13,7 +13,8 @@ class Keeper:
     """An object that others may keep something with that they made of it.
 
     An engine packs tables and networks in its own way, once, however many tiles are decoded with them; the object
-    itself need not know what an engine is. Threads may share one: at worst two make the same thing.
+    itself need not know what an engine is. Threads may share one: two may make the same thing, and both are given that
+    of the first, as what is packed holds addresses of other things that are kept.
     """
 
     def kept(self, make: Callable[Concatenate[Self, P], T], *arguments: P.args, **named: P.kwargs) -> T:
@@ -25,9 +26,12 @@ class Keeper:
         """
         found: dict[Any, Any] = self.__dict__.setdefault("_kept", {})
         key = (make, *arguments, *named.items())
-        if key not in found:
-            found[key] = make(self, *arguments, **named)
-        made: T = found[key]
+        made: T
+        if key in found:
+            made = found[key]
+            return made
+        # Not an assignment: it would free what another thread kept meanwhile, and has the address of.
+        made = found.setdefault(key, make(self, *arguments, **named))
         return made
 
     def __getstate__(self) -> dict[str, Any]:

@@ -122,7 +122,9 @@ def world_positions(
     given: tuple[int | None, int, int | None] = None, 0, None
     if residuals is not None:
         channel, values, steps = residuals
-        struct.widths = address(width_table(channel.first_width), np.float64)
+        # Named, and so kept until the call is over, whatever becomes of the table that others are given.
+        widths = width_table(channel.first_width)
+        struct.widths = address(widths, np.float64)
         plane = planes(values)
         given = shaped(plane, np.int32, (3, len(codes))), len(codes), shaped(steps, np.int64, codes.shape)
     arrays = shaped(codes, np.uint64, codes.shape), *given, len(codes), shaped(out, np.float64, (len(codes), 3))

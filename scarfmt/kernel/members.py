@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +17,8 @@ LANES = 16
 """Columns of logits that are worked on together."""
 
 
-@cache
-def exp2_weights() -> NDArray[np.uint32]:
-    """The table of SPEC §10.1 as the library reads it."""
-    return exp2_table().astype(np.uint32)
+EXP2_WEIGHTS: NDArray[np.uint32] = exp2_table().astype(np.uint32)
+"""The table of SPEC §10.1 as the library reads it, which has its address: it must never be made anew."""
 
 
 class PackedMembers:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from scarfmt.arrays import I64
-from scarfmt.kernel.members import PackedMembers, exp2_weights
+from scarfmt.kernel.members import EXP2_WEIGHTS, PackedMembers
 from scarfmt.kernel.memory import address
 from scarfmt.kernel.scratch import SCRATCH
 from scarfmt.kernel.structs import HEADS, Indices, Layer, Network, Recurrence
@@ -48,7 +48,7 @@ class PackedNetwork:
         struct.after_first = self._memory.words(np.concatenate(states, axis=1)) if states else None
         struct.sigmoid = self._memory.words(sigmoid_table())
         struct.tanh = self._memory.words(state_table(network.activation_bits))
-        struct.exp2 = address(exp2_weights(), np.uint32)
+        struct.exp2 = address(EXP2_WEIGHTS, np.uint32)
         books = (evaluator.books.coarse, evaluator.books.residual)
         words = [network.codewords(book) for book in books]
         for number, layer in enumerate(network.gru):

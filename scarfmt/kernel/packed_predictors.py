@@ -109,7 +109,8 @@ class Surroundings:
 class PackedPredictorSet:
     """The predictors in force in a layer, packed step by step when they are first asked for.
 
-    To be kept with the set: :meth:`scarfmt.kept.Keeper.kept`.
+    Threads may share them: what one has packed stays, as others have its address. To be kept with
+    the set: :meth:`scarfmt.kept.Keeper.kept`.
     """
 
     def __init__(self, predictors: PredictorSet) -> None:
@@ -125,12 +126,12 @@ class PackedPredictorSet:
         """
         found = {c: p for c, p in self._set.step(stream, step).items() if isinstance(p, Predictor)}
         if found and (stream, step) not in self._packed:
-            self._packed[stream, step] = PackedPredictors(found, components, depths)
+            self._packed.setdefault((stream, step), PackedPredictors(found, components, depths))
         return self._packed.get((stream, step))
 
     def steps(self, stream: Stream, steps: range, components: int, depths: int) -> PackedPredictorSteps:
         """Packed predictors of some steps."""
         if (stream, steps) not in self._steps:
             packed = [self.step(stream, step, components, depths) for step in steps]
-            self._steps[stream, steps] = PackedPredictorSteps(packed)
+            self._steps.setdefault((stream, steps), PackedPredictorSteps(packed))
         return self._steps[stream, steps]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64, I32, I64, U16
 from scarfmt.entropy.rans import FrequencyTable, seal_error, words_of
-from scarfmt.kernel.members import LANES, PackedMembers, exp2_weights
+from scarfmt.kernel.members import EXP2_WEIGHTS, LANES, PackedMembers
 from scarfmt.kernel.memory import check_symbols
 from scarfmt.kernel.packed_tables import PackedTables
 from scarfmt.kernel.structs import Rans
@@ -78,7 +78,7 @@ class KernelRansDecoder:
         if size > 1 and count:
             rows = np.ascontiguousarray(logits, np.float32)
             scratch = np.empty((size + 1) * 2 * LANES, np.uint32)
-            addresses = (array.ctypes.data for array in (exp2_weights(), scratch, out))
+            addresses = (array.ctypes.data for array in (EXP2_WEIGHTS, scratch, out))
             self.functions.scar_rans_logits(self.pointer, rows.ctypes.data, size, count, *addresses)
         return out
 
@@ -93,7 +93,7 @@ class KernelRansDecoder:
         struct, rows = members.struct, paired(o.astype(np.int64))
         scratch: list[NDArray[Any]] = [np.empty(struct.clusters + 1, np.int64), np.empty(len(out), np.int64)]
         scratch += [np.empty(struct.largest * LANES, np.int32), np.empty(struct.largest * LANES, np.uint32)]
-        arrays = [array.ctypes.data for array in (exp2_weights(), *scratch, out)]
+        arrays = [array.ctypes.data for array in (EXP2_WEIGHTS, *scratch, out)]
         chosen = np.ascontiguousarray(clusters, np.int64)
         pointers = self.pointer, byref(struct), chosen.ctypes.data, rows.ctypes.data
         self.functions.scar_rans_members(*pointers, len(out), *arrays)

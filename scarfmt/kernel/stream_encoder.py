@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scarfmt.arrays import F32, F64, U32, Ints
 from scarfmt.entropy.rans import PRECISION, FrequencyTable, check_rows
 from scarfmt.errors import InvalidInput
-from scarfmt.kernel.members import LANES, exp2_weights
+from scarfmt.kernel.members import EXP2_WEIGHTS, LANES
 from scarfmt.kernel.packed_tables import PackedTables
 from scarfmt.kernel.stream_decoder import ALL_READ
 
@@ -70,7 +70,7 @@ class KernelRansEncoder:
         rows, chosen = np.ascontiguousarray(logits, np.float32), np.ascontiguousarray(symbols, np.int32)
         scratch = np.empty((size + 1) * 2 * LANES, np.uint32)
         first, past = self._room(count)
-        arrays = rows.ctypes.data, chosen.ctypes.data, size, count, exp2_weights().ctypes.data, scratch.ctypes.data
+        arrays = rows.ctypes.data, chosen.ctypes.data, size, count, EXP2_WEIGHTS.ctypes.data, scratch.ctypes.data
         self._library.scar_spans_logits(*arrays, first, past)
         spans = self._spans[-1]
         return np.asarray(PRECISION - np.log2((spans[1] - spans[0]).astype(np.float64)))

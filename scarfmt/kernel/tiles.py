@@ -60,11 +60,12 @@ class KernelTiles:
         columns = tuple(channel.components for channel in model.channels)
         for index, channel in enumerate(model.channels):
             rules, _ = packed_rules(channel.rules, columns)
+            widths = width_table(channel.first_width)
             out = struct.channel[index]
             out.stream, out.components = channel.stream, channel.components
             out.attribute, out.residual = index in model.attributes, channel.stream == Stream.POSITION_RESIDUAL
-            out.rules, out.widths = ctypes.addressof(rules), address(width_table(channel.first_width), np.float64)
-            self._kept.append(rules)
+            out.rules, out.widths = ctypes.addressof(rules), address(widths, np.float64)
+            self._kept += rules, widths
         layers = (structs.TileLayer * len(model.layers))()
         for number, out in enumerate(layers, start=1):
             self._fill_layer(out, number, models.tables[number - 1].kept(PackedStaticTables))

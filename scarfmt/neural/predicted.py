@@ -61,7 +61,7 @@ class PredictorSet(Keeper):
         if (stream, step) not in self._groups:
             # The components of a first step see each other.
             parts = [{c: p} for c, p in sorted(found.items())] if step == 1 else [found]
-            self._groups[stream, step] = [PredictorGroup(part, components, depths) for part in parts]
+            self._groups.setdefault((stream, step), [PredictorGroup(part, components, depths) for part in parts])
         return self._groups[stream, step]
 
 

@@ -22,6 +22,7 @@ from scarfmt.errors import InvalidInput
 from scarfmt.kernel import index_layer
 from scarfmt.kernel.cells import cell_names
 from scarfmt.kernel.index_layer import Known, read_indices
+from scarfmt.kernel.members import EXP2_WEIGHTS
 from scarfmt.kernel.packed_network import packed_network
 from scarfmt.kernel.stream_decoder import KernelRansDecoder
 from scarfmt.neural.grid import GridLevel, HashGrid
@@ -151,6 +152,13 @@ def test_attention_is_left_to_numpy(attention: bool, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(index_layer, "read_indices", counted)
     check(Case(5, 3, attention=attention))
     assert len(calls) == (0 if attention else 1)
+
+
+def test_packed_networks_have_the_address_of_the_table_that_stays() -> None:
+    """One made anew by two threads at once was freed under a network: 1 decode in 130 of four tiles was refused."""
+    packed = packed_network(Case(5, 3).coder.evaluator)
+    assert packed is not None
+    assert packed.struct.exp2 == EXP2_WEIGHTS.ctypes.data
 
 
 def bad(case: Case, indices: NDArray[Any], **changes: Any) -> Any:
