@@ -18,6 +18,8 @@ from reference_encoder.training.poses import INPUT, MODEL, PAIRS
 FEATURES = 3000
 LARGEST_SIDE = 1600
 """Pixels in which features are looked for: in larger photos they are hardly better placed, and take far longer."""
+SMALL_SIDE = 1000
+"""Pixels; photos that are smaller have few features, which are also looked for in a picture of twice the size."""
 JPEG_QUALITY = 98
 
 
@@ -40,8 +42,8 @@ def find_poses(folder: Path) -> bool:
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.max_image_size = LARGEST_SIDE
     extraction.sift.max_num_features = FEATURES
-    # Not from a picture of twice the size, as is usual: four times faster.
-    extraction.sift.first_octave = 0
+    # Not from a picture of twice the size, as is usual, where there is enough to see: four times faster.
+    extraction.sift.first_octave = -1 if _largest_side(photos) < SMALL_SIDE else 0
     pycolmap.extract_features(
         database, photos, camera_mode=pycolmap.CameraMode.PER_FOLDER, extraction_options=extraction
     )
@@ -56,6 +58,12 @@ def find_poses(folder: Path) -> bool:
         (folder / MODEL).mkdir()
         best.write(folder / MODEL)
     return best is not None
+
+
+def _largest_side(photos: Path) -> int:
+    """Of the first photo, pixels."""
+    first = pycolmap.Bitmap.read(min(file for file in photos.rglob("*") if file.is_file()), as_rgb=False)
+    return int(max(first.width, first.height))
 
 
 def _largest_model(folder: Path, database: Path, photos: Path) -> pycolmap.Reconstruction | None:
