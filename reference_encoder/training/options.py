@@ -157,12 +157,15 @@ class Trained:
         layers: of each layer, from the first.
         iterations: how many were done.
         seconds: spent, those before a resumption included.
+        displacement: mean distance, pixels, of pictures from their photos; far from 0 where poses do not fit together,
+            NaN where it cannot be told.
     """
 
     data: bytes
     layers: tuple[LayerQuality, ...]
     iterations: int
     seconds: float
+    displacement: float = math.nan
 
 
 class LeftOff(Exception):

@@ -13,12 +13,13 @@ import torch
 from reference_encoder.decide.assemble import Quantised
 from reference_encoder.options import EncodeOptions
 from reference_encoder.pipeline import Written, best_file
+from reference_encoder.training.alignment import LOOKS, displacement, warn_displaced
 from reference_encoder.training.anchors import Frame, SceneNetworks
 from reference_encoder.training.capture import Capture, Photo, pixels
 from reference_encoder.training.checkpoints import identity, load_checkpoint, save_checkpoint
 from reference_encoder.training.curriculum import CURRICULA
 from reference_encoder.training.device import reproducible, run_device
-from reference_encoder.training.evaluate import Views, quality
+from reference_encoder.training.evaluate import Views, drawn, quality
 from reference_encoder.training.growth import Statistics
 from reference_encoder.training.index_entropy import IndexOptions, JointIndexModel
 from reference_encoder.training.layers import LayerPlan
@@ -54,6 +55,8 @@ _LAST_PRICE, _FALL = 0.015, 2.0
 _CHECK_SECONDS = 120.0
 _CHECK_ITERATIONS = 500
 _SAVE_SECONDS = 180.0
+_SETTLED = 0.25
+"""Fraction of the run after which pictures lie where they will."""
 _LEAST_HALF = 360
 """Pixels of the longest side of a photo at half its size: what is learnt of smaller ones has to be learnt again."""
 _FINISH = 0.1
@@ -188,6 +191,7 @@ class Run:
         self.held_out = photos(capture.test, self.trainer.state.device)
         self.psnr: float | None = None
         self.bytes: int | None = None
+        self.displacement: float | None = None
         self.loss = float("nan")
         self._checked = self._saved = time.monotonic()
 
@@ -248,6 +252,10 @@ class Run:
             figures |= {"estimated": str(trainer.prices.estimate), "written": str(sizes)}
             if len(sizes) == len(trainer.prices.price):
                 trainer.prices.wrote(sizes)
+        if self.displacement is None and self.clock.done(trainer.iteration) >= _SETTLED:
+            self.displacement = self._displacement()
+            warn_displaced(self.displacement)
+        figures |= {"displacement": self.displacement}
         if trainer.joint is not None:
             figures |= {"index_bits_an_anchor": trainer.index_bits, "hash_bits": trainer.joint.hash_bits}
         self._checked = time.monotonic()
@@ -272,7 +280,13 @@ class Run:
             quality(trainer.state, self.held_out, layer, trainer.background) for layer in range(len(sizes))
         ]
         layers = tuple(LayerQuality(size, *each) for size, each in zip(sizes, found, strict=True))
-        return Trained(written.data, layers, trainer.iteration, self.clock.spent)
+        return Trained(written.data, layers, trainer.iteration, self.clock.spent, self._displacement())
+
+    def _displacement(self) -> float:
+        """How far pictures lie beside the photos learnt from."""
+        state, views, background = self.trainer.state, self.trainer.views, self.trainer.background
+        looked = views[:: -(-len(views) // LOOKS)]
+        return displacement((drawn(state, camera, None, background), target) for camera, target in looked)
 
 
 def smallest(scene: QuantisedScene, joint: JointIndexModel | None, static: bool = False) -> Written:

@@ -13,10 +13,11 @@ from reference_decoder.anchors import gaussians
 from reference_encoder.training import run
 from reference_encoder.training.capture import Capture, load_capture
 from reference_encoder.training.evaluate import drawn
+from reference_encoder.training.log import read_log
 from reference_encoder.training.options import LeftOff, TrainOptions
 from reference_encoder.training.recipe import RECIPES, Recipe
 from reference_encoder.training.run import begun, halves, layer_sizes, smallest, train
-from scarfmt.errors import InvalidInput
+from scarfmt.errors import InputWarning, InvalidInput
 from scarfmt.render.rasterise import render
 from tests.reference_encoder.training import captures
 
@@ -122,6 +123,20 @@ def test_the_loss_has_its_share_of_ssim(capture: Capture) -> None:
     first = {share: begun(capture, replace(OPTIONS, lambda_ssim=share)).step(0.0).loss for share in (0.0, 0.3, 1.0)}
     assert first[0.3] == pytest.approx(0.7 * first[0.0] + 0.3 * first[1.0], rel=1e-4)
     assert first[0.0] != pytest.approx(first[1.0], rel=1e-2)
+
+
+def test_pictures_beside_their_photos_are_told_once_and_in_the_log(
+    capture: Capture, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """When a quarter of the run is over; before, nothing has found its place."""
+    monkeypatch.setattr(run, "_CHECK_ITERATIONS", 5)
+    monkeypatch.setattr(run, "displacement", lambda pairs: 0.1 * sum(1 for _ in pairs))
+    with pytest.warns(InputWarning, match=r"0\.60 pixels") as told:
+        trained = train(capture, replace(OPTIONS, iterations=20, layers=2), tmp_path)
+    assert len([one for one in told if one.category is InputWarning]) == 1
+    assert len(capture.train) == 6
+    assert trained.displacement == pytest.approx(0.6)
+    assert [line.get("displacement") for line in read_log(tmp_path)][:3] == [pytest.approx(0.6)] * 3
 
 
 class After:
