@@ -99,4 +99,5 @@ def _correlations(blocks: Tensor, windows: Tensor) -> Tensor:
     mean = functional.avg_pool2d(windows, _BLOCK, stride=1)
     spread = functional.avg_pool2d(windows * windows, _BLOCK, stride=1) - mean * mean
     norms = kernels.flatten(1).norm(dim=1)[:, None, None] * (spread.clamp_min(1e-9) * _BLOCK**2).sqrt()
-    return products / norms.clamp_min(1e-9)
+    correlations: Tensor = products / norms.clamp_min(1e-9)
+    return correlations
