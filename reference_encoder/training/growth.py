@@ -28,6 +28,9 @@ class Statistics:
         opacity: (N,) sum of the positive opacities of all slots.
         seen: (N,) pictures in which the anchor was in view.
         weight: (N, K) sum of blended weights, pixels; never cleared, but fading.
+        energy: (N, K) what leaving a slot out would do, mean squares of pixels, summed over the photos that masks were
+            decided by; never cleared, but fading.
+        looked: (N,) how many photos these were, fading alike.
     """
 
     gradient: Tensor
@@ -35,12 +38,15 @@ class Statistics:
     opacity: Tensor
     seen: Tensor
     weight: Tensor
+    energy: Tensor
+    looked: Tensor
 
     @classmethod
     def of(cls, count: int, device: torch.device | None = None) -> Statistics:
         """Nothing seen of `count` anchors; on the processor unless said."""
         slots, anchors = (count, SLOTS), (count,)
-        return cls(*(torch.zeros(shape, device=device) for shape in (slots, slots, anchors, anchors, slots)))
+        shapes = (slots, slots, anchors, anchors, slots, slots, anchors)
+        return cls(*(torch.zeros(shape, device=device) for shape in shapes))
 
     def to(self, device: torch.device) -> Statistics:
         """The same on a device."""

@@ -25,6 +25,8 @@ from reference_encoder.training.state import WEIGHT_BITS, State
 _BISECTIONS = 60
 _LEAST, _MOST = 1e-12, 1e6
 """Prices between which one is looked for."""
+_REMEMBERED = 0.7
+"""Of what was seen before, at each look: in a large capture any one look misses most photos of a slot that few show."""
 
 
 @dataclass(frozen=True)
@@ -65,14 +67,16 @@ class Worth:
 
 
 def worth(state: State, views: Views, background: Tensor, ssim_share: float) -> Worth:
-    """What slots are worth in pictures of the last layer.
+    """What slots are worth in pictures of the last layer, by these photos and, fading, by those looked at before.
 
     Args:
-        views: to look from.
+        views: to look from; what is seen is added to `state.statistics`.
         background: (3,) colour behind everything.
         ssim_share: of 1 - SSIM in what a picture lacks.
     """
-    energy = torch.zeros(len(state.anchors), SLOTS, device=background.device)
+    seen = state.statistics
+    seen.energy *= _REMEMBERED
+    seen.looked *= _REMEMBERED
     losses, errors = 0.0, 0.0
     for camera, target in views:
         a = state.anchors
@@ -86,12 +90,13 @@ def worth(state: State, views: Views, background: Tensor, ssim_share: float) -> 
         (image * signs).sum().backward()  # type: ignore[no-untyped-call]
         if opacities.grad is not None:
             flat = rows[made.rows] * SLOTS + made.slots
-            energy.view(-1)[flat] += (opacities.grad * opacities.detach()) ** 2 / image.numel()
+            seen.energy.view(-1)[flat] += (opacities.grad * opacities.detach()) ** 2 / image.numel()
         losses += float(dissimilarity(image.detach(), target, ssim_share))
         errors += float(((image.detach() - target.pixels) ** 2).mean())
     # L1 and 1 - SSIM grow like the root of the squared error.
     slope = losses / (2 * max(errors, 1e-12))
-    return Worth(slope * energy / max(len(views), 1), *_bits(state))
+    seen.looked += len(views)
+    return Worth(slope * seen.energy / seen.looked.clamp_min(1)[:, None], *_bits(state))
 
 
 @torch.no_grad()

@@ -25,8 +25,8 @@ _GROW_EVERY = 100
 _LEAST_DRAWN = 0.4
 """Of the iterations between two rounds of growth: slots drawn more often are judged."""
 _LEAST_SEEN = 0.8
-_DECIDE_EVERY, _LOOKS = 400, 48
-"""Iterations between two decisions of masks, and photos that each looks at."""
+_DECIDE_EVERY, _LOOKS, _FIRST_LOOKS = 400, 48, 144
+"""Iterations between two decisions of masks, and photos that each and that the first looks at."""
 _STEER_EVERY = 100
 """Iterations between two corrections of prices once masks are settled."""
 _LOOK_EVERY = 25
@@ -183,10 +183,13 @@ class Trainer:
 
     def _decide_masks(self, weight: float) -> None:
         """Which slots each layer shows from now on; those of new anchors stay until they had time to learn."""
-        state, self.decided = self.state, True
-        count = min(_LOOKS, len(self.small))
-        chosen = torch.randperm(len(self.small), generator=state.generator)[:count].tolist()
-        found = worth(state, [self.small[number] for number in chosen], self.background, self.ssim_share)
+        state = self.state
+        count = min(_LOOKS if self.decided else _FIRST_LOOKS, len(self.small))
+        self.decided = True
+        # Along the path of the camera, others each time.
+        turn = self.iteration // _DECIDE_EVERY
+        chosen = [self.small[(turn + place * len(self.small) // count) % len(self.small)] for place in range(count)]
+        found = worth(state, chosen, self.background, self.ssim_share)
         first = state.anchors.first
         born = state.anchors.born
         young = (born > 0) & (born > self.iteration - 2 * _DECIDE_EVERY)

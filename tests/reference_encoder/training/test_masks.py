@@ -65,3 +65,20 @@ def test_a_view_of_nothing_says_nothing() -> None:
     target = Target.of(torch.zeros(camera.height, camera.width, 3, dtype=torch.uint8))
     found = worth(state, [(replace(camera, world_to_camera=pose), target)], torch.zeros(3), 0.2)
     assert float(found.benefit.sum()) == 0
+
+
+def test_what_few_photos_show_is_remembered() -> None:
+    """A slot that today's photos do not show is worth what those before said, by all photos looked at."""
+    state, camera, black = small.state(20), small.camera(), torch.zeros(3)
+    target = Target.of(torch.full((camera.height, camera.width, 3), 90, dtype=torch.uint8))
+    away = camera.world_to_camera.copy()
+    away[2, 3] = -50.0
+    first = worth(state, [(camera, target)], black, 0.2)
+    energy = state.statistics.energy.clone()
+    shown = energy > 0
+    assert bool(shown.any())
+    later = worth(state, [(replace(camera, world_to_camera=away), target)] * 3, black, 0.2)
+    assert torch.equal(state.statistics.energy, 0.7 * energy)
+    assert state.statistics.looked.tolist() == pytest.approx([3.7] * len(state.anchors))
+    assert torch.equal(later.benefit > 0, first.benefit > 0)
+    assert float(state.statistics.taken(torch.arange(3), 2).looked[3:].sum()) == 0
