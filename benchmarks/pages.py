@@ -48,7 +48,7 @@ def _of(name: str, page: str, *sections: str, parts: bool = False) -> list[Shown
     return [Shown(page, section, path, f"{section}/" if parts else "") for section in sections or (name,)]
 
 
-_TRAINED = (*_of("trained", "docs/trained.md"), *_of("trained-ablations", "docs/trained.md"))
+_TRAINED = tuple(one for name in ("trained", "trained-ablations", "poses") for one in _of(name, "docs/trained.md"))
 _PICTURES = _of("time-to-picture", "docs/time-to-picture.md", "picture-crossings", "picture-times", "picture-start-up")
 SHOWN: tuple[Shown, ...] = (
     *_of("quality", "README.md", "results"),

@@ -78,7 +78,11 @@ class Prices:
                 moved = math.sqrt(self.price[layer] * price) / self.price[layer]
                 self.price[layer] *= min(max(moved, 1 / _STEP), _STEP)
         last = len(self.price) - 1
-        most = found.price_of(last, _SHRINKS * found.bits(last, allowed), allowed)
+        least = _SHRINKS * found.bits(last, allowed)
+        if self.wanted is not None:
+            # The price may still be on its way down from what was too much.
+            least = max(least, 8 * self.wanted[last] / self.real[last])
+        most = found.price_of(last, least, allowed)
         chosen = [weight * self.a_bit(layer) for layer in range(last)] + [min(weight * self.a_bit(last), most)]
         # What an earlier layer shows, later ones show.
         return list(accumulate(reversed(chosen), max))[::-1]

@@ -50,6 +50,16 @@ def test_the_last_layer_shrinks_slowly_and_prices_move_slowly() -> None:
     assert 1e3 / 1.5 <= prices.price[0] <= 1.5e3
 
 
+def test_the_last_layer_never_falls_below_its_size() -> None:
+    """A price that was right for what there was before would close too much, for good."""
+    worth = found()
+    allowed = worth.benefit > 0
+    whole = worth.bits(1, allowed) / 8
+    prices = Prices([1e3, 1e3], 1, [0.5 * whole, 0.95 * whole])
+    first = first_layers(worth, prices.follow(worth, allowed, 1.0), allowed)
+    assert worth.bits(1, first <= 1) / 8 == pytest.approx(0.95 * whole, rel=0.01)
+
+
 def test_an_earlier_layer_is_never_cheaper() -> None:
     """Prices of a prefix are at least those of what follows: its slots are among theirs."""
     worth = found()
