@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks import provenance
-from benchmarks.report import REPOSITORY, SKIPPED, dated, load_document, replace_section, save_results, table
+from benchmarks.report import SKIPPED, dated, load_document, replace_section, save_results, table
+from benchmarks.scenes import REPOSITORY
 from reference_encoder.training.capture import Capture, Photo, load_capture
 from scarfmt.arrays import F64
 from scarfmt.render.camera import Camera
