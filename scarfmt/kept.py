@@ -26,12 +26,10 @@ class Keeper:
         """
         found: dict[Any, Any] = self.__dict__.setdefault("_kept", {})
         key = (make, *arguments, *named.items())
-        made: T
-        if key in found:
-            made = found[key]
-            return made
-        # Not an assignment: it would free what another thread kept meanwhile, and has the address of.
-        made = found.setdefault(key, make(self, *arguments, **named))
+        if key not in found:
+            # Not an assignment: it would free what another thread kept meanwhile, and has the address of.
+            found.setdefault(key, make(self, *arguments, **named))
+        made: T = found[key]
         return made
 
     def __getstate__(self) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from scarfmt.errors import InputWarning
 LOOKS = 16
 """Pictures to look at."""
 LIMIT = 0.3
-"""Pixels: 0.06 and 0.11 were found of captures whose poses fit, 0.84 of one whose loop did not close."""
+"""Pixels: 0.06 to 0.17 were found of captures whose poses fit, 0.84 of one whose loop did not close."""
 _BLOCK, _REACH = 32, 6
 """Pixels of a block's side, and how far it is looked for."""
 _PLACES = 2 * _REACH + 1

@@ -141,28 +141,25 @@ class PackedStaticTables:
 
     def step(self, key: StepKey) -> PackedTables:
         """The tables of one step of some components."""
-        packed = self._packed.get(key)
-        if packed is None:
+        if key not in self._packed:
             none = np.zeros(0, np.int64)
             component, context, number = self._places.get((key.stream, key.step), (none, none, none))
             place = np.full(_COMPONENTS, -1)
             place[list(key.components)] = np.arange(len(key.components))
             chosen = np.flatnonzero(place[component] >= 0)
             kinds = place[component[chosen]] * CONTEXTS + context[chosen]
+            # The first that any thread has packed stays: others have its address, and it knows what was read.
             packed = PackedTables.of(self._arrays, kinds, number[chosen], len(key.components))
-            # The first that any thread has packed: others have its address, and it knows what was read.
-            packed = self._packed.setdefault(key, packed)
-        return packed
+            self._packed.setdefault(key, packed)
+        return self._packed[key]
 
     def steps(self, stream: int, components: int, steps: range) -> PackedSteps:
         """Packed tables of some steps of all components of a channel."""
         key = (stream, components, steps)
-        packed = self._steps.get(key)
-        if packed is None:
+        if key not in self._steps:
             every = tuple(range(components))
-            packed = PackedSteps([self.step(StepKey(stream, every, step)) for step in steps])
-            packed = self._steps.setdefault(key, packed)
-        return packed
+            self._steps.setdefault(key, PackedSteps([self.step(StepKey(stream, every, step)) for step in steps]))
+        return self._steps[key]
 
     @property
     def used(self) -> set[TableKey]:

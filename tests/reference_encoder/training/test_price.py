@@ -39,25 +39,16 @@ def test_prefixes_get_their_sizes() -> None:
     assert worth.bits(1, first <= 1) / 8 == pytest.approx(0.6 * whole, rel=0.03)
 
 
-def test_the_last_layer_shrinks_slowly_and_prices_move_slowly() -> None:
-    """What closes in the last layer never opens again, so that no decision takes more than a part."""
+@pytest.mark.parametrize(("wanted", "left"), [(0.1, 0.85), (0.95, 0.95)])
+def test_the_last_layer_shrinks_slowly_and_never_below_its_size(wanted: float, left: float) -> None:
+    """What closes there never opens again: no decision takes more than a part, or more than the size asked for."""
     worth = found()
     allowed = worth.benefit > 0
     whole = worth.bits(1, allowed) / 8
-    prices = Prices([1e3, 1e3], 1, [0.01 * whole, 0.1 * whole])
+    prices = Prices([1e3, 1e3], 1, [0.01 * whole, wanted * whole])
     first = first_layers(worth, prices.follow(worth, allowed, 1.0), allowed)
-    assert worth.bits(1, first <= 1) / 8 >= 0.84 * whole
+    assert worth.bits(1, first <= 1) / 8 == pytest.approx(left * whole, rel=0.01)
     assert 1e3 / 1.5 <= prices.price[0] <= 1.5e3
-
-
-def test_the_last_layer_never_falls_below_its_size() -> None:
-    """A price that was right for what there was before would close too much, for good."""
-    worth = found()
-    allowed = worth.benefit > 0
-    whole = worth.bits(1, allowed) / 8
-    prices = Prices([1e3, 1e3], 1, [0.5 * whole, 0.95 * whole])
-    first = first_layers(worth, prices.follow(worth, allowed, 1.0), allowed)
-    assert worth.bits(1, first <= 1) / 8 == pytest.approx(0.95 * whole, rel=0.01)
 
 
 def test_an_earlier_layer_is_never_cheaper() -> None:
