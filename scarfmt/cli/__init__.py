@@ -27,6 +27,7 @@ from scarfmt.cli.render import render
 from scarfmt.cli.train import train
 from scarfmt.cli.truncate import truncate
 from scarfmt.cli.validate import validate
+from scarfmt.cli.view import view
 
 __all__ = ["cli", "main"]
 
@@ -54,6 +55,7 @@ def cli() -> None:
       scarfmt train photos/ scene.scar          or train one from photos
       scarfmt inspect scene.scar                what is in it, layer by layer
       scarfmt truncate scene.scar small.scar --layers 2
+      scarfmt view scene.scar                   look at it in the browser
       scarfmt decode small.scar small.ply       back to what viewers open
       scarfmt compare scene.ply small.scar      how much it differs, in dB
 
@@ -62,7 +64,9 @@ def cli() -> None:
     """
 
 
-for _command in (encode, train, decode, inspect, truncate, validate, dump, compare, render, conformance, completion):
+for _command in (
+    encode, train, view, decode, inspect, truncate, validate, dump, compare, render, conformance, completion,
+):  # fmt: skip
     cli.add_command(_command)
 
 

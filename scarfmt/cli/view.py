@@ -1,0 +1,66 @@
+"""`scarfmt view`: the viewer page, served to a browser on this machine."""
+
+from __future__ import annotations
+
+import click
+
+from scarfmt.cli.failures import FAILED
+from scarfmt.cli.files import open_input, timeout_option
+
+_MOST_SCENES = 2
+
+
+@click.command(short_help="Show scenes in the browser.")
+@click.argument("scenes", metavar="[FILE [OTHER]]", nargs=-1)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the server [default: a free one].")
+@click.option(
+    "--host", default="127.0.0.1", metavar="ADDRESS", show_default=True,
+    help="Address to listen on. 0.0.0.0 lets everyone on the network read the scenes.",
+)  # fmt: skip
+@click.option("--no-browser", is_flag=True, help="Only serve: print the address, open nothing.")
+@timeout_option
+@click.pass_context
+def view(ctx: click.Context, scenes: tuple[str, ...], port: int, host: str, no_browser: bool) -> None:
+    """Show FILE (a path or URL) in a browser, refined while it is read; with OTHER, both side by side.
+
+    A server on this machine sends the page and the bytes that the page asks for, until Ctrl-C. Nothing else is
+    contacted, but the servers of URLs. Without FILE, the page waits for a file to be dropped on it.
+
+    \b
+    Examples:
+      scarfmt view scene.scar
+      scarfmt view scene.scar smaller.scar
+      scarfmt view https://example.org/scene.scar
+      scarfmt view scene.scar --no-browser --port 8080
+    """
+    from scarfmt.container.source import TIMEOUT_SECONDS
+    from scarfmt.viewer.offered import page_offers, scene_offer
+    from scarfmt.viewer.server import ViewerServer, page_address, serve
+
+    if len(scenes) > _MOST_SCENES:
+        raise click.UsageError(f"at most {_MOST_SCENES} scenes can be seen side by side, {len(scenes)} were given")
+    offers = page_offers()
+    paths = []
+    for number, origin in enumerate(scenes):
+        _check(origin)
+        path, offer = scene_offer(origin, number, ctx.meta.get("scarfmt.timeout", TIMEOUT_SECONDS))
+        offers[path] = offer
+        paths.append(path)
+    try:
+        server = ViewerServer(offers, host, port)
+    except OSError as error:
+        click.echo(f"error: cannot listen on {host}, port {port}: {error.strerror or error}", err=True)
+        ctx.exit(FAILED)
+    address = page_address(server.url, paths)
+    click.echo(f"{address}  (Ctrl-C ends)", err=True)
+    if not no_browser:
+        click.launch(address)
+    serve(server)
+
+
+def _check(origin: str) -> None:
+    """Says at once what else the page would say: that a file is missing, or is no .scar file."""
+    from scarfmt.tools.inspection import inspect
+
+    with open_input(origin) as source:
+        inspect(source)

@@ -1,0 +1,147 @@
+"""What the server offers: scenes, by path or URL, and the files of the page."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path, PurePosixPath
+from typing import Protocol
+from urllib.parse import quote, urlsplit
+
+from scarfmt.container.source import ByteSource, FileSource, open_source
+from scarfmt.errors import InvalidInput, Truncated
+
+_PIECE_BYTES = 1 << 18
+PAGE = files("scarfmt.viewer").joinpath("page")
+"""The built page; `make web` puts it there, and it is in the wheel."""
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".wasm": "application/wasm",
+    ".svg": "image/svg+xml",
+    ".txt": "text/plain; charset=utf-8",
+}
+BINARY = "application/octet-stream"
+
+
+@dataclass(frozen=True)
+class Version:
+    """A file as it is now.
+
+    Attributes:
+        size: bytes.
+        tag: strong validator, with quotes, as `ETag` has it: another one when the file is another.
+        kind: media type.
+    """
+
+    size: int
+    tag: str
+    kind: str
+
+
+class Offer(Protocol):
+    """Something that can be asked for."""
+
+    def version(self) -> Version: ...
+
+    def pieces(self, version: Version, first: int, end: int) -> Iterator[bytes]:
+        """Bytes `first` to `end` of that version; Truncated where it is no longer there."""
+        ...
+
+
+@dataclass
+class FileOffer:
+    """A scene on this machine. It is opened for each request, so that a file that is written anew is seen."""
+
+    path: Path
+
+    def version(self) -> Version:
+        status = os.stat(self.path)
+        return Version(status.st_size, _tag(status), BINARY)
+
+    def pieces(self, version: Version, first: int, end: int) -> Iterator[bytes]:
+        with FileSource(self.path) as source:
+            if _tag(os.stat(self.path)) != version.tag:
+                raise Truncated("truncated-source", f"{self.path} was changed while it was read", offset=first)
+            yield from _in_pieces(source, first, end)
+
+
+@dataclass
+class SourceOffer:
+    """A scene behind a URL, read through this server: a page may then show it, whatever its own server permits."""
+
+    source: ByteSource
+    name: str
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def version(self) -> Version:
+        digest = hashlib.sha256(f"{self.name} {self.source.size}".encode()).hexdigest()
+        return Version(self.source.size, f'"{digest[:16]}"', BINARY)
+
+    def pieces(self, version: Version, first: int, end: int) -> Iterator[bytes]:
+        with self._lock:
+            data = self.source.read(first, end - first)
+        yield data
+
+
+@dataclass(frozen=True)
+class AssetOffer:
+    """A file of the page, held in memory."""
+
+    data: bytes
+    kind: str
+
+    def version(self) -> Version:
+        return Version(len(self.data), f'"{hashlib.sha256(self.data).hexdigest()[:16]}"', self.kind)
+
+    def pieces(self, version: Version, first: int, end: int) -> Iterator[bytes]:
+        yield self.data[first:end]
+
+
+def _tag(status: os.stat_result) -> str:
+    return f'"{status.st_ino:x}-{status.st_size:x}-{status.st_mtime_ns:x}"'
+
+
+def _in_pieces(source: ByteSource, first: int, end: int) -> Iterator[bytes]:
+    for start in range(first, end, _PIECE_BYTES):
+        yield source.read(start, min(_PIECE_BYTES, end - start))
+
+
+def page_offers() -> dict[str, Offer]:
+    """Files of the page by path, ``/`` among them.
+
+    Raises:
+        InvalidInput: ``input-dependency`` where the page was never built.
+    """
+    if not PAGE.joinpath("index.html").is_file():
+        raise InvalidInput(
+            "input-dependency", "the viewer page is not in this installation: `make web` builds it, and wheels have it"
+        )
+    offers: dict[str, Offer] = {}
+    for asset in PAGE.iterdir():
+        if asset.is_file():
+            offers[f"/{asset.name}"] = AssetOffer(asset.read_bytes(), _TYPES.get(Path(asset.name).suffix, BINARY))
+    offers["/"] = offers["/index.html"]
+    return offers
+
+
+def scene_offer(origin: str, number: int, timeout: float) -> tuple[str, Offer]:
+    """The path at which a scene is offered, and the scene.
+
+    Raises:
+        InvalidInput: ``input-source`` when it cannot be opened.
+    """
+    if "://" in origin:
+        source = open_source(origin, timeout=timeout)
+        return _scene_path(number, PurePosixPath(urlsplit(origin).path).name), SourceOffer(source, origin)
+    FileSource(origin).close()
+    return _scene_path(number, Path(origin).name), FileOffer(Path(origin).resolve())
+
+
+def _scene_path(number: int, name: str) -> str:
+    return f"/scenes/{number}/{quote(name or 'scene.scar')}"

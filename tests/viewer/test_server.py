@@ -1,0 +1,140 @@
+"""The server of `scarfmt view`, asked over real sockets."""
+
+from __future__ import annotations
+
+import http.client
+import os
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import quote
+
+import pytest
+
+from scarfmt.container.source import BytesSource
+from scarfmt.viewer.offered import AssetOffer, FileOffer, SourceOffer, page_offers, scene_offer
+from scarfmt.viewer.server import ViewerServer, page_address
+
+CONTENT = bytes(range(256)) * 4
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    path = tmp_path / "a scene.scar"
+    path.write_bytes(CONTENT)
+    return path
+
+
+@pytest.fixture
+def server(scene: Path) -> Iterator[ViewerServer]:
+    offers = {
+        "/": AssetOffer(b"<!doctype html>", "text/html; charset=utf-8"),
+        "/file": FileOffer(scene),
+        "/remote": SourceOffer(BytesSource(CONTENT), "https://example.org/a.scar"),
+    }
+    with ViewerServer(offers) as serving:
+        thread = threading.Thread(target=serving.serve_forever, daemon=True)
+        thread.start()
+        yield serving
+        serving.shutdown()
+        thread.join()
+
+
+Answer = tuple[int, dict[str, str], bytes]
+
+
+def ask(server: ViewerServer, path: str, method: str = "GET", **headers: str) -> Answer:
+    host, port = server.server_address[:2]
+    connection = http.client.HTTPConnection(str(host), int(port), timeout=10)
+    try:
+        connection.request(method, path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+        reply = connection.getresponse()
+        return reply.status, dict(reply.getheaders()), reply.read()
+    finally:
+        connection.close()
+
+
+@pytest.mark.parametrize("path", ["/file", "/remote"])
+def test_a_range_is_sent_alone(server: ViewerServer, path: str) -> None:
+    """A viewer reads a scene by ranges: nothing else may be transferred, and the size must be told."""
+    status, headers, body = ask(server, path, Range="bytes=10-19")
+    assert (status, body) == (206, CONTENT[10:20])
+    assert headers["Content-Range"] == f"bytes 10-19/{len(CONTENT)}"
+    assert headers["Accept-Ranges"] == "bytes"
+
+
+@pytest.mark.parametrize("path", ["/file", "/remote"])
+def test_without_a_range_all_is_sent(server: ViewerServer, path: str) -> None:
+    status, headers, body = ask(server, path)
+    assert (status, body, headers["Content-Length"]) == (200, CONTENT, str(len(CONTENT)))
+
+
+def test_head_sends_no_body(server: ViewerServer) -> None:
+    status, headers, body = ask(server, "/file", "HEAD")
+    assert (status, body, headers["Content-Length"]) == (200, b"", str(len(CONTENT)))
+
+
+def test_a_range_beyond_the_end_is_refused_with_the_size(server: ViewerServer) -> None:
+    status, headers, _ = ask(server, "/file", Range="bytes=5000-")
+    assert (status, headers["Content-Range"]) == (416, f"bytes */{len(CONTENT)}")
+
+
+def test_a_file_written_anew_has_another_tag(server: ViewerServer, scene: Path) -> None:
+    """A client that asks with If-Range must get the whole new file, never a part of it beside parts of the old one."""
+    _, before, _ = ask(server, "/file", Range="bytes=0-0")
+    assert ask(server, "/file", If_None_Match=before["ETag"])[0] == 304
+    assert ask(server, "/file", Range="bytes=0-3", If_Range=before["ETag"])[0] == 206
+    other = scene.with_name("other")
+    other.write_bytes(CONTENT[::-1])
+    os.replace(other, scene)
+    status, after, body = ask(server, "/file", Range="bytes=0-3", If_Range=before["ETag"])
+    assert after["ETag"] != before["ETag"]
+    assert (status, body) == (200, CONTENT[::-1])
+
+
+def test_a_file_that_is_gone_is_not_found(server: ViewerServer, scene: Path) -> None:
+    scene.unlink()
+    assert ask(server, "/file")[0] == 404
+
+
+def test_only_what_is_offered_is_sent(server: ViewerServer, scene: Path) -> None:
+    """Paths are names, not places on the disk."""
+    for path in ("/nothing", "/../file", quote(str(scene)), "/file/../../etc/passwd"):
+        assert ask(server, path)[0] == 404
+
+
+def test_a_foreign_name_is_turned_away(server: ViewerServer) -> None:
+    """A page on the web whose name resolves to 127.0.0.1 (DNS rebinding) must not read scenes."""
+    port = server.server_address[1]
+    assert ask(server, "/file", Host=f"attacker.example:{port}")[0] == 421
+    assert ask(server, "/file", Host=f"localhost:{port}")[0] == 200
+
+
+def test_a_query_is_for_the_page(server: ViewerServer) -> None:
+    assert ask(server, "/?url=/file")[2] == b"<!doctype html>"
+    assert page_address("http://h/", ["/scenes/0/a%20b.scar", "/scenes/1/c.scar"]) == (
+        "http://h/?url=/scenes/0/a%2520b.scar&beside=/scenes/1/c.scar"
+    )
+    assert page_address("http://h/", []) == "http://h/"
+
+
+def test_scenes_are_named_after_their_files(scene: Path) -> None:
+    path, offer = scene_offer(str(scene), 3, timeout=1.0)
+    assert path == "/scenes/3/a%20scene.scar"
+    assert offer.version().size == len(CONTENT)
+
+
+def test_a_missing_page_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scarfmt.viewer.offered.PAGE", tmp_path)
+    with pytest.raises(ValueError, match="make web"):
+        page_offers()
+
+
+def test_every_file_of_the_page_is_offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("index.html", "viewer.js", "scar.wasm"):
+        (tmp_path / name).write_bytes(name.encode())
+    monkeypatch.setattr("scarfmt.viewer.offered.PAGE", tmp_path)
+    offers = page_offers()
+    assert set(offers) == {"/", "/index.html", "/viewer.js", "/scar.wasm"}
+    assert offers["/scar.wasm"].version().kind == "application/wasm"
+    assert offers["/viewer.js"].version().kind.startswith("text/javascript")

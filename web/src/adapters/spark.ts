@@ -1,0 +1,307 @@
+/**
+ * Draws a stream of tiles with Spark (three.js): `SplatMesh` over textures of our own, rewritten in place.
+ *
+ * Spark's own words keep 8 bits of scale and rotation and 5 to 8 of harmonics; ours keep what a layer refines (words.ts).
+ * A Gaussian has its slot from the first layer to the last, so a tile that is refined is written over, nothing moves, and
+ * no copy of the textures is kept in memory.
+ */
+
+import { dyno, type SparkRenderer, SplatMesh, type SplatSource } from "@sparkjsdev/spark";
+import * as THREE from "three";
+
+import { GEOMETRY_TEXELS, LN_SCALE_MIN, LN_SCALE_STEPS, OPACITY_STEPS, type TileWords } from "./words.js";
+
+/** Texels in a row of a texture. */
+const WIDTH = 4096;
+const WIDTH_BITS = 12;
+/** Uploads of a frame, bytes: more makes frames late while data arrives. */
+export const UPLOAD_BYTES = 1 << 20;
+
+/**
+ * What makes Spark's picture that of INRIA's renderer: its blur of 0.3 pixels without loss of opacity, Gaussians drawn
+ * to where they are fainter than 1/255, order by depth, and numbers that are not rounded to 8 bits on the way.
+ */
+export const INRIA_LOOK = {
+  preBlurAmount: 0.3,
+  blurAmount: 0,
+  minAlpha: 1 / 255,
+  maxStdDev: Math.sqrt(2 * Math.log(255)),
+  sortRadial: false,
+  accumExtSplats: true,
+  maxPixelRadius: 4096,
+  clipXY: 100,
+} as const;
+
+const READ_SPLAT = `
+  const int SCAR_WIDTH_MASK = ${WIDTH - 1};
+
+  uvec4 scarTexel(usampler2D words, int texel) {
+    return texelFetch(words, ivec2(texel & SCAR_WIDTH_MASK, texel >> ${WIDTH_BITS}), 0);
+  }
+
+  vec4 scarQuaternion(uint largest, vec3 kept) {
+    kept *= ${Math.SQRT1_2} / 32767.0;
+    float left = sqrt(max(0.0, 1.0 - dot(kept, kept)));
+    // Stored as w x y z, wanted as x y z w.
+    if (largest == 0u) return vec4(kept, left);
+    if (largest == 1u) return vec4(left, kept.yz, kept.x);
+    if (largest == 2u) return vec4(kept.y, left, kept.z, kept.x);
+    return vec4(kept.yz, left, kept.x);
+  }
+
+  int scarHigh(uint word) { return int(word) >> 16; }
+  int scarLow(uint word) { return int(word << 16) >> 16; }
+
+  bool readScar(usampler2D words, int index, out Gsplat gsplat) {
+    uvec4 last = scarTexel(words, 2 * index + 1);
+    uint opacity = last.w >> 18u;
+    gsplat.flags = 0u;
+    if (opacity == 0u) return false;
+    uvec4 first = scarTexel(words, 2 * index);
+    gsplat.flags = GSPLAT_FLAG_ACTIVE;
+    gsplat.index = index;
+    gsplat.center = uintBitsToFloat(first.xyz);
+    vec3 steps = vec3(uvec3(first.w & 0xffffu, first.w >> 16u, last.x & 0xffffu));
+    gsplat.scales = exp(steps / ${LN_SCALE_STEPS}.0 + float(${LN_SCALE_MIN}));
+    vec3 kept = vec3(ivec3(scarHigh(last.x), scarLow(last.y), scarHigh(last.y)));
+    gsplat.quaternion = scarQuaternion((last.w >> 16u) & 3u, kept);
+    gsplat.rgba = vec4(unpackHalf2x16(last.z), unpackHalf2x16(last.w).x, float(opacity) / ${OPACITY_STEPS}.0);
+    return true;
+  }
+`;
+
+const READ_HARMONICS = `
+  float scarBasis(int k, vec3 d) {
+    float x = d.x, y = d.y, z = d.z, xx = x * x, yy = y * y, zz = z * z;
+    switch (k) {
+      case 0: return -0.4886025119029199 * y;
+      case 1: return 0.4886025119029199 * z;
+      case 2: return -0.4886025119029199 * x;
+      case 3: return 1.0925484305920792 * x * y;
+      case 4: return -1.0925484305920792 * y * z;
+      case 5: return 0.31539156525252005 * (2.0 * zz - xx - yy);
+      case 6: return -1.0925484305920792 * x * z;
+      case 7: return 0.5462742152960396 * (xx - yy);
+      case 8: return -0.5900435899266435 * y * (3.0 * xx - yy);
+      case 9: return 2.890611442640554 * x * y * z;
+      case 10: return -0.4570457994644658 * y * (4.0 * zz - xx - yy);
+      case 11: return 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy);
+      case 12: return -0.4570457994644658 * x * (4.0 * zz - xx - yy);
+      case 13: return 1.445305721320277 * z * (xx - yy);
+      default: return -0.5900435899266435 * x * (xx - 3.0 * yy);
+    }
+  }
+
+  vec3 scarHarmonics(usampler2D harmonics, int index, int degree, int shown, vec3 direction) {
+    uint packed[12];
+    uvec4 texel = uvec4(0u);
+    for (int t = 0; t < degree; t++) {
+      texel = scarTexel(harmonics, degree * index + t);
+      for (int k = 0; k < 4; k++) packed[4 * t + k] = texel[k];
+    }
+    float size = unpackHalf2x16(texel.w).y / 127.0;
+    vec3 rgb = vec3(0.0);
+    for (int k = 0; k < (shown + 1) * (shown + 1) - 1; k++) {
+      vec3 colour;
+      for (int c = 0; c < 3; c++) {
+        int at = 3 * k + c;
+        colour[c] = float(int(packed[at >> 2] << (24 - 8 * (at & 3))) >> 24);
+      }
+      rgb += scarBasis(k, direction) * colour;
+    }
+    return rgb * size;
+  }
+`;
+
+/** A part of the textures that is still to be written. */
+interface Upload {
+  base: number;
+  words: TileWords;
+  done: number;
+}
+
+/** Textures that a `SplatMesh` draws from: `new SplatMesh({ splats: source })`. */
+export class ScarSplats implements SplatSource {
+  private maxSh = 3;
+  private readonly geometry: THREE.DataTexture;
+  private readonly harmonics: THREE.DataTexture;
+  private readonly pending = new Map<number, Upload>();
+  private readonly degreeShown = new dyno.DynoInt({ value: 0 });
+
+  /**
+   * @param renderer whose context the textures live in
+   * @param total places for Gaussians: those of the whole file
+   * @param shDegree of the file, 0 to 3
+   */
+  constructor(
+    private readonly renderer: THREE.WebGLRenderer,
+    readonly total: number,
+    readonly shDegree: number,
+  ) {
+    this.geometry = texture(renderer, GEOMETRY_TEXELS * total);
+    this.harmonics = texture(renderer, shDegree * total);
+  }
+
+  /** Takes a tile whose first Gaussian has place `base`; `upload` brings it to the GPU. */
+  put(base: number, words: TileWords): void {
+    this.pending.set(words.tile, { base, words, done: 0 });
+  }
+
+  /** Makes the places from `base` on draw nothing: what a budget evicts. */
+  clear(tile: number, base: number, count: number): void {
+    this.pending.delete(tile);
+    const nothing = new Uint32Array(8 * count);
+    write(this.renderer, this.geometry, GEOMETRY_TEXELS * base, nothing);
+  }
+
+  /** Uploads up to `bytes`; true if anything was written, so that the mesh has to be drawn anew. */
+  upload(bytes: number = UPLOAD_BYTES): boolean {
+    let left = bytes;
+    const each = 16 * (GEOMETRY_TEXELS + this.shDegree);
+    for (const [tile, part] of this.pending) {
+      if (left <= 0) break;
+      const count = Math.min(part.words.count - part.done, Math.max(1, Math.floor(left / each)));
+      this.writePart(part, count);
+      left -= count * each;
+      if (part.done === part.words.count) this.pending.delete(tile);
+    }
+    return left < bytes;
+  }
+
+  /** Whether `upload` has something to do. */
+  get waiting(): boolean {
+    return this.pending.size > 0;
+  }
+
+  private writePart(part: Upload, count: number): void {
+    const { words, base, done } = part;
+    const [from, to] = [done, done + count];
+    if (this.shDegree > 0) {
+      const size = 4 * this.shDegree;
+      write(this.renderer, this.harmonics, this.shDegree * (base + from), words.harmonics.subarray(size * from, size * to));
+    }
+    write(this.renderer, this.geometry, GEOMETRY_TEXELS * (base + from), words.geometry.subarray(8 * from, 8 * to));
+    part.done = to;
+  }
+
+  prepareFetchSplat(): void {
+    this.degreeShown.value = Math.min(this.maxSh, this.shDegree);
+  }
+
+  dispose(): void {
+    this.geometry.dispose();
+    this.harmonics.dispose();
+    this.pending.clear();
+  }
+
+  getNumSplats(): number {
+    return this.total;
+  }
+
+  hasRgbDir(): boolean {
+    return Math.min(this.maxSh, this.shDegree) > 0;
+  }
+
+  getNumSh(): number {
+    return this.shDegree;
+  }
+
+  setMaxSh(maxSh: number): void {
+    this.maxSh = maxSh;
+  }
+
+  fetchSplat({ index, viewOrigin }: Parameters<SplatSource["fetchSplat"]>[0]): ReturnType<SplatSource["fetchSplat"]> {
+    const degree = this.shDegree;
+    const read = new dyno.Dyno({
+      inTypes: { index: "int", origin: "vec3", geometry: "usampler2D", harmonics: "usampler2D", shown: "int" },
+      outTypes: { gsplat: dyno.Gsplat },
+      inputs: {
+        index,
+        origin: viewOrigin ?? dyno.dynoConst("vec3", [0, 0, 0]),
+        geometry: new dyno.DynoUsampler2D({ value: this.geometry, key: "scarGeometry" }),
+        harmonics: new dyno.DynoUsampler2D({ value: this.harmonics, key: "scarHarmonics" }),
+        shown: this.degreeShown,
+      },
+      globals: () => [dyno.defineGsplat, READ_SPLAT, READ_HARMONICS],
+      statements: ({ inputs, outputs }) => [
+        `if (readScar(${inputs.geometry}, ${inputs.index}, ${outputs.gsplat}) && ${inputs.shown} > 0) {`,
+        `  vec3 direction = normalize(${outputs.gsplat}.center - ${inputs.origin});`,
+        `  ${outputs.gsplat}.rgba.rgb += scarHarmonics(${inputs.harmonics}, ${inputs.index}, ${degree}, ${inputs.shown}, direction);`,
+        "}",
+      ],
+    });
+    return read.outputs.gsplat;
+  }
+
+  /** Spark asks for numbers of single Gaussians when it picks with a ray; that is not offered: nothing is kept in memory. */
+  forEachSplat(): void {
+    throw new Error("a streamed scene keeps its Gaussians on the GPU alone: make the mesh with raycastable: false");
+  }
+}
+
+/** Draws a `ScarSplats` in a scene that Spark renders: add `mesh` to it and call `refresh` before every frame. */
+export class ScarMesh {
+  readonly mesh: SplatMesh;
+  private stale = false;
+
+  constructor(
+    private readonly spark: SparkRenderer,
+    readonly source: ScarSplats,
+  ) {
+    this.mesh = new SplatMesh({ splats: source, raycastable: false, enableLod: false });
+  }
+
+  /** Uploads what has come; true while something is still to be drawn, so that another frame is needed. */
+  refresh(bytes: number = UPLOAD_BYTES): boolean {
+    this.stale = this.source.upload(bytes) || this.stale;
+    // A new version is lost on Spark while it sorts the last one.
+    const marks = this.stale && !this.spark.sorting;
+    if (marks) {
+      this.mesh.updateVersion();
+      this.stale = false;
+    }
+    return marks || this.stale || this.source.waiting || this.spark.sorting;
+  }
+
+  dispose(): void {
+    this.mesh.dispose();
+    this.source.dispose();
+  }
+}
+
+function texture(renderer: THREE.WebGLRenderer, texels: number): THREE.DataTexture {
+  const rows = Math.max(1, Math.ceil(texels / WIDTH));
+  const limit = renderer.capabilities.maxTextureSize;
+  if (rows > limit || WIDTH > limit) {
+    throw new RangeError(`a scene of this size needs textures of ${WIDTH}×${rows}, this device has up to ${limit}×${limit}`);
+  }
+  const made = new THREE.DataTexture(null, WIDTH, rows, THREE.RGBAIntegerFormat, THREE.UnsignedIntType);
+  made.internalFormat = "RGBA32UI";
+  // The storage is zeros, which draw nothing; there is no array to fill it from.
+  made.source.dataReady = false;
+  made.needsUpdate = true;
+  renderer.initTexture(made);
+  return made;
+}
+
+/** Writes texels from number `start` on: at most three rectangles, as a run begins and ends within rows. */
+function write(renderer: THREE.WebGLRenderer, target: THREE.DataTexture, start: number, data: Uint32Array): void {
+  const gl = renderer.getContext() as WebGL2RenderingContext;
+  const { __webglTexture } = renderer.properties.get(target) as { __webglTexture: WebGLTexture };
+  renderer.state.activeTexture(gl.TEXTURE0);
+  renderer.state.bindTexture(gl.TEXTURE_2D, __webglTexture);
+  gl.bindBuffer(gl.PIXEL_UNPACK_BUFFER, null);
+  gl.pixelStorei(gl.UNPACK_FLIP_Y_WEBGL, false);
+  gl.pixelStorei(gl.UNPACK_PREMULTIPLY_ALPHA_WEBGL, false);
+  gl.pixelStorei(gl.UNPACK_ALIGNMENT, 4);
+  const texels = data.length / 4;
+  for (let done = 0; done < texels; ) {
+    const [x, y] = [(start + done) % WIDTH, Math.floor((start + done) / WIDTH)];
+    const rows = x === 0 ? Math.floor((texels - done) / WIDTH) : 0;
+    const [width, height] = rows > 0 ? [WIDTH, rows] : [Math.min(WIDTH - x, texels - done), 1];
+    const part = data.subarray(4 * done, 4 * (done + width * height));
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, x, y, width, height, gl.RGBA_INTEGER, gl.UNSIGNED_INT, part);
+    done += width * height;
+  }
+  renderer.state.unbindTexture();
+}
