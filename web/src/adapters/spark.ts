@@ -6,10 +6,10 @@
  * no copy of the textures is kept in memory.
  */
 
-import { dyno, type SparkRenderer, SplatMesh, type SplatSource } from "@sparkjsdev/spark";
+import { dyno, SparkRenderer, SplatMesh } from "@sparkjsdev/spark";
 import * as THREE from "three";
 
-import { GEOMETRY_TEXELS, LN_SCALE_MIN, LN_SCALE_STEPS, OPACITY_STEPS, type TileWords } from "./words.js";
+import { GEOMETRY_TEXELS, LN_SCALE_MIN, LN_SCALE_STEPS, OPACITY_STEPS, type TileWords } from "../pack/words.js";
 
 /** Texels in a row of a texture. */
 const WIDTH = 4096;
@@ -17,11 +17,15 @@ const WIDTH_BITS = 12;
 /** Uploads of a frame, bytes: more makes frames late while data arrives. */
 export const UPLOAD_BYTES = 1 << 20;
 
+/** Of the half width of a picture: beyond, the slope of the projection is that at the edge, as in INRIA's renderer. */
+const FRUSTUM_MARGIN = 1.3;
+
 /**
  * What makes Spark's picture that of INRIA's renderer: its blur of 0.3 pixels without loss of opacity, Gaussians drawn
- * to where they are fainter than 1/255, order by depth, and numbers that are not rounded to 8 bits on the way.
+ * to where they are fainter than 1/255, order by depth, numbers that are not rounded to 8 bits on the way, and nothing
+ * left out because its centre lies beside the picture.
  */
-export const INRIA_LOOK = {
+const INRIA_LOOK = {
   preBlurAmount: 0.3,
   blurAmount: 0,
   minAlpha: 1 / 255,
@@ -29,8 +33,23 @@ export const INRIA_LOOK = {
   sortRadial: false,
   accumExtSplats: true,
   maxPixelRadius: 4096,
-  clipXY: 100,
+  clipXY: 1e9,
 } as const;
+/** What Spark goes back to where its shader is not the one that we know: far beside the picture, slopes explode. */
+const CLIP_UNCLAMPED = 1.4;
+const SLOPE = "vec2 J2 = -(J1 * viewCenter.xy) * invZ;";
+const CLAMPED_SLOPE = `
+        vec2 farthest = ${FRUSTUM_MARGIN} / vec2(projectionMatrix[0][0], projectionMatrix[1][1]);
+        vec2 J2 = -J1 * clamp(viewCenter.xy * invZ, -farthest, farthest);`;
+
+/** Spark, drawing what scenes were trained to look like; to be added to the scene that is rendered. */
+export function makeSpark(renderer: THREE.WebGLRenderer): SparkRenderer {
+  const spark = new SparkRenderer({ renderer, ...INRIA_LOOK });
+  const { material } = spark;
+  if (material.vertexShader.includes(SLOPE)) material.vertexShader = material.vertexShader.replace(SLOPE, CLAMPED_SLOPE);
+  else spark.clipXY = CLIP_UNCLAMPED;
+  return spark;
+}
 
 const READ_SPLAT = `
   const int SCAR_WIDTH_MASK = ${WIDTH - 1};
@@ -113,6 +132,9 @@ const READ_HARMONICS = `
   }
 `;
 
+/** What a `SplatMesh` reads from; Spark exports its uses, not its name. */
+type SplatSource = NonNullable<SplatMesh["splats"]>;
+
 /** A part of the textures that is still to be written. */
 interface Upload {
   base: number;
@@ -185,7 +207,7 @@ export class ScarSplats implements SplatSource {
   }
 
   prepareFetchSplat(): void {
-    this.degreeShown.value = Math.min(this.maxSh, this.shDegree);
+    this.setMaxSh(this.maxSh);
   }
 
   dispose(): void {
@@ -208,6 +230,7 @@ export class ScarSplats implements SplatSource {
 
   setMaxSh(maxSh: number): void {
     this.maxSh = maxSh;
+    this.degreeShown.value = Math.min(maxSh, this.shDegree);
   }
 
   fetchSplat({ index, viewOrigin }: Parameters<SplatSource["fetchSplat"]>[0]): ReturnType<SplatSource["fetchSplat"]> {
@@ -261,6 +284,19 @@ export class ScarMesh {
       this.stale = false;
     }
     return marks || this.stale || this.source.waiting || this.spark.sorting;
+  }
+
+  /** Takes away what was put for a tile of so many places. */
+  remove(tile: number, base: number, count: number): void {
+    this.source.clear(tile, base, count);
+    this.stale = true;
+  }
+
+  /** Draws harmonics up to a degree. */
+  showDegree(degree: number): void {
+    this.mesh.maxSh = degree;
+    this.source.setMaxSh(degree);
+    this.stale = true;
   }
 
   dispose(): void {

@@ -1,0 +1,162 @@
+/** The camera and what moves it: turning round a point, and flying. */
+
+import * as THREE from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+
+import type { Camera } from "../src/plan/types.js";
+import type { Frame } from "./framing.js";
+
+/** Directions of flight, in the axes of the camera: right, up, back. */
+const FLIGHT: Record<string, [number, number, number]> = {
+  KeyW: [0, 0, -1],
+  KeyS: [0, 0, 1],
+  KeyA: [-1, 0, 0],
+  KeyD: [1, 0, 0],
+  KeyE: [0, 1, 0],
+  KeyQ: [0, -1, 0],
+};
+/** Turns, in radians a second: azimuth and polar angle. */
+const TURNS: Record<string, [number, number]> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, 1],
+  ArrowDown: [0, -1],
+};
+/** Lengths a second in flight, as a share of the distance to what is looked at; Shift: four times that. */
+const SPEED = 0.6;
+/** The frustum begins where INRIA's renderer begins, in world lengths; in small scenes at that share of the first distance. */
+const NEAR = { length: 0.2, share: 0.1 };
+/** It ends at so many times where it begins. */
+const FAR = 1e6;
+
+export class Pilot {
+  readonly camera = new THREE.PerspectiveCamera();
+  #controls: OrbitControls;
+  readonly #held = new Set<string>();
+  /** Field of view across the shorter side of the picture, radians. */
+  #field = 1;
+  #fast = false;
+  #at = 0;
+  readonly #before = new THREE.Vector3();
+  #velocity = new THREE.Vector3();
+
+  /**
+   * @param surface what is dragged on, and has the focus for keys
+   * @param onMove called when a frame is needed
+   */
+  constructor(
+    private readonly surface: HTMLElement,
+    private readonly onMove: () => void,
+  ) {
+    this.#controls = this.#makeControls(new THREE.Vector3());
+    surface.addEventListener("keydown", (event) => this.#press(event, true));
+    surface.addEventListener("keyup", (event) => this.#press(event, false));
+    surface.addEventListener("blur", () => this.#held.clear());
+  }
+
+  /** Goes to a view at once. */
+  place({ position, target, up, fovY }: Frame): void {
+    this.camera.up.set(...up);
+    this.camera.position.set(...position);
+    this.#field = fovY;
+    // OrbitControls takes the direction that is up when it is made.
+    this.#controls.dispose();
+    this.#controls = this.#makeControls(new THREE.Vector3(...target));
+    this.#before.copy(this.camera.position);
+    this.camera.near = Math.min(NEAR.length, NEAR.share * this.camera.position.distanceTo(this.#controls.target));
+    this.camera.far = FAR * this.camera.near;
+    this.#controls.update();
+    this.onMove();
+  }
+
+  /** Where the eye is now. */
+  frame(): Frame {
+    const { position, up } = this.camera;
+    const target = this.#controls.target.toArray();
+    return { position: position.toArray(), target, up: up.toArray(), fovY: this.#field };
+  }
+
+  /** Fits the lens to a picture: one that is higher than wide has its field across, so that nothing is cut off. */
+  fit(width: number, height: number): void {
+    const aspect = width / Math.max(height, 1);
+    const half = Math.tan(this.#field / 2) / Math.min(aspect, 1);
+    this.camera.aspect = aspect;
+    this.camera.fov = (2 * Math.atan(half) * 180) / Math.PI;
+    this.camera.updateProjectionMatrix();
+  }
+
+  /** Moves on; true while keys are held or a turn runs out. */
+  advance(now: number): boolean {
+    const seconds = Math.min(Math.max((now - this.#at) / 1000, 1e-3), 0.1);
+    this.#at = now;
+    const flies = this.#fly(seconds);
+    const changed = this.#controls.update(seconds) || flies;
+    this.camera.updateMatrixWorld();
+    this.#velocity.copy(this.camera.position).sub(this.#before).divideScalar(seconds);
+    this.#before.copy(this.camera.position);
+    return changed;
+  }
+
+  /** The view as a planner wants it, for a picture of so many pixels. */
+  view(width: number, height: number): Camera {
+    const { position, fov } = this.camera;
+    const forward = this.camera.getWorldDirection(new THREE.Vector3());
+    const up = new THREE.Vector3(0, 1, 0).applyQuaternion(this.camera.quaternion);
+    return {
+      position: position.toArray(),
+      forward: forward.toArray(),
+      up: up.toArray(),
+      fovY: (fov * Math.PI) / 180,
+      width,
+      height,
+      velocity: this.#velocity.toArray(),
+    };
+  }
+
+  #makeControls(target: THREE.Vector3): OrbitControls {
+    const controls = new OrbitControls(this.camera, this.surface);
+    controls.target.copy(target);
+    controls.enableDamping = true;
+    controls.dampingFactor = 0.15;
+    controls.zoomToCursor = true;
+    controls.addEventListener("change", this.onMove);
+    return controls;
+  }
+
+  #press(event: KeyboardEvent, down: boolean): void {
+    this.#fast = event.shiftKey;
+    if (event.ctrlKey || event.metaKey || event.altKey || !(event.code in FLIGHT || event.code in TURNS)) return;
+    event.preventDefault();
+    if (down) this.#held.add(event.code);
+    else this.#held.delete(event.code);
+    this.onMove();
+  }
+
+  #fly(seconds: number): boolean {
+    const step = new THREE.Vector3();
+    const spherical = new THREE.Vector2();
+    for (const code of this.#held) {
+      if (code in FLIGHT) step.add(new THREE.Vector3(...FLIGHT[code]));
+      if (code in TURNS) spherical.add(new THREE.Vector2(...TURNS[code]));
+    }
+    if (step.lengthSq() + spherical.lengthSq() === 0) return false;
+    const reach = this.camera.position.distanceTo(this.#controls.target);
+    step.applyQuaternion(this.camera.quaternion).multiplyScalar(SPEED * reach * seconds * (this.#fast ? 4 : 1));
+    this.camera.position.add(step);
+    this.#controls.target.add(step);
+    this.#turn(spherical.multiplyScalar(seconds));
+    return true;
+  }
+
+  /** Turns the eye round what it looks at. */
+  #turn({ x, y }: THREE.Vector2): void {
+    if (x === 0 && y === 0) return;
+    const { target } = this.#controls;
+    const arm = this.camera.position.clone().sub(target);
+    arm.applyAxisAngle(this.camera.up, x);
+    const right = new THREE.Vector3().crossVectors(this.camera.up, arm).normalize();
+    const polar = arm.angleTo(this.camera.up);
+    arm.applyAxisAngle(right, -Math.min(Math.max(y, polar - Math.PI + 0.05), polar - 0.05));
+    this.camera.position.copy(target).add(arm);
+  }
+}

@@ -1,0 +1,88 @@
+/** A canvas and what is drawn in it: one scene, by Spark. */
+
+import type { SparkRenderer } from "@sparkjsdev/spark";
+import * as THREE from "three";
+
+import { makeSpark, ScarMesh, ScarSplats } from "../src/adapters/spark.js";
+import type { TileWords } from "../src/pack/words.js";
+
+/** Beyond twice as many pixels as the page has, nobody sees a difference, and each costs. */
+const MOST_PIXEL_RATIO = 2;
+
+export class Stage {
+  readonly canvas = document.createElement("canvas");
+  readonly #renderer: THREE.WebGLRenderer;
+  readonly #spark: SparkRenderer;
+  readonly #scene = new THREE.Scene();
+  #mesh: ScarMesh | null = null;
+  #lost = false;
+
+  /** @param onLost called when the GPU took the picture away and gave it back: everything has to be put again */
+  constructor(onLost: () => void) {
+    this.#renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: false });
+    this.#renderer.setPixelRatio(Math.min(devicePixelRatio, MOST_PIXEL_RATIO));
+    this.#spark = makeSpark(this.#renderer);
+    this.#scene.add(this.#spark);
+    this.canvas.addEventListener("webglcontextlost", () => (this.#lost = true));
+    this.canvas.addEventListener("webglcontextrestored", () => {
+      this.#lost = false;
+      onLost();
+    });
+  }
+
+  /** Makes room for a scene of so many Gaussians; what was there is gone. */
+  open(total: number, shDegree: number): void {
+    this.clear();
+    const source = new ScarSplats(this.#renderer, total, shDegree);
+    this.#mesh = new ScarMesh(this.#spark, source);
+    this.#scene.add(this.#mesh.mesh);
+  }
+
+  put(base: number, words: TileWords): void {
+    this.#mesh?.source.put(base, words);
+  }
+
+  remove(tile: number, base: number, count: number): void {
+    this.#mesh?.remove(tile, base, count);
+  }
+
+  /** Draws harmonics up to a degree. */
+  showDegree(degree: number): void {
+    this.#mesh?.showDegree(degree);
+  }
+
+  clear(): void {
+    if (this.#mesh === null) return;
+    this.#scene.remove(this.#mesh.mesh);
+    this.#mesh.dispose();
+    this.#mesh = null;
+  }
+
+  /** Gaussians that the last frame drew. */
+  get active(): number {
+    return this.#spark.activeSplats;
+  }
+
+  /** Draws a frame; true if another one is needed for what has come. */
+  draw(camera: THREE.PerspectiveCamera): boolean {
+    if (this.#lost) return false;
+    const more = this.#mesh?.refresh() ?? false;
+    this.#resize();
+    this.#renderer.render(this.#scene, camera);
+    return more;
+  }
+
+  #resize(): void {
+    const { clientWidth, clientHeight } = this.canvas;
+    const size = this.#renderer.getSize(new THREE.Vector2());
+    if (size.x !== clientWidth || size.y !== clientHeight) {
+      this.#renderer.setSize(clientWidth, clientHeight, false);
+    }
+  }
+
+  dispose(): void {
+    this.clear();
+    this.#renderer.dispose();
+    this.canvas.remove();
+  }
+}
