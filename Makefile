@@ -12,7 +12,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-slow fuzz fuzz-guided sanitize lint types check wheel bench bench-full pictures
-.PHONY: portability ksy clean
+.PHONY: portability ksy web clean
 
 help:
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 22
@@ -73,5 +73,13 @@ ksy: ## compile conformance/kaitai/scar.ksy again (needs node and npm)
 	cp conformance/kaitai/compile_ksy.mjs build/ksy/
 	node build/ksy/compile_ksy.mjs conformance/kaitai/scar.ksy conformance/kaitai/kaitai_scar.py
 
+web/node_modules/.package-lock.json: web/package-lock.json
+	npm ci --prefix web --ignore-scripts --no-audit --no-fund
+	touch $@
+
+web: web/node_modules/.package-lock.json ## the browser package into web/dist/ (needs node 20 and npm)
+	npm run --prefix web types
+	npm run --prefix web build
+
 clean: ## remove what make made, .venv included
-	rm -rf $(VENV) demo-out build *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo-out build web/dist web/node_modules *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -11,7 +11,8 @@ MOST_LINES_OF_A_FUNCTION = 60
 MOST_LINES_OF_A_FILE = 500
 GENERATED = {"conformance/kaitai/kaitai_scar.py"}
 """Made by a compiler from conformance/kaitai/scar.ksy."""
-LANGUAGES = (".py", ".c", ".h", ".js", ".mjs", ".sh")
+LANGUAGES = (".py", ".c", ".h", ".js", ".mjs", ".ts", ".sh")
+UNTRACKED = {".venv", "node_modules", "dist"}
 _MARKS = {True: ("#",), False: ("//", "/*", "*")}
 SHIPPED = ("scarfmt", "reference_decoder", "reference_encoder", "conformance", "fuzz", "benchmarks")
 
@@ -20,7 +21,8 @@ def _sources() -> list[str]:
     try:
         done = subprocess.run(["git", "ls-files"], cwd=REPOSITORY, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
-        found = [str(path.relative_to(REPOSITORY)) for path in REPOSITORY.rglob("*") if ".venv" not in path.parts]
+        inside = [path.relative_to(REPOSITORY) for path in REPOSITORY.rglob("*")]
+        found = [str(path) for path in inside if UNTRACKED.isdisjoint(path.parts)]
     else:
         found = done.stdout.splitlines()
     chosen = [name for name in found if name.endswith(LANGUAGES) and name not in GENERATED]

@@ -71,7 +71,8 @@ function harmonics(tile, header, colours, latent) {
   const n = tile.size;
   const width = 3 * (header.sh_degree + 1) ** 2;
   const sh = new Float64Array(n * width);
-  const { decoder, dims } = tile.models;
+  const { dims } = tile.models;
+  const { decoder } = tile;
   for (let a = 0; a < n; a++) {
     const at = a * width;
     if (colours !== undefined) {

@@ -153,7 +153,9 @@ function decodeStages(scar, stages, layers, camera) {
  * @returns {Generator<Tile>}
  */
 function* withEmpty(scar, models, trace) {
-  yield new Tile(scar.container, models, -1);
+  const empty = new Tile(scar.container, models, -1);
+  empty.layer = models.layers;
+  yield empty;
   yield* scar.tiles({ models, trace });
 }
 

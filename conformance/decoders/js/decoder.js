@@ -106,8 +106,8 @@ export class Scar {
    * @returns {Exact & {sums: Int32Array | null}}
    */
   exactValues(tile) {
-    const { channels, decoder } = tile.models;
-    const sums = decoder === null ? null : codewordSums(tile);
+    const { channels } = tile.models;
+    const sums = tile.decoder === null ? null : codewordSums(tile);
     /** @type {Map<number, Float32Array>} */
     const values = new Map();
     channels.forEach(({ stream }, i) => {

@@ -37,6 +37,7 @@ import { TableBlock, TablesInForce } from "./tables.js";
  *   rows: Row[],
  *   tables: TablesInForce[],
  *   decoder: Mlp | null,
+ *   decoderLayer: number,
  *   codebooks: (Codebook | undefined)[],
  *   scene: Mlp[],
  *   network: Network | null,
@@ -46,7 +47,7 @@ import { TableBlock, TablesInForce } from "./tables.js";
  *   dims: number,
  * }} Models
  *   rows: of layers 0..k; tables and predictors in force: of layers 1..k at 0..k - 1; vectors: of each codebook
- *   where there is a network; dims: of the latent, 0 without one
+ *   where there is a network; dims: of the latent, 0 without one; decoderLayer: where `decoder` stands, 0 without one
  */
 
 /** @param {number} stream @param {number} component @param {number} step */
@@ -77,6 +78,7 @@ export function readModels(container, layers) {
     rows,
     tables: tableBlocks.map((_, i) => new TablesInForce(tableBlocks.slice(0, i + 1).flatMap((block) => block ?? []))),
     decoder,
+    decoderLayer: plan.decoder,
     codebooks,
     scene,
     ...neural,

@@ -18,7 +18,7 @@ export function positions(tile, header) {
   const lattice = tileLattice(tile);
   const { corner, step } = lattice;
   const channel = tile.models.channels.findIndex(({ stream }) => stream === STREAM.POSITION_RESIDUAL);
-  const weights = channel < 0 ? null : tile.stepWeights(tile.models.layers, channel);
+  const weights = channel < 0 ? null : tile.stepWeights(tile.layer, channel);
   const out = new Float64Array(tile.size * 3);
   for (let a = 0, at = 0; a < tile.size; a++) {
     const cell = lattice.cellOf(a);
@@ -45,7 +45,7 @@ export function channelValues(tile, i) {
     for (let at = 0; at < v.length; at++) out[at] = v[at] * rules[at % components].first_width;
     return out;
   }
-  const weights = tile.stepWeights(tile.models.layers, i);
+  const weights = tile.stepWeights(tile.layer, i);
   for (let a = 0, at = 0; a < tile.size; a++) {
     const row = tile.ofClass[a] * components;
     for (let j = 0; j < components; j++, at++) out[at] = v[at] * weights[row + j];
@@ -59,8 +59,8 @@ export function channelValues(tile, i) {
  * @returns {Int32Array} (n, d)
  */
 export function codewordSums(tile) {
-  const { codebooks, dims, layers, rows } = tile.models;
-  const { stages } = rows[layers];
+  const { codebooks, dims, rows } = tile.models;
+  const { stages } = rows[tile.layer];
   const out = new Int32Array(tile.size * dims);
   for (let a = 0; a < tile.size; a++) {
     for (let m = 0; m < stages[tile.ofClass[a]]; m++) {

@@ -20,6 +20,9 @@ import { allowedStreams, readTileBlock } from "./tile_block.js";
  * @typedef {import("./trace.js").Trace} Trace
  */
 
+/** Stages that a class has at most. @param {Models} models */
+const mostStages = ({ rows, layers }) => Math.max(...rows[layers].stages);
+
 /** @param {Int32Array} old @param {number} length @returns {Int32Array} with zeros at the end */
 function grown(old, length) {
   const longer = new Int32Array(length);
@@ -44,8 +47,9 @@ export class Tile {
     this.shift = tiles.shift[number] ?? 0;
     this.prefix = tiles.prefix[number] ?? 0n;
     this.bits = header.lattice_bits - this.depth - this.shift;
-    /** Stages that a class has at most. */
-    this.stages = Math.max(...models.rows[models.layers].stages);
+    /** The last layer decoded. */
+    this.layer = 0;
+    this.stages = mostStages(models);
     this.size = 0;
     /** Local codes (n). */
     this.codes = { high: new Uint32Array(0), low: new Uint32Array(0) };
@@ -67,14 +71,43 @@ export class Tile {
     this.fineOfLayer = new Map();
   }
 
+  /** DECODER_MLP, null where no layer decoded holds one (R-9.2-3). */
+  get decoder() {
+    const { decoder, decoderLayer } = this.models;
+    return decoderLayer <= this.layer ? decoder : null;
+  }
+
   /**
-   * `decode_tile_layer` with the checks of the block, §12.2 step 8.
+   * Takes models of more layers, with which the layers after this one are decoded. Integers are kept.
+   * @param {Models} models of the same file
+   */
+  extend(models) {
+    const stages = mostStages(models);
+    const index = new Uint16Array(this.size * stages);
+    for (let a = 0; a < this.size; a++) {
+      index.set(this.index.subarray(a * this.stages, (a + 1) * this.stages), a * stages);
+    }
+    this.models = models;
+    this.stages = stages;
+    this.index = index;
+  }
+
+  /** Bytes that its integers take. */
+  get bytes() {
+    const { codes, ofClass, slotLayer, v, first, index, byCode } = this;
+    const arrays = [codes.high, codes.low, ofClass, slotLayer, ...v, ...first, index, byCode];
+    return arrays.reduce((sum, array) => sum + (array?.byteLength ?? 0), 0);
+  }
+
+  /**
+   * `decode_tile_layer` of the layer after the last one, with the checks of the block, §12.2 step 8.
    * @param {number} k
    * @param {IndexNetwork | null} network
    * @param {Trace | null} trace
    */
   decodeLayer(k, network, trace) {
     const { models } = this;
+    this.layer = k;
     const e = findBlock(this.container, k, BLOCK.TILE, this.number);
     const appear = e < 0 ? 0 : this.container.entries.count[e];
     const streams = e < 0 ? new Map() : this.#readBlock(e, appear > 0);
@@ -84,8 +117,7 @@ export class Tile {
       read(groups);
       groups.seal();
     };
-    this.depthsOfLayer = null;
-    this.fineOfLayer.clear();
+    this.#forgetContext();
     if (appear > 0) {
       within(STREAM.POSITIONS, (groups) => this.#append(readPositions(groups, appear, this.bits), appear));
       within(STREAM.CLASSES, (groups) => this.#readClasses(k, groups, appear));
@@ -100,6 +132,13 @@ export class Tile {
       if (models.rows[k].entropy_mode === 0) readIndices(this, k, groups, trace);
       else /** @type {IndexNetwork} */ (network).readIndices(this, k, groups, trace);
     });
+    this.#forgetContext();
+  }
+
+  /** What is derived from the integers of one layer. */
+  #forgetContext() {
+    this.depthsOfLayer = null;
+    this.fineOfLayer.clear();
   }
 
   /**

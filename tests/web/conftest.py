@@ -1,0 +1,47 @@
+"""Where the built browser package is, and why its tests are skipped without it."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import REPOSITORY
+
+WEB = REPOSITORY / "web"
+BUILT = WEB / "dist" / "scar-stream.js"
+LEAST_NODE = 20
+
+
+def missing() -> str | None:
+    """What the tests lack, None if nothing."""
+    node = shutil.which("node")
+    if node is None:
+        return "there is no node on the path"
+    version = subprocess.run([node, "--version"], capture_output=True, text=True, check=False).stdout
+    match = re.match(r"v(\d+)\.", version)
+    if match is None or int(match[1]) < LEAST_NODE:
+        return f"node is {version.strip()}, {LEAST_NODE} is needed"
+    if not (WEB / "node_modules").is_dir():
+        return "web/node_modules is missing: make web"
+    return None if BUILT.exists() else "web/dist is not built: make web"
+
+
+def newest_source() -> float:
+    """Time of the last change of what web/dist is built from, seconds."""
+    folders = [WEB / "src", WEB / "test", REPOSITORY / "conformance" / "decoders" / "js"]
+    files = [path for folder in folders for path in folder.rglob("*") if path.suffix in (".ts", ".js", ".mjs")]
+    return max(path.stat().st_mtime for path in [*files, WEB / "build.mjs", WEB / "package-lock.json"])
+
+
+@pytest.fixture(scope="session")
+def web() -> Path:
+    """web/, built from the sources as they are; the test is skipped where that was never done."""
+    lacking = missing()
+    if lacking is not None:
+        pytest.skip(lacking)
+    assert BUILT.stat().st_mtime >= newest_source(), "web/dist is older than its sources: make web"
+    return WEB

@@ -1,0 +1,101 @@
+/** What every decoder of tiles does, whether in JavaScript or WebAssembly. One instance serves one file. */
+
+/** A block as the directory lists it; `body` is its bytes in the file, whose CRC the caller has checked. */
+export interface Block {
+  /** Block kind, SPEC §16.5. */
+  kind: number;
+  /** Layer, from 1. */
+  layer: number;
+  /** Index into the tile table, or 0xFFFFFFFF for none. */
+  tile: number;
+  body: Uint8Array;
+}
+
+/**
+ * What a renderer needs of one tile after some layer.
+ *
+ * In the explicit profile, index i is anchor i of the tile, and keeps its index in all later layers (R-6.3-1). In the
+ * anchor profile, index a * slots + s is slot s of anchor a, on or off, for one camera centre: `count` is then anchors
+ * times slots, and a slot that is not drawn (R-9.6-1) has opacity 0. So an index never moves in either profile.
+ */
+export interface TileValues {
+  tile: number;
+  /** The last layer decoded. */
+  layer: number;
+  /** n, how many are present now. */
+  count: number;
+  /** (n, 3), world coordinates. */
+  centres: Float32Array;
+  /** (n, 3), standard deviations in world lengths. */
+  scales: Float32Array;
+  /** (n, 4), unit quaternions w, x, y, z. */
+  quats: Float32Array;
+  /** (n), 0..1. */
+  opacity: Float32Array;
+  /** (n, (shDegree + 1)², 3): by coefficient, then red, green, blue (§9.4). */
+  sh: Float32Array;
+  shDegree: number;
+}
+
+/** Words of a viewer's textures. */
+export type PackTarget = "spark";
+
+/** One tile in the words of a viewer; indices are those of `TileValues`. */
+export interface PackedTile {
+  tile: number;
+  layer: number;
+  count: number;
+  /** (n, 4): colour and opacity, centre, scales, rotation. */
+  words: Uint32Array;
+  /** (n, 2), spherical harmonics of degree 1; null where the scene has none. */
+  sh1: Uint32Array | null;
+  /** (n, 4), degree 2. */
+  sh2: Uint32Array | null;
+  /** (n, 4), degree 3. */
+  sh3: Uint32Array | null;
+}
+
+/** A point in world coordinates. */
+export type Point = [number, number, number];
+
+/**
+ * What is wrong with a file is thrown as an Error with `id` (a refusal of SPEC §12.1, such as "crc-mismatch") and
+ * `offset` (byte of the file, or null). A tile that threw is forgotten, as after `release`; others are not touched.
+ * Calls out of order (a layer skipped, a tile that is not there) throw RangeError.
+ */
+export interface Refusal extends Error {
+  id: string;
+  offset: number | null;
+}
+
+export interface TileDecoder {
+  /**
+   * Reads header, tile table and directory, checked by §5.
+   * @param front the first bytes of the file, up to the end of the directory or beyond
+   */
+  open(front: Uint8Array): void;
+  /**
+   * Takes every block of a layer that belongs to no tile, in directory order; once a layer, layer by layer.
+   * A decoder ignores kinds that it does not know.
+   */
+  addModels(layer: number, blocks: Block[]): void;
+  /**
+   * Takes a tile from layer - 1 to layer; its integers are kept. The models of the layer must be there.
+   * @param body its TILE block; empty where the directory lists none, which refines the tile by empty sub-streams
+   *   (R-7.1-6): call it all the same
+   */
+  advance(tile: number, layer: number, body: Uint8Array): void;
+  /**
+   * Values of a tile, in fresh arrays that may be transferred.
+   * @param eye camera centre, which only the anchor profile looks at; the origin of the header without it
+   */
+  values(tile: number, eye?: Point): TileValues;
+  /** The same in a viewer's words. */
+  packed(tile: number, target: PackTarget, eye?: Point): PackedTile;
+  /** Forgets the integers of a tile. It may be advanced again from layer 1. */
+  release(tile: number): void;
+  /** Bytes held for tiles and models. */
+  memory(): number;
+}
+
+export type MakeDecoder = () => Promise<TileDecoder>;
