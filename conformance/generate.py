@@ -29,11 +29,13 @@ from conformance.faults.limit_faults import limit_faults
 from conformance.faults.metadata_faults import metadata_faults
 from conformance.faults.model_faults import model_faults
 from conformance.faults.stream_faults import stream_faults
+from conformance.faults.streaming_faults import streaming_either, streaming_faults
 from conformance.faults.truncated_cases import truncated_cases
 from conformance.faults.work_cases import work_cases
 from conformance.faults.work_pairs import work_pairs
 from conformance.scenes.cases import Case
 from conformance.scenes.edge_scenes import edge_cases
+from conformance.scenes.streaming_scenes import streaming_cases
 from conformance.scenes.valid_cases import named, valid_cases, with_origin
 
 ROOT = Path(__file__).resolve().parent
@@ -61,6 +63,7 @@ def _all_cases() -> Iterator[Case]:
     valid = list(valid_cases())
     yield from valid
     yield from edge_cases()
+    yield from streaming_cases()
     by_name = named(valid)
     files = {name: (case.data, case.scene) for name, case in by_name.items() if case.scene is not None}
     plain = {name: data for name, (data, _) in files.items()}
@@ -70,9 +73,11 @@ def _all_cases() -> Iterator[Case]:
     yield from model_faults(files)
     yield from limit_faults()
     yield from metadata_faults()
+    yield from streaming_faults()
     yield from work_cases()
     yield from work_pairs()
     yield from either_cases(files)
+    yield from streaming_either()
     yield from huffman_cases()
     yield from (with_origin(case, by_name) for case in truncated_cases(files))
 

@@ -9,8 +9,9 @@ from typing import Any
 from conformance.decoders.python.answers import Answers
 from conformance.decoders.python.container import METADATA_KIND, blocks_of_kind, container_fields, profile_of
 from conformance.decoders.python.decoder import Decoder
+from conformance.decoders.python.streaming import read_streaming
 from conformance.expect.activated import Activated, activated
-from conformance.expect.expectations import Arrays, expected_layers, expected_metadata
+from conformance.expect.expectations import Arrays, expected_layers, expected_metadata, expected_streaming
 from conformance.expect.features import exercised, features_of
 from conformance.expect.places import interval, places
 from conformance.expect.stages import pinned, pinned_stages, traced_arrays
@@ -104,7 +105,7 @@ def _decoded(case: Case, scene: QuantisedScene) -> tuple[dict[str, Any], Extra, 
         made, extra = _activated(activated(scene, states[-1], camera.get("camera")), len(states))
         layers[-1]["stages"]["activated"] = made
         features |= _activated_features(features)
-    return {**camera, "layers": layers, **_metadata(case)}, extra, features
+    return {**camera, "layers": layers, **_metadata(case), **_streaming(case)}, extra, features
 
 
 def _camera(case: Case, scene: QuantisedScene) -> dict[str, Any]:
@@ -163,6 +164,16 @@ def _metadata(case: Case) -> dict[str, Any]:
     if case.scene.metadata and value != expected_metadata(case.scene):
         raise RuntimeError(f"{case.id}: the file has other metadata than the scene")
     return {"metadata": value} if isinstance(value, dict) else {}
+
+
+def _streaming(case: Case) -> dict[str, Any]:
+    """What clients are told; nothing where they are told nothing, or need not find it."""
+    if case.result != "decoded" or case.scene is None or case.scene.streaming is None:
+        return {}
+    told = expected_streaming(case.scene.streaming)
+    if read_streaming(case.data) != told:
+        raise RuntimeError(f"{case.id}: the second decoder reads other streaming information than the scene has")
+    return {"streaming": told}
 
 
 def _not_json(name: str) -> None:

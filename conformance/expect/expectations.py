@@ -8,6 +8,7 @@ in Python floats, which are binary64; `numpy.float32` rounds to binary32. Featur
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from conformance.decoders.python.hash_grid import Grid, Level
+from scarfmt.blocks.streaming import Streaming
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
@@ -79,6 +81,26 @@ def _coarser(v: NDArray[np.int64], steps: NDArray[np.int64]) -> NDArray[np.int64
 def expected_metadata(scene: QuantisedScene) -> Any:
     """The object of the METADATA block; None without one."""
     return json.loads(json.dumps(dict(scene.metadata))) if scene.metadata else None
+
+
+def expected_streaming(told: Streaming) -> dict[str, Any]:
+    """What clients are told, as PROTOCOL.md has it."""
+    view = told.view
+    numbers = [] if view is None else [*view.position, *view.target, *view.up, view.fov]
+    return {
+        "layers": told.gains.shape[1],
+        "view": _bits(numbers) or None,
+        "viewpoints": [_bits(place) for place in told.viewpoints.tolist()],
+        "low": told.low.tolist(),
+        "high": told.high.tolist(),
+        "reach": told.reach.tolist(),
+        "gains": told.gains.tolist(),
+    }
+
+
+def _bits(numbers: Sequence[float]) -> list[str]:
+    """The bits of numbers rounded to f32, most significant first."""
+    return [np.array([number], ">f4").tobytes().hex() for number in numbers]
 
 
 def _models(scene: QuantisedScene) -> Arrays:

@@ -9,7 +9,7 @@ from conformance.decoders.python.fields import LATENT, parse_tables
 from conformance.decoders.python.tile import NAMES
 
 _KNOWN_KINDS = (1, 2, 3, 4, 5, 6, 7, 8, 16, 64)
-_TABLES, _TILE, _METADATA, _NO_TILE = 2, 16, 64, 0xFFFFFFFF
+_TABLES, _TILE, _METADATA, _STREAMING, _NO_TILE = 2, 16, 64, 65, 0xFFFFFFFF
 
 RULES = {
     "anchors": ("R-6.2-1", "R-6.2-2", "R-6.3-1", "R-8.2-3", "R-9.1-1", "R-9.2-1"),
@@ -94,6 +94,8 @@ def _models(decoder: Decoder) -> Iterator[str]:
     for _, kind, _ in decoder.blocks:
         if kind == _METADATA:
             yield "metadata"
+        elif kind == _STREAMING:
+            yield "streaming"
         elif kind not in _KNOWN_KINDS:
             yield "unknown-block"
 

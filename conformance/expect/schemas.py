@@ -17,7 +17,7 @@ from conformance.expect.stages import EXACT
 
 CLASSES = ("valid", "edge", "invalid", "either", "truncated")
 RESULTS = ("decoded", "refused", "either")
-REFUSAL_STAGES = ("container", "models", "tiles", "metadata")
+REFUSAL_STAGES = ("container", "models", "tiles", "metadata", "streaming")
 LICENCE = "CC0-1.0"
 
 _DRAFT = "https://json-schema.org/draft/2020-12/schema"
@@ -122,15 +122,20 @@ def expect_schema() -> dict[str, Any]:
         "camera": {**_list({"type": "number"}, 3), "maxItems": 3},
         "layers": _list(_object({"layer": _LAYER, "anchors": _COUNT, "stages": _stages()}), 1),
         "metadata": {"type": ["object", "null"]},
+        "streaming": {"type": ["object", "null"]},
     }
     optional = (
         "extend_to", "refusal", "stage", "offsets", "refusals", "from", "to_layer", "camera", "layers", "metadata",
+        "streaming",
     )  # fmt: skip
     return {
         "$schema": _DRAFT,
         "title": "What a decoder must make of one conformance vector",
         **_object(properties, optional),
-        "dependentRequired": {"from": ["to_layer"], "to_layer": ["from"], "metadata": ["layers"], "camera": ["layers"]},
+        "dependentRequired": {
+            "from": ["to_layer"], "to_layer": ["from"],
+            **{name: ["layers"] for name in ("metadata", "streaming", "camera")},
+        },
         "oneOf": [
             _result("decoded", needed=("layers",), absent=("refusal", "stage", "offsets", "refusals")),
             _result("refused", needed=("refusal", "stage"), absent=("refusals", "layers")),

@@ -94,6 +94,6 @@ def _idle_block_cases() -> Iterator[Case]:
     yield _taken("metadata-crc", "METADATA with a wrong CRC",
                  broken(plain, lambda p: _add(p.entry(_METADATA), "crc32", -1)), plain_scene(), "R-5.6-1",
                  "crc-mismatch")
-    annotated = remade(plain, block_added(b"annotation", kind=65, layer=2))
+    annotated = remade(plain, block_added(b"annotation", kind=70, layer=2))
     yield _taken("annotation-crc", "an unknown block with a wrong CRC",
                  broken(annotated, lambda p: _add(p.entries[-1], "crc32", 1)), plain_scene(), "R-5.6-1", "crc-mismatch")

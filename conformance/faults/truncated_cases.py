@@ -21,6 +21,7 @@ _CUTS: tuple[tuple[str, tuple[int, ...]], ...] = (
     ("anchors", (1,)),
     ("anchors-32-slots", (1, 2)),
     ("annotations", (1, 2)),
+    ("streaming", (1,)),
     ("predictors", (1, 2)),
     ("predictors-deep", (2,)),
     ("index-flat", (1,)),

@@ -1,4 +1,4 @@
-# Made by `make ksy` from scar.ksy, sha256 905db224d070710863c266e3fe784c12ec02c440d2caa3e34f47030ba18ddfa0
+# Made by `make ksy` from scar.ksy, sha256 ef21a708c4e26a5749f881cf88244b8962298aacc2cab20c7e3a9917ad880309
 # This is a generated file! Please edit source .ksy file and use kaitai-struct-compiler to rebuild
 # type: ignore
 
@@ -29,6 +29,7 @@ class Scar(KaitaiStruct):
         predictors = 8
         tile = 16
         metadata = 64
+        streaming = 65
 
     class ColourSpace(IntEnum):
         unspecified = 0
@@ -220,6 +221,9 @@ class Scar(KaitaiStruct):
                 elif _on == Scar.BlockKind.layer:
                     pass
                     self._m_body._fetch_instances()
+                elif _on == Scar.BlockKind.streaming:
+                    pass
+                    self._m_body._fetch_instances()
                 elif _on == Scar.BlockKind.tile:
                     pass
                     self._m_body._fetch_instances()
@@ -246,6 +250,11 @@ class Scar(KaitaiStruct):
                 self._raw__m_body = self._io.read_bytes(self.length)
                 _io__raw__m_body = KaitaiStream(BytesIO(self._raw__m_body))
                 self._m_body = Scar.LayerBlock(self.layer, _io__raw__m_body, self, self._root)
+            elif _on == Scar.BlockKind.streaming:
+                pass
+                self._raw__m_body = self._io.read_bytes(self.length)
+                _io__raw__m_body = KaitaiStream(BytesIO(self._raw__m_body))
+                self._m_body = Scar.StreamingBlock(_io__raw__m_body, self, self._root)
             elif _on == Scar.BlockKind.tile:
                 pass
                 self._raw__m_body = self._io.read_bytes(self.length)
@@ -577,6 +586,50 @@ class Scar(KaitaiStruct):
 
         def _fetch_instances(self):
             pass
+
+
+    class StreamingBlock(KaitaiStruct):
+        """STREAMING (§7.13)."""
+        def __init__(self, _io, _parent=None, _root=None):
+            super(Scar.StreamingBlock, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self._read()
+
+        def _read(self):
+            self.layer_count = self._io.read_u1()
+            if not self.layer_count >= 1:
+                raise kaitaistruct.ValidationLessThanError(1, self.layer_count, self._io, u"/types/streaming_block/seq/0")
+            if not self.layer_count <= 16:
+                raise kaitaistruct.ValidationGreaterThanError(16, self.layer_count, self._io, u"/types/streaming_block/seq/0")
+            self.tile_count = Scar.Varint(self._io, self, self._root)
+            self.view_count = Scar.Varint(self._io, self, self._root)
+            self.view = []
+            for i in range(self.view_count.value * 10):
+                self.view.append(self._io.read_f4le())
+
+            self.viewpoint_count = Scar.Varint(self._io, self, self._root)
+            self.viewpoints = []
+            for i in range(self.viewpoint_count.value * 3):
+                self.viewpoints.append(self._io.read_f4le())
+
+            self.low = self._io.read_bytes(self.tile_count.value * 3)
+            self.high = self._io.read_bytes(self.tile_count.value * 3)
+            self.reach = self._io.read_bytes(self.tile_count.value)
+            self.gains = self._io.read_bytes((self.viewpoint_count.value * self.layer_count) * self.tile_count.value)
+
+
+        def _fetch_instances(self):
+            pass
+            self.tile_count._fetch_instances()
+            self.view_count._fetch_instances()
+            for i in range(len(self.view)):
+                pass
+
+            self.viewpoint_count._fetch_instances()
+            for i in range(len(self.viewpoints)):
+                pass
+
 
 
     class SubstreamRecord(KaitaiStruct):

@@ -202,6 +202,7 @@ types:
             'block_kind::layer': layer_block(layer)
             'block_kind::tile': tile_block
             'block_kind::hash_grid': hash_grid_block
+            'block_kind::streaming': streaming_block
             _: raw_block
   raw_block:
     doc: A Zstandard frame (TABLES, DECODER_MLP, SCENE_MLP), Rice codes, JSON (METADATA), or of a kind not known here
@@ -325,6 +326,37 @@ types:
         type: u4
         repeat: expr
         repeat-expr: length / 4
+  streaming_block:
+    doc: STREAMING (§7.13)
+    seq:
+      - id: layer_count
+        type: u1
+        valid:
+          min: 1
+          max: 16
+      - id: tile_count
+        type: varint
+      - id: view_count
+        type: varint
+      - id: view
+        type: f4
+        repeat: expr
+        repeat-expr: view_count.value * 10
+        doc: position, target, up, vertical field in radians
+      - id: viewpoint_count
+        type: varint
+      - id: viewpoints
+        type: f4
+        repeat: expr
+        repeat-expr: viewpoint_count.value * 3
+      - id: low
+        size: tile_count.value * 3
+      - id: high
+        size: tile_count.value * 3
+      - id: reach
+        size: tile_count.value
+      - id: gains
+        size: viewpoint_count.value * layer_count * tile_count.value
   hash_grid_block:
     doc: HASH_GRID (§10.6)
     seq:
@@ -412,6 +444,7 @@ enums:
     8: predictors
     16: tile
     64: metadata
+    65: streaming
   stream:
     0: models
     1: positions

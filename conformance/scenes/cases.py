@@ -20,7 +20,8 @@ class Case:
         scene: what the file holds; None if it must be refused.
         layers: decoded are the first so many layers of `scene`, None for all; the file has no more that is sound.
         refusals: the ids it may be refused with; one for a file that must be refused.
-        stage: where the refusal comes at the latest: ``container``, ``models``, ``tiles`` or ``metadata``.
+        stage: where the refusal comes at the latest: ``container``, ``models``, ``tiles``, ``metadata`` or
+            ``streaming``.
         extend_to: length up to which zeros follow the file, 0 for none.
         camera: centre for which the Gaussians of the anchor profile are pinned; None: `origin` of the header.
         origin: the vector an editor made this from, with `layers`.

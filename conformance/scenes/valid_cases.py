@@ -8,6 +8,7 @@ from dataclasses import replace
 from conformance.scenes.cases import Case
 from conformance.scenes.made import build, static_plans, worked_scene
 from conformance.scenes.neural_scenes import neural_plans
+from conformance.scenes.streaming_scenes import streaming_file, streaming_scene
 from conformance.surgery.files import vector_file
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockFlag
@@ -19,8 +20,9 @@ EDGES = frozenset({
 })
 """Plans whose vectors are at an end of what SPEC.md allows."""
 
+_STREAMING = "valid/streaming"
 _ANNOTATIONS = (
-    Block(65, 1, b"unknown annotation", flags=int(BlockFlag.SAFE_TO_COPY)),
+    Block(70, 1, b"unknown annotation", flags=int(BlockFlag.SAFE_TO_COPY)),
     Block(130, 1, b"private, bound to a tile", tile=0, flags=0),
     Block(200, 2, b"private", flags=0),
 )
@@ -36,6 +38,9 @@ def valid_cases(only: Collection[str] | None = None) -> Iterator[Case]:
             scene = build(plan)
             data = vector_file(scene, _ANNOTATIONS if name == "annotations" else ())
             yield Case(id_, purpose, data, scene=scene)
+    if only is None or _STREAMING in only:
+        purpose = "STREAMING: two viewpoints, a view, three tiles"
+        yield Case(_STREAMING, purpose, streaming_file(), ("R-7.13-1",), scene=streaming_scene())
 
 
 def named(cases: list[Case]) -> dict[str, Case]:

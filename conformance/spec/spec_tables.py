@@ -27,6 +27,7 @@ from scarfmt.blocks.listing import listing
 from scarfmt.blocks.mlp import NETWORKS
 from scarfmt.blocks.predictors import LAYER_OF_PREDICTOR, PREDICTORS
 from scarfmt.blocks.registry import element_table
+from scarfmt.blocks.streaming import STREAMING
 from scarfmt.blocks.tables import TABLES
 from scarfmt.container.schema import STRUCTURES, markdown_table
 from scarfmt.neural import tables
@@ -114,6 +115,7 @@ def _layouts() -> dict[str, Callable[[], str]]:
             ("matrix(rows, columns)", MATRIX),
         ],
         "HASH_GRID": [("hash_grid_block()", HASH_GRID)],
+        "STREAMING": [("streaming_block()", STREAMING)],
     }
     return {name: partial(_listings, rows) for name, rows in declared.items()}
 

@@ -15,6 +15,7 @@ from conformance.writer.models import codebooks_block, layer_block, networks_con
 from conformance.writer.networks import grid_block, network_block, predictors_block
 from conformance.writer.neural import Models
 from conformance.writer.options import WriteOptions
+from conformance.writer.streaming import streaming_block
 from conformance.writer.tables import layer_tables
 from conformance.writer.tile import TileLayer, tile_block, tile_layer
 from scarfmt.arrays import Ints
@@ -23,6 +24,7 @@ from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind, Profile, Stream
 
 PLAIN = WriteOptions()
+_SAFE_TO_COPY = 2
 
 
 def write_file(scene: QuantisedScene, options: WriteOptions = PLAIN) -> bytes:
@@ -88,6 +90,9 @@ def _model_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> I
     if layer == 1 and (scene.metadata or options.metadata is not None):
         text = json.dumps(scene.metadata, sort_keys=True, separators=(",", ":"), allow_nan=False)
         yield Block(BlockKind.METADATA, 1, text.encode() if options.metadata is None else options.metadata)
+    if layer == 1 and scene.streaming is not None:
+        told = scene.streaming
+        yield Block(BlockKind.STREAMING, 1, streaming_block(told), count=len(told.viewpoints), flags=_SAFE_TO_COPY)
 
 
 def _neural_blocks(scene: QuantisedScene, layer: int, options: WriteOptions) -> Iterator[Block]:

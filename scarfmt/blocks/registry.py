@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from scarfmt.blocks import codebooks, hash_grid, index_network, layer, metadata_spec, mlp, predictors, tables
+from scarfmt.blocks import codebooks, hash_grid, index_network, layer, metadata_spec, mlp, predictors, streaming, tables
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind
 
@@ -23,15 +23,17 @@ BLOCKS: Mapping[int, BlockSpec] = {
         index_network.SPEC,
         predictors.SPEC,
         metadata_spec.SPEC,
+        streaming.SPEC,
     )
 }
 
-MODEL_BLOCKS = tuple(spec for spec in BLOCKS.values() if spec.kind != BlockKind.METADATA)
+MODEL_BLOCKS = tuple(spec for spec in BLOCKS.values() if spec.kind < BlockKind.TILE)
 """The kinds of blocks that a decoder needs."""
 
 
 def element_table() -> str:
     """What the directory's `count` is, as R-5.5-14 prints it."""
     lines = ["| kind | `count` | section |", "|---|---|---|"]
-    lines += [f"| {int(spec.kind)} {spec.kind.name} | {spec.elements} | §{spec.section} |" for spec in MODEL_BLOCKS]
+    counted = (spec for spec in BLOCKS.values() if spec.kind != BlockKind.METADATA)
+    lines += [f"| {int(spec.kind)} {spec.kind.name} | {spec.elements} | §{spec.section} |" for spec in counted]
     return "\n".join(lines) + "\n"

@@ -16,6 +16,7 @@ from scarfmt.scene.model import SceneModel
 if TYPE_CHECKING:
     from scarfmt.blocks.layer import Opening
     from scarfmt.blocks.mlp import QuantisedMlp
+    from scarfmt.blocks.streaming import Streaming
     from scarfmt.entropy.keys import TableKey
     from scarfmt.entropy.symbol_tables import SymbolTable
     from scarfmt.neural.grid import HashGrid
@@ -61,6 +62,8 @@ class ModelParts(Protocol):
     def network(self) -> IndexNetwork | None: ...
     @property
     def grid(self) -> HashGrid | None: ...
+    @property
+    def streaming(self) -> Streaming | None: ...
 
 
 @dataclass(frozen=True)

@@ -15,13 +15,15 @@ _HEAD_BYTES = 4096
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout.")
 @click.option("--metadata", is_flag=True, help="Also read and show the metadata the file carries.")
 @click.option("--models", is_flag=True, help="Also report what codes the symbols: tables, predictors, networks.")
+@click.option("--streaming", is_flag=True, help="Also report what tells a client which tiles to fetch first.")
 @timeout_option
-def inspect(file: str, as_json: bool, metadata: bool, models: bool) -> None:
+def inspect(file: str, as_json: bool, metadata: bool, models: bool, streaming: bool) -> None:
     """Report what FILE holds: counts, layers, and where the bytes go.
 
     FILE is a path, a URL or - for stdin. Only the header is read, at most 2.3 KB. Of a URL that is one request of
-    4 KiB; with --metadata or --models it is one of 64 KiB, and more where those blocks lie further back. A file cut
-    short is reported as such, which is no error here. The last line is the engine that decodes on this machine.
+    4 KiB; with --metadata, --models or --streaming it is one of 64 KiB, and more where those blocks lie further back. A
+    file cut short is reported as such, which is no error here. The last line of what the header says is the engine that
+    decodes on this machine.
 
     \b
     Examples:
@@ -34,13 +36,18 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool) -> None:
     from scarfmt.tools import inspection
 
     check_stdout()
-    head_bytes = None if metadata or models else _HEAD_BYTES
+    head_bytes = None if metadata or models or streaming else _HEAD_BYTES
     with open_input(file, head_bytes=head_bytes) as source:
         report = inspection.inspect(source, metadata=metadata)
         if models:
             from scarfmt.tools.models_report import describe_models
 
             report["models"] = describe_models(source)
+        if streaming:
+            from scarfmt.container.file import Container
+            from scarfmt.tools.streaming_report import describe_streaming, format_streaming
+
+            report["streaming"] = describe_streaming(Container.open(source, allow_truncated=True))
     report["engine"] = {"name": "kernel" if absence() is None else "numpy", "no_kernel": absence()}
     if as_json:
         print_json(report)
@@ -51,3 +58,5 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool) -> None:
         from scarfmt.tools.models_report import format_models
 
         click.echo("\n" + format_models(report["models"]), nl=False)
+    if streaming:
+        click.echo("\n" + format_streaming(report["streaming"]), nl=False)

@@ -17,6 +17,7 @@ from scarfmt.arrays import Ints
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import Writing
+from scarfmt.blocks.streaming import Streaming
 from scarfmt.blocks.tables import fit_table, pack_table
 from scarfmt.codecs.channels import coarsen
 from scarfmt.codecs.neural_indices import IndexCoder, index_coder
@@ -62,6 +63,7 @@ class QuantisedScene:
         predictors: per layer (1-based), those whose step first travels in it.
         network: the index network; needed exactly when a layer's row is neural.
         grid: the hash grid the network reads, or None.
+        streaming: what tells a client what to fetch first, or None.
     """
 
     fields: HeaderFields
@@ -75,6 +77,7 @@ class QuantisedScene:
     predictors: Mapping[int, tuple[Predictor, ...]] = field(default_factory=dict)
     network: IndexNetwork | None = None
     grid: HashGrid | None = None
+    streaming: Streaming | None = None
 
     def neural(self, layer: int) -> NeuralModels:
         """What codes symbols beside static tables in a layer."""

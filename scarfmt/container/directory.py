@@ -86,10 +86,10 @@ def tile_frame(fields: HeaderFields, tile: Tile) -> TileFrame:
 
 
 def required_flags(kind: int) -> BlockFlag | None:
-    """The flags SPEC §5 prescribes for a kind, or None where the writer chooses."""
+    """The flags SPEC §5 and §7 prescribe for a kind, or None where the writer chooses."""
     if kind <= BlockKind.TILE:
         return BlockFlag.CRITICAL
-    return BlockFlag.SAFE_TO_COPY if kind == BlockKind.METADATA else None
+    return BlockFlag.SAFE_TO_COPY if kind in (BlockKind.METADATA, BlockKind.STREAMING) else None
 
 
 def tile_table(tiles: Iterable[Tile]) -> Table:

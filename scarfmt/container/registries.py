@@ -40,8 +40,8 @@ class ColourSpace(IntEnum):
 class BlockKind(IntEnum):
     """Block kinds. 1..15 are the models of a layer, 16 its tiles, 64..127 annotations, 128..255 private use.
 
-    Kind 0 is never assigned. Kinds 1..16 carry exactly the flag CRITICAL, METADATA exactly SAFE_TO_COPY.
-    Kinds 1..15 and METADATA belong to no tile; TILE always names one.
+    Kind 0 is never assigned. Kinds 1..16 carry exactly the flag CRITICAL, METADATA and STREAMING exactly SAFE_TO_COPY.
+    Kinds 1..15, METADATA and STREAMING belong to no tile; TILE always names one.
     """
 
     LAYER = 1
@@ -64,10 +64,13 @@ class BlockKind(IntEnum):
     """The sub-streams of one tile of one layer."""
     METADATA = 64
     """One UTF-8 JSON object; in layer 1; changes nothing in the decoded scene."""
+    STREAMING = 65
+    """Tight boxes of tiles and what their layers gain; in layer 1; changes nothing in the decoded scene."""
 
 
-READABLE_KINDS = frozenset(BlockKind)
-"""Kinds this package understands. A critical block of any other kind refuses the file."""
+READABLE_KINDS = frozenset(BlockKind) - {BlockKind.STREAMING}
+"""Kinds that every reader of this version understands. A critical block of any other kind refuses the file, and who
+cuts a file keeps one only if it is safe to copy (R-5.5-13, SPEC §14)."""
 
 
 class BlockFlag(IntFlag):

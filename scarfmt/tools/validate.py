@@ -15,6 +15,7 @@ import numpy as np
 
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import Reading
+from scarfmt.blocks.streaming import check_place, checked_streaming
 from scarfmt.coding.models import NOTHING_OPENED, SceneModels
 from scarfmt.coding.reader import SceneReader, table_of
 from scarfmt.coding.tile import TileContent
@@ -233,7 +234,21 @@ class _Check:
         self._streams[entry.layer, Stream.MODELS] += len(payload)
         if entry.kind == BlockKind.METADATA:
             read_metadata(self._container)
-        count = self._element_count(entry, payload)
+        if entry.kind == BlockKind.STREAMING:
+            self._check_streaming(entry, payload)
+            return
+        self._count_elements(entry, self._element_count(entry, payload))
+
+    def _check_streaming(self, entry: Entry, payload: bytes) -> None:
+        """What decodes nothing: its faults are told after all others, and nothing is left out for them."""
+        try:
+            check_place(entry)
+            found = checked_streaming(self._container, entry, payload)
+            self._count_elements(entry, len(found.viewpoints))
+        except ScarError as error:
+            self._miscounted.append(error)
+
+    def _count_elements(self, entry: Entry, count: int | None) -> None:
         if count is not None and count != entry.count:
             message = f"the block holds {count} elements, the directory says {entry.count}"
             field = f"{block_name(entry)} count"

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from fuzz.testing.scenes import random_scene
+from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Block, write_container
 from scarfmt.container.schema import BlockKind
 from scarfmt.container.source import BytesSource, FileSource
 from scarfmt.tools.truncate import truncate
+from tests.blocks.test_streaming import told
 from tests.cli.conftest import Run
 from tests.samples.container_samples import FIELDS
 
@@ -136,3 +140,17 @@ def test_metadata_that_no_stream_can_carry_is_refused_and_the_deepest_is_printed
         for form in ((), ("--json",)):
             done = run("inspect", target, "--metadata", *form)
             assert (done.exit_code, type(done.exception)) == (status, SystemExit if status else type(None))
+
+
+def test_inspect_shows_what_clients_are_told(run: Run, tmp_path: Path) -> None:
+    """With --streaming alone, as text and as JSON, and that there is nothing."""
+    scene = random_scene(5, anchors=40)
+    made = told(len(scene.tiles), len(scene.model.layers))
+    told_file, plain = tmp_path / "told.scar", tmp_path / "plain.scar"
+    told_file.write_bytes(write_scene(replace(scene, streaming=made)))
+    plain.write_bytes(write_scene(scene))
+    report = json.loads(run("inspect", told_file, "--json", "--streaming").stdout)["streaming"]
+    assert (report["layers"], len(report["viewpoints"])) == (made.layers, 2)
+    assert "2 viewpoints" in run("inspect", told_file, "--streaming").stdout
+    assert "viewpoints" not in run("inspect", told_file).stdout
+    assert json.loads(run("inspect", plain, "--json", "--streaming").stdout)["streaming"] is None

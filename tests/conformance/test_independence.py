@@ -17,6 +17,7 @@ PACKAGE = ("scarfmt", "reference_decoder", "reference_encoder")
 VALUES = {
     "scarfmt.arrays": {"F32", "F64", "I16", "I32", "I64", "Floats", "Ints", "U8", "U64"},
     "scarfmt.blocks.mlp": {"Linear", "QuantisedMlp"},
+    "scarfmt.blocks.streaming": {"Streaming"},
     "scarfmt.coding.writer": {"QuantisedScene"},
     "scarfmt.container.file": {"Block", "HeaderFields", "Tile"},
     "scarfmt.container.schema": {"BlockKind", "Profile", "Stream"},

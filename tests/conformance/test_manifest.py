@@ -147,7 +147,7 @@ def _all_right(file: str, layer: int, _stage: str) -> dict[str, Any]:
 def test_the_program_of_the_readme_scores(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing to say of a right decoder, one line for one wrong array, one for a file taken that is to be refused."""
     monkeypatch.chdir(ROOT)
-    names = {"json": json, "EXACT": EXACT}
+    names = {"json": json, "EXACT": EXACT, "ASIDE": ("metadata", "streaming")}
     exec(_readme_program(), {**names, "ask": _all_right})
     assert capsys.readouterr().out == ""
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scarfmt_conformance.protocol import ANNOTATIONS
 from scarfmt_conformance.reference.answers import Manner, answer
 
 from conformance.decoders.python import answers as minimal_answers
@@ -30,7 +31,12 @@ from tests.conformance.vector_files import FOLDERS, VECTORS, expectation_of, nam
 MANNER = Manner(backend("auto"))
 EXPECTED = {folder: expectation_of(folder) for folder in FOLDERS}
 DECODED = [folder for folder in FOLDERS if "layers" in EXPECTED[folder]]
-METADATA = [f for f in FOLDERS if EXPECTED[f].get("stage") == "metadata" or "metadata" in EXPECTED[f]]
+ANNOTATED = [
+    (stage, folder)
+    for stage in ANNOTATIONS
+    for folder in FOLDERS
+    if EXPECTED[folder].get("stage") == stage or stage in EXPECTED[folder]
+]
 RICE = [folder for folder in FOLDERS if name_of(folder).startswith(("invalid/rice-", "invalid/shift-"))]
 
 
@@ -88,7 +94,7 @@ def test_the_reference_agrees_with_the_vector(folder: Path, tmp_path: Path) -> N
     assert hashlib.sha256((folder / "input.scar").read_bytes()).hexdigest() == expect["file"]["sha256"]
     path = str(whole_file(folder, tmp_path))
     if expect["result"] == "refused":
-        stage = "metadata" if expect["stage"] == "metadata" else "all"
+        stage = expect["stage"] if expect["stage"] in ANNOTATIONS else "all"
         refusal = answer(path, 0, stage, MANNER)
         assert refusal["refused"] == expect["refusal"]
         if "offsets" in expect:
@@ -104,8 +110,9 @@ def test_the_reference_agrees_with_the_vector(folder: Path, tmp_path: Path) -> N
         check_exact(found["stages"], layer["stages"])
         if "activated" in layer["stages"]:
             check_activated(folder, found["stages"]["activated"]["arrays"], layer["stages"]["activated"])
-    if "metadata" in expect:
-        assert answer(path, 0, "metadata", MANNER) == {"stages": {"metadata": {"metadata": expect["metadata"]}}}
+    for stage in ANNOTATIONS:
+        if stage in expect:
+            assert answer(path, 0, stage, MANNER) == {"stages": {stage: {stage: expect[stage]}}}
 
 
 @pytest.mark.parametrize("folder", [f for f in FOLDERS if name_of(f).startswith("either/work-")], ids=name_of)
@@ -174,12 +181,16 @@ def test_a_decoder_written_from_the_specification_refuses_bad_rice_codes(folder:
     assert str(caught.value) == EXPECTED[folder]["refusal"]
 
 
-@pytest.mark.parametrize("folder", METADATA, ids=name_of)
-def test_a_decoder_written_from_the_specification_reads_the_same_metadata(folder: Path, tmp_path: Path) -> None:
-    """Objects, and the id of what is refused (SPEC §7.10)."""
+@pytest.mark.parametrize(
+    ("stage", "folder"), ANNOTATED, ids=lambda part: part if isinstance(part, str) else name_of(part)
+)
+def test_a_decoder_written_from_the_specification_reads_the_same_annotations(
+    stage: str, folder: Path, tmp_path: Path
+) -> None:
+    """Objects, and the id of what is refused (SPEC §7.10, §7.13)."""
     expect = EXPECTED[folder]
-    found = minimal_answers.answer(whole_file(folder, tmp_path).read_bytes(), 0, "metadata")
-    if "metadata" in expect:
-        assert found == {"stages": {"metadata": {"metadata": expect["metadata"]}}}
+    found = minimal_answers.answer(whole_file(folder, tmp_path).read_bytes(), 0, stage)
+    if stage in expect:
+        assert found == {"stages": {stage: {stage: expect[stage]}}}
     else:
         assert found["refused"] == expect["refusal"]

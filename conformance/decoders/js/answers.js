@@ -7,6 +7,7 @@ import { gridFeatures } from "./grid.js";
 import { tileLattice } from "./lattice.js";
 import { readMetadata } from "./metadata.js";
 import { mlpOutputs } from "./mlp.js";
+import { readStreaming } from "./streaming.js";
 import { Tile } from "./tile.js";
 import { Trace } from "./trace.js";
 
@@ -37,7 +38,7 @@ export const CAPABILITIES = Object.freeze({
   decoder: "scar-decoder-js 0.1.0",
   versions: ["0.1"],
   profiles: ["explicit", "anchor"],
-  stages: [...DECODED, "metadata"],
+  stages: [...DECODED, "metadata", "streaming"],
 });
 
 /**
@@ -50,6 +51,7 @@ export function answer(source, { layers, stage, camera }) {
   try {
     const scar = openScar(source);
     if (stage === "metadata") return metadataAnswer(scar);
+    if (stage === "streaming") return [JSON.stringify({ stages: { streaming: { streaming: streamingFields(scar) } } })];
     const stages = stage === "all" ? DECODED : [stage];
     if (!stages.every((name) => DECODED.includes(name))) throw new RangeError(`no stage ${stage}`);
     return stagesJson(scar, stages, decodeStages(scar, stages, layers, camera));
@@ -67,6 +69,34 @@ export function answer(source, { layers, stage, camera }) {
 function metadataAnswer(scar) {
   const text = readMetadata(scar.container, scar.limits)?.text ?? "null";
   return [`{"stages": {"metadata": {"metadata": ${text.replaceAll(/[\r\n]/g, " ")}}}}`];
+}
+
+/** What the file tells clients, null where it tells nothing. @param {Scar} scar */
+function streamingFields(scar) {
+  const streaming = readStreaming(scar.container);
+  if (streaming === null) return null;
+  const { layers, tiles, view, viewpoints, low, high, reach, gains } = streaming;
+  const seen = viewpoints.length / 3;
+  return {
+    layers,
+    view: view === null ? null : Array.from(view, bitsOfSingle),
+    viewpoints: rows(Array.from(viewpoints, bitsOfSingle), 3, seen),
+    low: rows(Array.from(low), 3, tiles),
+    high: rows(Array.from(high), 3, tiles),
+    reach: Array.from(reach),
+    gains: rows(rows(Array.from(gains), tiles, seen * layers), layers, seen),
+  };
+}
+
+/**
+ * Lists of `width` items, `count` of them.
+ * @template T
+ * @param {T[]} items
+ * @param {number} width
+ * @param {number} count
+ */
+function rows(items, width, count) {
+  return Array.from({ length: count }, (_, row) => items.slice(row * width, (row + 1) * width));
 }
 
 /**
@@ -228,6 +258,16 @@ function bitsOf(number) {
   const view = new DataView(new ArrayBuffer(8));
   view.setFloat64(0, number);
   return view.getBigUint64(0).toString(16).padStart(16, "0");
+}
+
+/**
+ * @param {number} number f32
+ * @returns {string} its bits, most significant first
+ */
+function bitsOfSingle(number) {
+  const view = new DataView(new ArrayBuffer(4));
+  view.setFloat32(0, number);
+  return view.getUint32(0).toString(16).padStart(8, "0");
 }
 
 /** The fields of the tables of §5. @param {Scar} scar @returns {Generator<string>} */

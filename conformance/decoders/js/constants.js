@@ -12,6 +12,7 @@ export const BLOCK = Object.freeze({
   PREDICTORS: 8,
   TILE: 16,
   METADATA: 64,
+  STREAMING: 65,
 });
 
 /** Stream kinds, §16.6. */
@@ -40,10 +41,12 @@ export const PROFILE = Object.freeze({ EXPLICIT: 0, ANCHOR: 1 });
 export const NO_TILE = 0xffffffff;
 
 export const MAX_LAYERS = 16;
+export const MAX_TILES = 1048576;
 export const MAX_STAGES = 8;
 export const MAX_STEPS = 20;
 export const MAX_CLASSES = 15;
 export const MAX_METADATA_DEPTH = 64;
+export const MAX_VIEWPOINTS = 64;
 
 /**
  * Limits of a reader, §13.2.

@@ -16,6 +16,7 @@ import { readMetadata } from "./metadata.js";
 import { readModels } from "./models.js";
 import { channelValues, codewordSums, latents, positions } from "./reconstruct.js";
 import { memorySource } from "./source.js";
+import { readStreaming } from "./streaming.js";
 import { Tile } from "./tile.js";
 
 export { Refused, DEFAULT_LIMITS };
@@ -64,6 +65,11 @@ export class Scar {
   /** @returns {object | null} */
   metadata() {
     return readMetadata(this.container, this.limits)?.value ?? null;
+  }
+
+  /** What tells a client which tiles and layers to fetch first; null where the file says nothing of it. */
+  streaming() {
+    return readStreaming(this.container);
   }
 
   /**

@@ -15,13 +15,16 @@ from conformance.decoders.python.container import container_fields
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import OFFSETS, POSITION_RESIDUAL, Refused
 from conformance.decoders.python.metadata import read_metadata
+from conformance.decoders.python.streaming import read_streaming
 from conformance.decoders.python.tile import NAMES, Tile
 
 Array = dict[str, Any]
 Arrays = dict[str, Array]
 
 EXACT = ("models", "context", "frequencies", "indices", "integers", "sums", "values")
-STAGES = ("container", *EXACT, "metadata")
+READERS = {"metadata": read_metadata, "streaming": read_streaming}
+"""Of what a decode does not look at unasked."""
+STAGES = ("container", *EXACT, *READERS)
 CAPABILITIES = {
     "protocol": "scar-conformance 2",
     "decoder": "scarfmt minimal decoder 0.1",
@@ -139,12 +142,12 @@ def answer(data: bytes, layers: int, stage: str) -> dict[str, Any]:
     if stage == "capabilities":
         return {"capabilities": CAPABILITIES}
     try:
-        if stage == "metadata":
-            return {"stages": {stage: {"metadata": read_metadata(data)}}}
+        if stage in READERS:
+            return {"stages": {stage: {stage: READERS[stage](data)}}}
         answers = Answers(Decoder(data, layers or None))
     except Refused as refusal:
         return {"refused": str(refusal), "offset": None, "message": "a rule is broken"}
-    wanted = STAGES[:-1] if stage == "all" else (stage,)
+    wanted = ("container", *EXACT) if stage == "all" else (stage,)
     return {"stages": {name: _one(data, answers, name) for name in wanted}}
 
 

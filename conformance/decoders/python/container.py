@@ -55,7 +55,7 @@ DIRECTORY_ENTRY: Layout = (
     ("crc32", "u32", 1),
 )
 SIGNATURE = bytes.fromhex("89534341520d0a1a0a")
-METADATA_KIND = "64"
+METADATA_KIND, STREAMING_KIND = "64", "65"
 _SIZES = {"u8": 1, "u16": 2, "u32": 4, "u64": 8, "f64": 8}
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from scarfmt.arrays import F64
 from scarfmt.errors import InvalidInput
-from scarfmt_conformance.protocol import METADATA, STAGES, printable
+from scarfmt_conformance.protocol import STAGES, printable
 
 TOLERANCE = 1e-5
 LARGEST_COMPARED = 1e38
@@ -63,7 +63,7 @@ def differences(stage: str, pinned: Any, answered: Any, folder: Path) -> list[Di
     """What differs in a stage, in the order of what is pinned.
 
     Args:
-        stage: one of `STAGES` but ``metadata``.
+        stage: one of `STAGES` that is no annotation.
         pinned: of ``expect.json``.
         answered: anything; None if the stage is absent.
         folder: of ``expect.json``, where references lie.
@@ -215,22 +215,23 @@ def _beyond(name: str, reference: F64, magnitude: F64, values: F64) -> list[Diff
     return [Difference("activated", name, count, f"{reference[first]!s} ± {tolerance[first]:.3g}", got)]
 
 
-# ------------------------------------------------------------------------------------------------ metadata
+# ------------------------------------------------------------------------------------------------ annotations
 
 
-def metadata_difference(pinned: Any, answered: Any) -> Difference | None:
-    """A difference of the metadata; numbers are compared as binary64, in which most languages keep them.
+def annotation_difference(stage: str, pinned: Any, answered: Any) -> Difference | None:
+    """A difference of an annotation; numbers are compared as binary64, in which most languages keep them.
 
     Args:
+        stage: ``metadata`` or ``streaming``.
         pinned: an object, or None if the file has none.
-        answered: what the answer has for the stage ``metadata``.
+        answered: what the answer has for the stage.
     """
-    if not isinstance(answered, dict) or METADATA not in answered:
-        fault = "the stage is not in the answer" if answered is None else "the stage is not an object with metadata"
-        return Difference(METADATA, "", fault)
-    if _equal(pinned, answered[METADATA]):
+    if not isinstance(answered, dict) or stage not in answered:
+        fault = "the stage is not in the answer" if answered is None else f"the stage is not an object with {stage}"
+        return Difference(stage, "", fault)
+    if _equal(pinned, answered[stage]):
         return None
-    return Difference(METADATA, METADATA, "differs", _json_text(pinned), _json_text(answered[METADATA]))
+    return Difference(stage, stage, "differs", _json_text(pinned), _json_text(answered[stage]))
 
 
 def _equal(a: Any, b: Any) -> bool:

@@ -18,12 +18,12 @@ from typing import Any
 
 from scarfmt.errors import InvalidInput
 from scarfmt_conformance.archive import OWN, unpacked
-from scarfmt_conformance.protocol import PROTOCOL
+from scarfmt_conformance.protocol import ANNOTATIONS, PROTOCOL
 
 MANIFEST = "manifest.json"
 RESULTS = ("decoded", "refused", "either")
 METADATA_REFUSALS = frozenset({"bad-metadata", "limit-metadata"})
-REFUSAL_STAGES = ("container", "models", "tiles", "metadata")
+REFUSAL_STAGES = ("container", "models", "tiles", *ANNOTATIONS)
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,7 @@ class Expectation:
     Attributes:
         purpose: what the vector is there for.
         layers: pinned, ascending.
-        pins_metadata: whether `metadata` is to be compared.
-        metadata: the object of the file; None if it must have none.
+        annotations: stage -> the object of the file, None if it must have none; of those that are to be compared.
         refusals: ids it may be refused with.
         stage: one of `REFUSAL_STAGES`, where the refusal comes at the latest; ``tiles`` where that is not said.
         extend_to: length up to which zeros follow the file; 0 for none.
@@ -103,8 +102,7 @@ class Expectation:
 
     purpose: str
     layers: tuple[Layer, ...]
-    pins_metadata: bool
-    metadata: Any
+    annotations: dict[str, Any]
     refusals: tuple[str, ...]
     stage: str
     extend_to: int
@@ -264,8 +262,7 @@ def _expectation(value: dict[str, Any]) -> Expectation:
     return Expectation(
         str(value.get("purpose", "")),
         tuple(Layer(int(layer["layer"]), dict(layer["stages"])) for layer in value.get("layers") or ()),
-        "metadata" in value,
-        value.get("metadata"),
+        {stage: value[stage] for stage in ANNOTATIONS if stage in value},
         tuple(str(refusal) for refusal in refusals),
         stage,
         int(value.get("extend_to") or 0),

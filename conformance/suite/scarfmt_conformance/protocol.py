@@ -17,7 +17,9 @@ from scarfmt.errors import InvalidInput
 PROTOCOL = "scar-conformance 2"
 CAPABILITIES = "capabilities"
 ALL = "all"
-METADATA = "metadata"
+METADATA, STREAMING = "metadata", "streaming"
+ANNOTATIONS = (METADATA, STREAMING)
+"""Stages of what decodes nothing: a decode must not look at it, so each is asked for by itself."""
 STAGES = (
     "container",
     "models",
@@ -28,7 +30,7 @@ STAGES = (
     "sums",
     "values",
     "activated",
-    METADATA,
+    *ANNOTATIONS,
 )
 """In the order in which a decoder comes to them."""
 

@@ -10,13 +10,15 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
-from scarfmt_conformance.compare import Difference, differences, metadata_difference, pinned_stages
+from scarfmt_conformance.compare import Difference, annotation_difference, differences, pinned_stages
 from scarfmt_conformance.manifest import REFUSAL_STAGES, Expectation, Layer, Suite, Vector, check_file, load_expectation
 from scarfmt_conformance.process import Stopped
 from scarfmt_conformance.protocol import (
     ALL,
+    ANNOTATIONS,
     CAPABILITIES,
     METADATA,
     STAGES,
@@ -339,9 +341,9 @@ def _judged(reply: Reply, task: _Task, compared: dict[str, bool]) -> Failure | N
 
 
 def refusals_held_to(stages: Sequence[str]) -> int:
-    """How many of `REFUSAL_STAGES` but ``metadata`` a decoder that claims these stages has to refuse at."""
-    deepest = max((STAGES.index(stage) for stage in stages if stage != METADATA), default=-1)
-    return min(deepest + 1, 3)
+    """How many of `REFUSAL_STAGES`, annotations aside, a decoder that claims these stages has to refuse at."""
+    deepest = max((STAGES.index(stage) for stage in stages if stage not in ANNOTATIONS), default=-1)
+    return min(deepest + 1, len(REFUSAL_STAGES) - len(ANNOTATIONS))
 
 
 def _tasks(vector: Vector, expectation: Expectation, stages: list[str], last_layer: bool) -> Iterator[_Task]:
@@ -355,14 +357,15 @@ def _tasks(vector: Vector, expectation: Expectation, stages: list[str], last_lay
         for layer in expectation.layers[-1:] if last_layer else expectation.layers:
             if pinned_stages(layer.stages, stages):
                 yield _Task(layer.layer, ALL, _judge_of(layer, stages, folder), expectation.camera)
-        if expectation.pins_metadata and METADATA in stages:
-            yield _Task(0, METADATA, lambda answer, seen: _metadata(expectation.metadata, answer, seen))
+        for stage, pinned in expectation.annotations.items():
+            if stage in stages:
+                yield _Task(0, stage, partial(_annotation, stage, pinned))
 
 
 def _refusal_tasks(expectation: Expectation, stages: list[str]) -> Iterator[_Task]:
-    if expectation.stage == METADATA:
-        if METADATA in stages:
-            yield _Task(0, METADATA, lambda answer, _seen: _refused(expectation, answer))
+    if expectation.stage in ANNOTATIONS:
+        if expectation.stage in stages:
+            yield _Task(0, expectation.stage, lambda answer, _seen: _refused(expectation, answer))
     elif REFUSAL_STAGES.index(expectation.stage) < refusals_held_to(stages):
         yield _Task(0, ALL, lambda answer, _seen: _refused(expectation, answer))
 
@@ -446,11 +449,11 @@ def _either(
     return _decoded(last, stages, folder, answer, seen)
 
 
-def _metadata(pinned: object, answer: Answer, seen: dict[str, bool]) -> Failure | None:
+def _annotation(stage: str, pinned: object, answer: Answer, seen: dict[str, bool]) -> Failure | None:
     if not isinstance(answer, Values):
         return _not_values(answer)
-    difference = metadata_difference(pinned, answer.stages.get(METADATA))
-    seen[METADATA] = difference is None
+    difference = annotation_difference(stage, pinned, answer.stages.get(stage))
+    seen[stage] = difference is None
     return _values_failure([difference]) if difference else None
 
 

@@ -19,10 +19,10 @@ def test_it_claims_the_exact_stages_only() -> None:
 
 
 @pytest.mark.parametrize("stage", [*STAGES, "all"])
-def test_a_stage_is_answered_alone_or_with_all_but_metadata(stage: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stage_is_answered_alone_or_with_all_but_annotations(stage: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([str(WORKED / "input.scar"), "--layers", "1", "--stage", stage]) == 0
     stages = json.loads(capsys.readouterr().out)["stages"]
-    assert list(stages) == (list(STAGES[:-1]) if stage == "all" else [stage])
+    assert list(stages) == (list(STAGES[:-2]) if stage == "all" else [stage])
 
 
 def test_it_answers_for_the_layer_asked(capsys: pytest.CaptureFixture[str]) -> None:

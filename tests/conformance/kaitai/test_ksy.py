@@ -10,6 +10,7 @@ from kaitaistruct import KaitaiStructError
 import conformance
 from conformance.kaitai.kaitai_scar import Scar
 from scarfmt.blocks.layer import unpack_layer
+from scarfmt.blocks.streaming import unpack_streaming
 from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockKind
 from scarfmt.container.source import BytesSource
@@ -92,6 +93,14 @@ def _check_bodies(parsed, container, layers):
             if entry.layer == 1:
                 lows = [[rule.low.signed_value for rule in channel.rules] for channel in body.channels]
                 assert lows == [[rule.low for rule in channel.rules] for channel in opening[0]]
+        elif entry.kind == BlockKind.STREAMING:
+            told, body = unpack_streaming(block), theirs.body
+            assert (body.layer_count, body.tile_count.value) == (told.layers, told.tiles)
+            assert body.viewpoints == told.viewpoints.ravel().tolist()
+            assert (body.view[-1] if body.view else None) == (told.view.fov if told.view else None)
+            assert [body.low, body.high, body.reach, body.gains] == [
+                part.tobytes() for part in (told.low, told.high, told.reach, told.gains)
+            ]
         elif entry.kind == BlockKind.HASH_GRID:
             assert len(theirs.body.levels) == len(theirs.body.streams) == entry.count
         else:

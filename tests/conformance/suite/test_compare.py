@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
-from scarfmt_conformance.compare import Difference, differences, metadata_difference, pinned_stages
+from scarfmt_conformance.compare import Difference, annotation_difference, differences, pinned_stages
 
 from scarfmt.errors import InvalidInput
 from tests.conformance.suite.conftest import Json, array
@@ -237,9 +237,9 @@ def test_no_answer_breaks_the_comparison(tmp_path_factory: Any, value: Any, stag
 )
 def test_metadata_is_compared_as_json(a: Any, b: Any, same: bool) -> None:
     """Keys in any order, numbers as binary64."""
-    assert (metadata_difference(a, {"metadata": b}) is None) == same
+    assert (annotation_difference("metadata", a, {"metadata": b}) is None) == same
 
 
 @pytest.mark.parametrize("answered", [None, 5, {}, {"arrays": {}}])
 def test_metadata_must_be_answered(answered: Any) -> None:
-    assert metadata_difference(None, answered) is not None
+    assert annotation_difference("metadata", None, answered) is not None

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scarfmt_conformance.protocol import (
+    ANNOTATIONS,
     STAGES,
     Capabilities,
     Fault,
@@ -148,6 +149,6 @@ def test_printable_text_is_harmless_and_short(text: str, limit: int, lines: bool
     assert shown.encode().decode() == shown
 
 
-def test_stages_end_with_metadata() -> None:
+def test_stages_end_with_annotations() -> None:
     """What no decoder may look at unasked comes last."""
-    assert STAGES[-1] == "metadata"
+    assert STAGES[-2:] == ANNOTATIONS == ("metadata", "streaming")

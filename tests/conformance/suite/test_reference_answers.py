@@ -35,7 +35,7 @@ from scarfmt.errors import InvalidInput, Truncated
 
 BEST = backend("auto")
 WHOLE, RANGE = Manner(BEST), Manner(BEST, tile_by_tile=True)
-DECODED = STAGES[:-1]
+DECODED = STAGES[:-2]
 
 Save = Callable[[bytes], str]
 Answered = Callable[[dict[str, Any]], dict[str, Any]]

@@ -100,6 +100,16 @@ def test_the_camera_of_the_vector_is_asked_for(suite: SuiteWriter) -> None:
     assert cameras == [(1.0, -2.5, 0.0)] * 2 + [None] * 2
 
 
+def test_streaming_information_is_asked_for_where_pinned(suite: SuiteWriter) -> None:
+    """By itself, and compared with what is pinned."""
+    suite.decoded("valid/told", layers=two_layers(), streaming={"layers": 1})
+    for told, outcome in (({"layers": 1}, PASSED), ({"layers": 2}, FAILED), (None, FAILED)):
+        answered = Values({"streaming": {"streaming": told}})
+        stub = Stub(lambda question, of=answered: of if question.stage == "streaming" else right(question))
+        assert only(ask(suite, stub)).outcome == outcome
+        assert stub.asked[-1] == (0, "streaming")
+
+
 def test_a_file_without_metadata_has_none(suite: SuiteWriter) -> None:
     """Null that is pinned is compared."""
     suite.decoded("valid/none", metadata=None)
@@ -223,6 +233,7 @@ def test_metadata_that_parsers_differ_about(suite: SuiteWriter, answer: Any, pin
     [
         (("container",), {"invalid/container"}),
         (("container", "metadata"), {"invalid/container", "invalid/metadata"}),
+        (("container", "streaming"), {"invalid/container", "invalid/streaming"}),
         (("models",), {"invalid/container", "invalid/models"}),
         (("context",), {"invalid/container", "invalid/models", "invalid/tiles"}),
         (("values", "metadata"), {"invalid/container", "invalid/models", "invalid/tiles", "invalid/metadata"}),
@@ -232,7 +243,7 @@ def test_metadata_that_parsers_differ_about(suite: SuiteWriter, answer: Any, pin
 def test_a_decoder_is_held_to_the_refusals_of_the_stages_it_claims(
     suite: SuiteWriter, claimed: tuple[str, ...], asked: set[str]
 ) -> None:
-    for stage in ("container", "models", "tiles", "metadata"):
+    for stage in ("container", "models", "tiles", "metadata", "streaming"):
         suite.refused(f"invalid/{stage}", stage=stage)
     results = ask(suite, Stub(lambda _question: Refusal("bad-table", ""), claiming(*claimed))).results
     assert {result.vector.id for result in results if result.outcome == PASSED} == asked
@@ -240,7 +251,7 @@ def test_a_decoder_is_held_to_the_refusals_of_the_stages_it_claims(
 
 
 def test_refusals_of_later_stages_come_with_them() -> None:
-    assert [refusals_held_to([stage]) for stage in STAGES] == [1, 2, 3, 3, 3, 3, 3, 3, 3, 0]
+    assert [refusals_held_to([stage]) for stage in STAGES] == [1, 2, 3, 3, 3, 3, 3, 3, 3, 0, 0]
 
 
 def test_stages_selected_are_as_if_no_others_were_claimed(suite: SuiteWriter) -> None:

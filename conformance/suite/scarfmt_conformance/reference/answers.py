@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from scarfmt import __version__
 from scarfmt.errors import InvalidInput, ScarError
-from scarfmt_conformance.protocol import PROTOCOL, STAGES
+from scarfmt_conformance.protocol import ANNOTATIONS, METADATA, PROTOCOL, STAGES, STREAMING
 
 if TYPE_CHECKING:
     # The rest comes when it is needed: a suite starts this program hundreds of times.
@@ -91,15 +91,19 @@ def answer(path: str, layers: int, stage: str, manner: Manner) -> Answer:
 def _stages(reader: SceneReader, layers: int, stage: str, manner: Manner) -> Iterator[tuple[str, Answer]]:
     """The stages asked for, from one decode that goes no further than they need.
 
-    ``all`` leaves out metadata: a decode must not look at it (SPEC §7.10).
+    ``all`` leaves out annotations: a decode must not look at them (SPEC §7.10, §7.13).
     """
+    from scarfmt.blocks.streaming import read_streaming
     from scarfmt.tools.inspection import read_metadata
     from scarfmt_conformance.reference import stages as of
 
-    if stage == "metadata":
-        yield stage, {"metadata": read_metadata(reader.container)}
+    if stage == METADATA:
+        yield stage, {stage: read_metadata(reader.container)}
         return
-    wanted = STAGES[:-1] if stage == "all" else (stage,)
+    if stage == STREAMING:
+        yield stage, {stage: of.streaming(read_streaming(reader.container))}
+        return
+    wanted = tuple(each for each in STAGES if each not in ANNOTATIONS) if stage == "all" else (stage,)
     if "container" in wanted:
         yield "container", {"container": of.container(reader.container)}
     if wanted == ("container",):

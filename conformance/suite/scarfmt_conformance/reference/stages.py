@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from reference_decoder.decoded import Decoded, joined, tile_part
+from scarfmt.blocks.streaming import Streaming
 from scarfmt.coding.models import SceneModels
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
@@ -63,6 +64,27 @@ class Decoding:
         parts = (tile_part(self.reader, self.models, number, content) for number, content in filled)
         empty = tile_part(self.reader, self.models, -1, TileContent.empty(self.models.model))
         return joined(parts, empty, sum(map(len, self.contents)))
+
+
+def streaming(told: Streaming | None) -> dict[str, Any] | None:
+    """What clients are told; numbers of binary32 as 8 hexadecimal digits."""
+    if told is None:
+        return None
+    view = told.view
+    numbers = np.zeros(0) if view is None else np.array([*view.position, *view.target, *view.up, view.fov])
+    return {
+        "layers": told.layers,
+        "view": _single_bits(numbers) or None,
+        "viewpoints": [_single_bits(place) for place in told.viewpoints],
+        "low": told.low.tolist(),
+        "high": told.high.tolist(),
+        "reach": told.reach.tolist(),
+        "gains": told.gains.tolist(),
+    }
+
+
+def _single_bits(numbers: NDArray[np.floating]) -> list[str]:
+    return [f"{bits:08x}" for bits in numbers.astype(np.float32).view(np.uint32).tolist()]
 
 
 def decoding(reader: SceneReader, models: SceneModels, tile_by_tile: bool) -> Decoding:

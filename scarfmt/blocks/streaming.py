@@ -1,0 +1,215 @@
+"""STREAMING block: what tells a client which tiles and layers to fetch first (SPEC §7.13). It decodes nothing.
+
+A tight box for each tile, what each layer of it gains seen from some viewpoints, and a view to begin with.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from construct import this
+from numpy.typing import NDArray
+
+from scarfmt.arrays import F64
+from scarfmt.blocks.declare import U8, Count, Numbers, Record, Rule, Scope, build, read
+from scarfmt.blocks.spec import BlockSpec
+from scarfmt.container.file import Container, Entry
+from scarfmt.container.registries import BlockFlag, BlockKind
+from scarfmt.errors import Malformed, ScarError
+from scarfmt.limits import MAX_LAYERS, MAX_TILES
+
+MAX_VIEWPOINTS = 64
+GAIN_STEPS = 4
+"""Steps of a gain, and of a reach, in an octave."""
+GAIN_OF_ONE, REACH_OF_SIDE = 255, 128
+"""What stands for a squared picture error of 1, and for a reach as long as the side of the tile."""
+_VIEW = 10
+
+Levels = NDArray[np.uint8]
+
+
+STREAMING = Record(
+    "layer_count" / U8 * "layers that gains are told of",
+    Rule(
+        "R-7.13-1",
+        lambda at: 1 <= at["layer_count"] <= MAX_LAYERS,
+        lambda at: _bad(f"{at['layer_count']} layers: 1..{MAX_LAYERS} are possible"),
+    ),
+    "tile_count" / Count(MAX_TILES),
+    "view_count" / Count(1) * "1 if there is a view to begin with",
+    "view" / Numbers({4: "f4"}, this.view_count * _VIEW, 4) * "position, target, up, vertical field in radians",
+    Rule("R-7.13-1", lambda at: _is_view(at["view"]), lambda at: _bad("the view is not one")),
+    "viewpoint_count" / Count(MAX_VIEWPOINTS),
+    "viewpoints" / Numbers({4: "f4"}, this.viewpoint_count * 3, 4) * "x, y, z of each",
+    Rule(
+        "R-7.13-1",
+        lambda at: bool(np.isfinite(at["viewpoints"]).all()),
+        lambda at: _bad("a viewpoint is not finite"),
+    ),
+    "low" / Numbers({1: "u1"}, this.tile_count * 3, 1) * "x, y, z of each tile, in 1/256 of its side",
+    "high" / Numbers({1: "u1"}, this.tile_count * 3, 1),
+    Rule(
+        "R-7.13-1",
+        lambda at: bool((at["low"] <= at["high"]).all()),
+        lambda at: _bad("a box ends before it begins"),
+    ),
+    "reach" / Numbers({1: "u1"}, this.tile_count, 1),
+    "gains" / Numbers({1: "u1"}, this.viewpoint_count * this.layer_count * this.tile_count, 1),
+)
+
+
+def _is_view(view: NDArray[np.float32]) -> bool:
+    """Whether it is a view, or none."""
+    return len(view) == 0 or bool(np.isfinite(view).all() and 0 < view[-1] < math.pi)
+
+
+def _bad(message: str) -> Malformed:
+    return Malformed("bad-streaming", f"{message} (SPEC §7.13)", field="STREAMING")
+
+
+@dataclass(frozen=True)
+class View:
+    """A view to begin with.
+
+    Attributes:
+        position, target, up: (3,) float64, world units; `up` of any length.
+        fov: vertical field, radians.
+    """
+
+    position: F64
+    target: F64
+    up: F64
+    fov: float
+
+
+@dataclass(frozen=True)
+class Streaming:
+    """What a STREAMING block says of T tiles and L layers, seen from V viewpoints.
+
+    Attributes:
+        low, high: (T, 3) uint8 corners of the tight box of the anchors' positions, in 1/256 of the side of a tile;
+            `high` belongs to it.
+        reach: (T,) uint8, 0 for none, else how far splats stick out of that box: side * 2^((reach - 128) / 4).
+        viewpoints: (V, 3) float32, world units.
+        gains: (V, L, T) uint8, 0 for none, else the squared picture error that the layer takes away there:
+            2^((gain - 255) / 4).
+        view: to begin with, or None.
+    """
+
+    low: Levels
+    high: Levels
+    reach: Levels
+    viewpoints: NDArray[np.float32]
+    gains: Levels
+    view: View | None = None
+
+    @property
+    def tiles(self) -> int:
+        """T."""
+        return len(self.reach)
+
+    @property
+    def layers(self) -> int:
+        """L."""
+        return int(self.gains.shape[1])
+
+
+def pack_streaming(streaming: Streaming) -> bytes:
+    """The payload of a STREAMING block."""
+    view = streaming.view
+    told = np.zeros(0) if view is None else np.array([*view.position, *view.target, *view.up, view.fov])
+    fields = {
+        "layer_count": streaming.layers,
+        "tile_count": streaming.tiles,
+        "view_count": int(view is not None),
+        "view": told,
+        "viewpoint_count": len(streaming.viewpoints),
+        "viewpoints": streaming.viewpoints.ravel(),
+        "low": streaming.low.ravel(),
+        "high": streaming.high.ravel(),
+        "reach": streaming.reach,
+        "gains": streaming.gains.ravel(),
+    }
+    return build(STREAMING, fields)
+
+
+def unpack_streaming(payload: bytes) -> Streaming:
+    """What a STREAMING block says.
+
+    Raises:
+        Malformed: ``bad-streaming``, ``bad-varint``, ``payload-short``, ``payload-long`` (SPEC §7.13).
+        LimitExceeded: ``count-limit``.
+    """
+    at = read(STREAMING, payload, "STREAMING")
+    tiles, viewpoints = at["tile_count"], at["viewpoint_count"]
+    return Streaming(
+        low=at["low"].reshape(tiles, 3),
+        high=at["high"].reshape(tiles, 3),
+        reach=at["reach"],
+        viewpoints=at["viewpoints"].reshape(viewpoints, 3),
+        gains=at["gains"].reshape(viewpoints, at["layer_count"], tiles),
+        view=_view(at),
+    )
+
+
+def _view(at: Scope) -> View | None:
+    if not at["view_count"]:
+        return None
+    numbers = at["view"].astype(np.float64)
+    return View(numbers[0:3], numbers[3:6], numbers[6:9], float(numbers[9]))
+
+
+def read_streaming(container: Container) -> Streaming | None:
+    """What the STREAMING block of a file says; None where there is none, or a cut source does not reach it.
+
+    Raises:
+        Malformed: ``bad-streaming`` and what :func:`unpack_streaming` raises; ``crc-mismatch``.
+        LimitExceeded: ``count-limit``.
+    """
+    entry = container.find(BlockKind.STREAMING, 1)
+    if entry is None or not container.is_available(entry):
+        return None
+    return checked_streaming(container, entry, container.read_block(entry))
+
+
+def checked_streaming(container: Container, entry: Entry, payload: bytes) -> Streaming:
+    """What a block says that stands where `entry` says, with the rules that the file around it matters for.
+
+    Raises:
+        Malformed, LimitExceeded: as :func:`read_streaming`.
+    """
+    header = container.header
+    try:
+        found = unpack_streaming(payload)
+        if found.tiles != header.tile_count:
+            raise _bad(f"{found.tiles} tiles, the file has {header.tile_count}")
+        if found.layers < header.layer_count:
+            raise _bad(f"gains of {found.layers} layers, the file has {header.layer_count}")
+    except ScarError as error:
+        raise type(error)(error.refusal, error.message, offset=entry.offset, field="STREAMING") from error
+    return found
+
+
+def check_place(entry: Entry) -> None:
+    """Check where a block stands.
+
+    Raises:
+        Malformed: ``bad-streaming`` (R-7.13-2).
+    """
+    if (entry.layer, entry.tile, entry.flags) != (1, None, BlockFlag.SAFE_TO_COPY):
+        message = "it stands in layer 1, belongs to no tile, and is safe to copy (SPEC §7.13)"
+        raise Malformed("bad-streaming", message, offset=entry.offset, field="STREAMING")
+
+
+SPEC = BlockSpec(
+    kind=BlockKind.STREAMING,
+    section="7.13",
+    declaration=STREAMING,
+    parse=lambda payload, reading: unpack_streaming(payload),
+    pack=pack_streaming,
+    taken=lambda writing: writing.parts.streaming if writing.layer == 1 else None,
+    count=lambda streaming: len(streaming.viewpoints),
+    elements="viewpoints",
+)
