@@ -53,7 +53,7 @@ types: $(STAMP) ## mypy --strict
 
 check: test lint types ## tests, lint and types; CI runs a short sanitize too
 
-wheel: $(STAMP) ## build the wheels into dist/ and try them in an empty environment
+wheel: $(STAMP) web ## build the wheels into dist/ and try them in an empty environment
 	PYTHON=$(BIN)/python .ci/wheel
 
 bench: $(STAMP) ## every benchmark, short, on the example scene: prints, writes to build/bench/ alone
@@ -77,9 +77,9 @@ web/node_modules/.package-lock.json: web/package-lock.json
 	npm ci --prefix web --ignore-scripts --no-audit --no-fund
 	touch $@
 
-web: web/node_modules/.package-lock.json ## the browser package into web/dist/ (needs node 20 and npm)
+web: web/node_modules/.package-lock.json ## the browser package and the page of `scarfmt view` (needs node 20 and npm)
 	npm run --prefix web types
 	npm run --prefix web build
 
 clean: ## remove what make made, .venv included
-	rm -rf $(VENV) demo-out build web/dist web/node_modules *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) demo-out build scarfmt/viewer/page web/dist web/node_modules *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -16,8 +16,9 @@ const COMMON = {
 rmSync(`${ROOT}/dist`, { recursive: true, force: true });
 await build({
   ...COMMON,
-  entryPoints: { "scar-stream": "src/index.ts", worker: "src/decoder/worker.ts" },
+  entryPoints: { "scar-stream": "src/index.ts", spark: "src/adapters/spark.ts", worker: "src/decoder/worker.ts" },
   outdir: "dist",
+  external: ["three", "@sparkjsdev/spark"],
   splitting: true,
   minify: true,
   sourcemap: true,
@@ -26,9 +27,10 @@ await build({
 const tests = readdirSync(`${ROOT}/test`).filter((name) => name.endsWith(".test.ts"));
 await build({
   ...COMMON,
-  entryPoints: ["dump.ts", "node_worker.ts", ...tests].map((name) => `test/${name}`),
+  entryPoints: ["dump.ts", "node_worker.ts", "page.browser.ts", "shot.ts", ...tests].map((name) => `test/${name}`),
   outdir: "dist/tests",
   outExtension: { ".js": ".mjs" },
   sourcemap: "inline",
+  external: ["puppeteer-core"],
   platform: "node",
 });

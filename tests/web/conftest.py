@@ -15,6 +15,7 @@ from tests.conftest import REPOSITORY
 WEB = REPOSITORY / "web"
 BUILT = WEB / "dist" / "scar-stream.js"
 LEAST_NODE = 20
+SOURCES = (".ts", ".js", ".mjs", ".html", ".css")
 
 
 def missing() -> str | None:
@@ -33,9 +34,9 @@ def missing() -> str | None:
 
 def newest_source() -> float:
     """Time of the last change of what web/dist is built from, seconds."""
-    folders = [WEB / "src", WEB / "test", REPOSITORY / "conformance" / "decoders" / "js"]
-    files = [path for folder in folders for path in folder.rglob("*") if path.suffix in (".ts", ".js", ".mjs")]
-    return max(path.stat().st_mtime for path in [*files, WEB / "build.mjs", WEB / "package-lock.json"])
+    folders = [WEB / "src", WEB / "test", WEB / "viewer", REPOSITORY / "conformance" / "decoders" / "js"]
+    files = [path for folder in folders for path in folder.rglob("*") if path.suffix in SOURCES]
+    return max(path.stat().st_mtime for path in [*files, *WEB.glob("*.mjs"), WEB / "package-lock.json"])
 
 
 def is_current() -> bool:
@@ -54,3 +55,12 @@ def web() -> Path:
         if not is_current():
             subprocess.run(["npm", "run", "--silent", "build"], cwd=WEB, timeout=300, check=True)
     return WEB
+
+
+@pytest.fixture(scope="session")
+def chromium() -> str:
+    """A Chromium; the test is skipped where there is none."""
+    found = [path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))]
+    if not found:
+        pytest.skip("there is no Chromium on the path")
+    return found[0]

@@ -17,9 +17,10 @@ def test_its_own_tests_pass(web: Path) -> None:
 
 
 def test_it_depends_on_nothing(web: Path) -> None:
-    """Packages that build and check it are named exactly; none is needed by who uses it."""
+    """What builds and checks it is named exactly; who uses it needs nothing, an adapter its viewer."""
     package = json.loads((web / "package.json").read_text())
-    assert package.keys().isdisjoint({"dependencies", "peerDependencies", "optionalDependencies"})
+    assert package.keys().isdisjoint({"dependencies", "optionalDependencies"})
+    assert {name: {"optional": True} for name in package["peerDependencies"]} == package["peerDependenciesMeta"]
     assert all(version[0].isdigit() for version in package["devDependencies"].values())
     locked = json.loads((web / "package-lock.json").read_text())["packages"][""]
     assert locked["devDependencies"] == package["devDependencies"]

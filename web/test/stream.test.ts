@@ -135,10 +135,10 @@ describe("a stream", () => {
 
   it("delivers a viewer's words where it is asked to", async () => {
     await serving(bytes, async (url) => {
-      await watching(url, { output: "spark" }, async (watched) => {
+      await watching(url, { output: "words" }, async (watched) => {
         await watched.end();
         for (const { output, count } of watched.shown.values())
-          assert.equal("words" in output && output.words.length, 4 * count);
+          assert.equal("geometry" in output && output.geometry.length, 8 * count);
         assert.equal(watched.shown.size, 24);
       });
     });

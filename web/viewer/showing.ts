@@ -6,7 +6,7 @@ import type { StreamError } from "../src/stream/errors.js";
 import { ScarStream, type Stats, type TileEvent } from "../src/stream/scar_stream.js";
 import type { SourceLike } from "../src/stream/source.js";
 import type { Camera, Planner } from "../src/plan/types.js";
-import type { TileWords } from "../src/pack/words.js";
+import type { PackedTile } from "../src/decoder/types.js";
 import { Stage } from "./stage.js";
 
 export interface ShowingEvents {
@@ -120,7 +120,7 @@ export class Showing {
   }
 
   #put({ base, output }: TileEvent): void {
-    this.stage.put(base, output as TileWords);
+    this.stage.put(base, output as PackedTile);
     this.events.onChange();
   }
 

@@ -4,7 +4,7 @@ import type { SparkRenderer } from "@sparkjsdev/spark";
 import * as THREE from "three";
 
 import { makeSpark, ScarMesh, ScarSplats } from "../src/adapters/spark.js";
-import type { TileWords } from "../src/pack/words.js";
+import type { PackedTile } from "../src/decoder/types.js";
 
 /** Beyond twice as many pixels as the page has, nobody sees a difference, and each costs. */
 const MOST_PIXEL_RATIO = 2;
@@ -38,7 +38,7 @@ export class Stage {
     this.#scene.add(this.#mesh.mesh);
   }
 
-  put(base: number, words: TileWords): void {
+  put(base: number, words: PackedTile): void {
     this.#mesh?.source.put(base, words);
   }
 

@@ -9,7 +9,8 @@
 import { dyno, SparkRenderer, SplatMesh } from "@sparkjsdev/spark";
 import * as THREE from "three";
 
-import { GEOMETRY_TEXELS, LN_SCALE_MIN, LN_SCALE_STEPS, OPACITY_STEPS, type TileWords } from "../pack/words.js";
+import type { PackedTile } from "../decoder/types.js";
+import { GEOMETRY_TEXELS, LN_SCALE_MIN, LN_SCALE_STEPS, OPACITY_STEPS } from "../pack/words.js";
 
 /** Texels in a row of a texture. */
 const WIDTH = 4096;
@@ -138,7 +139,7 @@ type SplatSource = NonNullable<SplatMesh["splats"]>;
 /** A part of the textures that is still to be written. */
 interface Upload {
   base: number;
-  words: TileWords;
+  words: PackedTile;
   done: number;
 }
 
@@ -165,7 +166,7 @@ export class ScarSplats implements SplatSource {
   }
 
   /** Takes a tile whose first Gaussian has place `base`; `upload` brings it to the GPU. */
-  put(base: number, words: TileWords): void {
+  put(base: number, words: PackedTile): void {
     this.pending.set(words.tile, { base, words, done: 0 });
   }
 

@@ -6,7 +6,7 @@ import { openScar, Scar } from "../../../conformance/decoders/js/decoder.js";
 import { Refused } from "../../../conformance/decoders/js/errors.js";
 import { IndexNetwork } from "../../../conformance/decoders/js/index_network.js";
 import { Tile } from "../../../conformance/decoders/js/tile.js";
-import { packSpark } from "../pack/spark.js";
+import { packWords } from "../pack/words.js";
 import { SparseSource } from "./sparse.js";
 import type { Block, PackedTile, PackTarget, Point, TileDecoder, TileValues } from "./types.js";
 
@@ -80,8 +80,8 @@ class JsDecoder implements TileDecoder {
   }
 
   packed(tile: number, target: PackTarget, eye?: Point): PackedTile {
-    if (target !== "spark") throw new RangeError(`no target ${target}`);
-    return packSpark(this.values(tile, eye));
+    if (target !== "words") throw new RangeError(`no target ${target}`);
+    return packWords(this.values(tile, eye));
   }
 
   release(tile: number): void {

@@ -37,22 +37,19 @@ export interface TileValues {
   shDegree: number;
 }
 
-/** Words of a viewer's textures. */
-export type PackTarget = "spark";
+/** Words of textures, as our adapters draw from them (pack/words.ts). */
+export type PackTarget = "words";
 
-/** One tile in the words of a viewer; indices are those of `TileValues`. */
+/** One tile in words; indices are those of `TileValues`. */
 export interface PackedTile {
   tile: number;
   layer: number;
   count: number;
-  /** (n, 4): colour and opacity, centre, scales, rotation. */
-  words: Uint32Array;
-  /** (n, 2), spherical harmonics of degree 1; null where the scene has none. */
-  sh1: Uint32Array | null;
-  /** (n, 4), degree 2. */
-  sh2: Uint32Array | null;
-  /** (n, 4), degree 3. */
-  sh3: Uint32Array | null;
+  shDegree: number;
+  /** (n, 8): centre, scales, rotation, colour, opacity. */
+  geometry: Uint32Array;
+  /** (n, 4 shDegree): spherical harmonics above degree 0. */
+  harmonics: Uint32Array;
 }
 
 /** A point in world coordinates. */
@@ -90,7 +87,7 @@ export interface TileDecoder {
    * @param eye camera centre, which only the anchor profile looks at; the origin of the header without it
    */
   values(tile: number, eye?: Point): TileValues;
-  /** The same in a viewer's words. */
+  /** The same in words. */
   packed(tile: number, target: PackTarget, eye?: Point): PackedTile;
   /** Forgets the integers of a tile. It may be advanced again from layer 1. */
   release(tile: number): void;

@@ -15,46 +15,17 @@
  * the last 16 bits of the last texel are the float16 that a byte of 127 stands for. A slot of zeros draws nothing.
  */
 
-import type { TileValues } from "../decoder/types.js";
+import type { PackedTile, TileValues } from "../decoder/types.js";
+import { toHalf } from "./half.js";
 
 export const GEOMETRY_TEXELS = 2;
 export const LN_SCALE_MIN = -20;
 export const LN_SCALE_STEPS = 2048;
 export const OPACITY_STEPS = 16383;
 const QUATERNION_STEPS = 32767 / Math.SQRT1_2;
+const LARGEST_HALF = 65504;
 /** SH basis of degree 0: 1 / (2 sqrt(pi)). */
 const C0 = 0.28209479177387814;
-
-/** A tile in words: `geometry` (8 count) and `harmonics` (4 degree count), both to be transferred. */
-export interface TileWords {
-  tile: number;
-  layer: number;
-  count: number;
-  shDegree: number;
-  geometry: Uint32Array<ArrayBuffer>;
-  harmonics: Uint32Array<ArrayBuffer>;
-}
-
-const float = new Float32Array(1);
-const bits = new Uint32Array(float.buffer);
-
-/** The float16 next to `value`, ties to even; beyond 65504 the largest there is. */
-export function half(value: number): number {
-  float[0] = value;
-  const sign = (bits[0]! >>> 16) & 0x8000;
-  const magnitude = Math.min(Math.abs(float[0]!), 65504);
-  if (magnitude < 2 ** -14) return sign | roundEven(magnitude * 2 ** 24);
-  float[0] = magnitude;
-  const word = bits[0]!;
-  const rounded = word + 0xfff + ((word >>> 13) & 1);
-  return sign | ((rounded >>> 13) - (112 << 10));
-}
-
-function roundEven(value: number): number {
-  const down = Math.floor(value);
-  const rest = value - down;
-  return rest > 0.5 || (rest === 0.5 && down % 2 === 1) ? down + 1 : down;
-}
 
 function lnScale(scale: number): number {
   const steps = Math.round((Math.log(scale) - LN_SCALE_MIN) * LN_SCALE_STEPS);
@@ -64,17 +35,17 @@ function lnScale(scale: number): number {
 /** Quaternion (w x y z) from `at` in `quats` as four numbers: what is left out, and three signed steps. */
 function smallestThree(quats: Float32Array, at: number, out: Int32Array): void {
   let largest = 0;
-  for (let k = 1; k < 4; k++) if (Math.abs(quats[at + k]!) > Math.abs(quats[at + largest]!)) largest = k;
-  const norm = Math.hypot(quats[at]!, quats[at + 1]!, quats[at + 2]!, quats[at + 3]!);
-  const steps = (quats[at + largest]! < 0 ? -QUATERNION_STEPS : QUATERNION_STEPS) / (norm > 0 ? norm : 1);
+  for (let k = 1; k < 4; k++) if (Math.abs(quats[at + k]) > Math.abs(quats[at + largest])) largest = k;
+  const norm = Math.hypot(quats[at], quats[at + 1], quats[at + 2], quats[at + 3]);
+  const steps = (quats[at + largest] < 0 ? -QUATERNION_STEPS : QUATERNION_STEPS) / (norm > 0 ? norm : 1);
   out[0] = largest;
   for (let k = 0, kept = 1; k < 4; k++) {
-    if (k !== largest) out[kept++] = Math.min(Math.max(Math.round(quats[at + k]! * steps), -32767), 32767);
+    if (k !== largest) out[kept++] = Math.min(Math.max(Math.round(quats[at + k] * steps), -32767), 32767);
   }
 }
 
 /** Words of a tile. Runs in a worker: about a microsecond a Gaussian without harmonics, three with. */
-export function tileWords(values: TileValues): TileWords {
+export function packWords(values: TileValues): PackedTile {
   const { tile, layer, count, shDegree } = values;
   const geometry = new Uint32Array(8 * count);
   geometryWords(values, geometry);
@@ -90,15 +61,24 @@ function geometryWords(values: TileValues, words: Uint32Array): void {
   const kept = new Int32Array(4);
   for (let i = 0; i < count; i++) {
     const at = 8 * i;
-    centre.set(centres.subarray(3 * i, 3 * i + 3), at);
+    for (let axis = 0; axis < 3; axis++) centre[at + axis] = centres[3 * i + axis];
     smallestThree(quats, 4 * i, kept);
-    words[at + 3] = lnScale(scales[3 * i]!) | (lnScale(scales[3 * i + 1]!) << 16);
-    words[at + 4] = lnScale(scales[3 * i + 2]!) | (kept[1]! << 16);
-    words[at + 5] = (kept[2]! & 0xffff) | (kept[3]! << 16);
-    const [red, green, blue] = [0, 1, 2].map((c) => half(0.5 + C0 * sh[stride * i + c]!)) as [number, number, number];
-    words[at + 6] = red | (green << 16);
-    words[at + 7] = blue | (kept[0]! << 16) | (Math.round(opacity[i]! * OPACITY_STEPS) << 18);
+    words[at + 3] = lnScale(scales[3 * i]) | (lnScale(scales[3 * i + 1]) << 16);
+    words[at + 4] = lnScale(scales[3 * i + 2]) | (kept[1] << 16);
+    words[at + 5] = (kept[2] & 0xffff) | (kept[3] << 16);
+    words[at + 6] = colour(sh[stride * i]) | (colour(sh[stride * i + 1]) << 16);
+    words[at + 7] = colour(sh[stride * i + 2]) | (kept[0] << 16) | (Math.round(opacity[i] * OPACITY_STEPS) << 18);
   }
+}
+
+/** Of a coefficient of degree 0. */
+function colour(coefficient: number): number {
+  return largestHalf(0.5 + C0 * coefficient);
+}
+
+/** The binary16 next to a number, never an infinity. */
+function largestHalf(x: number): number {
+  return toHalf(Math.min(Math.max(x, -LARGEST_HALF), LARGEST_HALF));
 }
 
 function harmonicWords({ count, sh, shDegree }: TileValues, words: Uint32Array): void {
@@ -108,10 +88,10 @@ function harmonicWords({ count, sh, shDegree }: TileValues, words: Uint32Array):
   for (let i = 0; i < count; i++) {
     const from = stride * i + 3;
     let peak = 0;
-    for (let k = 0; k < numbers; k++) peak = Math.max(peak, Math.abs(sh[from + k]!));
+    for (let k = 0; k < numbers; k++) peak = Math.max(peak, Math.abs(sh[from + k]));
     const steps = peak > 0 ? 127 / peak : 0;
     const at = 16 * shDegree * i;
-    for (let k = 0; k < numbers; k++) bytes[at + k] = Math.round(sh[from + k]! * steps);
-    words[4 * shDegree * (i + 1) - 1]! |= half(peak) << 16;
+    for (let k = 0; k < numbers; k++) bytes[at + k] = Math.round(sh[from + k] * steps);
+    words[4 * shDegree * (i + 1) - 1] |= largestHalf(peak) << 16;
   }
 }

@@ -1,17 +1,19 @@
 /** What a tile costs in memory, learnt from what decoders report. */
 
 import type { Output } from "../decoder/protocol.js";
+import { GEOMETRY_TEXELS } from "../pack/words.js";
 import type { Cost } from "./budget.js";
 import type { Tiles } from "./tiles.js";
 
 const FLOAT = 4;
+const TEXEL = 16;
 /** Bytes of an anchor in a decoder, before any was measured. */
 const FIRST_GUESS = 128;
 
 /** Bytes of one delivered Gaussian. */
 function splatBytes(output: Output, degree: number): number {
   if (output === "values") return FLOAT * (3 + 3 + 4 + 1 + 3 * (degree + 1) ** 2);
-  return FLOAT * (4 + [0, 2, 6, 10][degree]);
+  return TEXEL * (GEOMETRY_TEXELS + degree);
 }
 
 export class MemoryModel implements Cost {

@@ -1,0 +1,42 @@
+/** Chromium without a window or a GPU, drawing WebGL2 in software. CHROMIUM names it. */
+
+import puppeteer, { type Browser, type Page } from "puppeteer-core";
+
+const FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"];
+const PATIENCE_MS = 240_000;
+
+/** A page of a browser that is closed whatever happens; errors of scripts fail the run. */
+export async function browsing(run: (page: Page) => Promise<void>, size = { width: 480, height: 360 }): Promise<void> {
+  const browser: Browser = await puppeteer.launch({
+    executablePath: process.env.CHROMIUM,
+    args: FLAGS,
+    protocolTimeout: PATIENCE_MS,
+  });
+  try {
+    const page = await browser.newPage();
+    await page.setViewport(size);
+    const errors: string[] = [];
+    page.on("pageerror", (error) => errors.push(String(error)));
+    await run(page);
+    if (errors.length > 0) throw new Error(errors.join("\n"));
+  } finally {
+    await browser.close();
+  }
+}
+
+/** Waits until the page is in a state: "reading", "drawing" or "still". */
+export async function until(page: Page, state: string): Promise<void> {
+  const wanted = `document.body.dataset.state === ${JSON.stringify(state)}`;
+  await page.waitForFunction(wanted, { timeout: PATIENCE_MS, polling: 100 });
+}
+
+/** Waits for the message that the page shows. */
+export async function message(page: Page): Promise<string> {
+  await page.waitForFunction("!document.getElementById('message').hidden", { timeout: PATIENCE_MS, polling: 100 });
+  return page.$eval("#message span", (span) => span.textContent ?? "");
+}
+
+/** Without buttons and panels, so that a picture is the scene alone. */
+export async function bare(page: Page): Promise<void> {
+  await page.addStyleTag({ content: "nav, aside, #message { display: none !important }" });
+}
