@@ -71,7 +71,7 @@ def tight_boxes(fields: HeaderFields, tiles: Table, streaming: Streaming | None)
 def coverage(boxes: Boxes, eye: F64) -> F64:
     """(T,) float64 solid angle that boxes take up, seen from `eye` (3,): their projected area by squared distance.
 
-    Boxes are wider by their reach. Near ones count as all round.
+    Boxes are wider by their reach. One that `eye` is in, or next to, is all round.
     """
     half = (boxes.high - boxes.low) / 2 + boxes.reach[:, None]
     away = np.abs((boxes.low + boxes.high) / 2 - eye)
@@ -79,5 +79,6 @@ def coverage(boxes: Boxes, eye: F64) -> F64:
     distance = np.sqrt(squared)
     area = away[:, 0] * half[:, 1] * half[:, 2] + away[:, 1] * half[:, 0] * half[:, 2]
     area = 4 * (area + away[:, 2] * half[:, 0] * half[:, 1])
-    near = area >= ALL_ROUND * squared * distance
+    inside = (away[:, 0] <= half[:, 0]) & (away[:, 1] <= half[:, 1]) & (away[:, 2] <= half[:, 2])
+    near = inside | (area >= ALL_ROUND * squared * distance)
     return np.where(near, ALL_ROUND, area / np.where(near, 1.0, squared * distance))
