@@ -16,7 +16,7 @@ const COMMON = {
 rmSync(`${ROOT}/dist`, { recursive: true, force: true });
 await build({
   ...COMMON,
-  entryPoints: { "scar-stream": "src/index.ts" },
+  entryPoints: { "scar-stream": "src/index.ts", worker: "src/decoder/worker.ts" },
   outdir: "dist",
   splitting: true,
   minify: true,
@@ -26,7 +26,7 @@ await build({
 const tests = readdirSync(`${ROOT}/test`).filter((name) => name.endsWith(".test.ts"));
 await build({
   ...COMMON,
-  entryPoints: ["dump.ts", ...tests].map((name) => `test/${name}`),
+  entryPoints: ["dump.ts", "node_worker.ts", ...tests].map((name) => `test/${name}`),
   outdir: "dist/tests",
   outExtension: { ".js": ".mjs" },
   sourcemap: "inline",

@@ -1,7 +1,18 @@
 /** scar-stream: .scar scenes of 3D Gaussians in a page. */
 
 export type * from "./decoder/types.js";
+export type { Output, TileOutput } from "./decoder/protocol.js";
 export type * from "./plan/types.js";
+export { inlineChannel, workerChannel } from "./decoder/channel.js";
+export type { Channel, ChannelEvents, MakeChannel } from "./decoder/channel.js";
+export { StreamError } from "./stream/errors.js";
+export type { TransportId } from "./stream/errors.js";
+export { fileOrder } from "./stream/file_order.js";
+export type { Front } from "./stream/front.js";
+export type { RangeReader } from "./stream/local_source.js";
+export type { SourceLike } from "./stream/source.js";
+export { ScarStream } from "./stream/scar_stream.js";
+export type { EvictEvent, Progress, Stats, StreamEvents, StreamOptions, TileEvent } from "./stream/scar_stream.js";
 
 /** The decoder in JavaScript, which is loaded when it is first asked for. */
 export async function createJsDecoder(): Promise<import("./decoder/types.js").TileDecoder> {

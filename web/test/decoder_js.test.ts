@@ -23,7 +23,7 @@ const SCENES = {
   "a scene of 24 tiles": toys,
   "an index network": () => vector("valid/index-modes"),
   "predictors and latents": () => vector("valid/latents-predicted"),
-  "attention": () => vector("valid/index-attention"),
+  attention: () => vector("valid/index-attention"),
 };
 
 describe("the decoder in JavaScript", () => {

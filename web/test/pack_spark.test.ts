@@ -40,7 +40,7 @@ const COUNT = 300;
 
 /** Numbers in [0, 1), the same each time. */
 function* numbers(): Generator<number, never> {
-  for (let state = 1; ; ) {
+  for (let state = 1; ;) {
     state = (Math.imul(state, 1103515245) + 12345) >>> 0;
     yield (state >>> 8) / 2 ** 24;
   }

@@ -1,0 +1,115 @@
+/** Messages between a stream and its decoders, which run in workers. Each request has one reply, in order. */
+
+import type { Block, PackedTile, PackTarget, Point, TileDecoder, TileValues } from "./types.js";
+
+/** "values", or a viewer's words. */
+export type Output = "values" | PackTarget;
+
+export type TileOutput = TileValues | PackedTile;
+
+export type Task =
+  | { kind: "open"; front: Uint8Array }
+  | { kind: "models"; layer: number; blocks: Block[] }
+  /** Takes a tile through layers, then gives its values; with no layers, gives them again. */
+  | {
+      kind: "tile";
+      tile: number;
+      layers: { layer: number; body: Uint8Array }[];
+      output: Output;
+      eye?: Point;
+      last: boolean;
+    }
+  | { kind: "release"; tile: number };
+
+export type Request = Task & { id: number };
+
+export interface Failure {
+  message: string;
+  /** Of a refusal, null for anything else. */
+  id: string | null;
+  offset: number | null;
+  /** The layer that a tile could not be taken to. */
+  layer: number | null;
+}
+
+export interface Reply {
+  id: number;
+  /** Bytes that the decoder holds now. */
+  memory: number;
+  /** Time the task took, milliseconds. */
+  took: number;
+  result: TileOutput | null;
+  failure: Failure | null;
+}
+
+export interface Answer {
+  reply: Reply;
+  /** What of it may be transferred. */
+  transfer: ArrayBuffer[];
+}
+
+/** Does one request, once the decoder is there; a decoder that cannot be loaded is a failure of each request. */
+export async function answer(decoder: Promise<TileDecoder>, request: Request): Promise<Answer> {
+  let loaded: TileDecoder;
+  try {
+    loaded = await decoder;
+  } catch (error) {
+    const failure = {
+      message: `the decoder could not be loaded: ${String(error)}`,
+      id: "worker",
+      offset: null,
+      layer: null,
+    };
+    return { reply: { id: request.id, memory: 0, took: 0, result: null, failure }, transfer: [] };
+  }
+  return perform(loaded, request);
+}
+
+function perform(decoder: TileDecoder, request: Request): Answer {
+  const started = performance.now();
+  let result: TileOutput | null = null;
+  let failure: Failure | null = null;
+  try {
+    result = run(decoder, request);
+  } catch (error) {
+    const { message, id, offset, layer } = error as Partial<Failure>;
+    failure = { message: message ?? String(error), id: id ?? null, offset: offset ?? null, layer: layer ?? null };
+  }
+  const reply = { id: request.id, memory: decoder.memory(), took: performance.now() - started, result, failure };
+  return { reply, transfer: result === null ? [] : buffersOf(result) };
+}
+
+function run(decoder: TileDecoder, task: Task): TileOutput | null {
+  switch (task.kind) {
+    case "open":
+      decoder.open(task.front);
+      return null;
+    case "models":
+      decoder.addModels(task.layer, task.blocks);
+      return null;
+    case "release":
+      decoder.release(task.tile);
+      return null;
+    case "tile": {
+      const { tile, layers, output, eye, last } = task;
+      for (const { layer, body } of layers) advance(decoder, tile, layer, body);
+      const result = output === "values" ? decoder.values(tile, eye) : decoder.packed(tile, output, eye);
+      if (last) decoder.release(tile);
+      return result;
+    }
+  }
+}
+
+function advance(decoder: TileDecoder, tile: number, layer: number, body: Uint8Array): void {
+  try {
+    decoder.advance(tile, layer, body);
+  } catch (error) {
+    throw Object.assign(error as Error, { layer });
+  }
+}
+
+/** The buffers of an output, each once. */
+export function buffersOf(output: TileOutput): ArrayBuffer[] {
+  const arrays = Object.values(output).filter((value): value is Float32Array<ArrayBuffer> => ArrayBuffer.isView(value));
+  return [...new Set(arrays.map(({ buffer }) => buffer))];
+}

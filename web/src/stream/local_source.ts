@@ -1,0 +1,102 @@
+/** Sources that are not a server: files of the user, and functions that give ranges. */
+
+import { Deadline } from "./deadline.js";
+import { asStreamError, StreamError } from "./errors.js";
+import type { Body, ByteSource } from "./source.js";
+
+/** A source of one's own: a member of an archive, a store with its own keys. */
+export interface RangeReader {
+  /** Bytes of the file. */
+  readonly size: number;
+  /** For messages. */
+  readonly name?: string;
+  /** Gives exactly these bytes. An error it rejects with is retried, as those of a server are. */
+  read(offset: number, length: number, signal: AbortSignal): Promise<Uint8Array | ArrayBuffer>;
+}
+
+const CHUNK = 1 << 20;
+
+export class BlobSource implements ByteSource {
+  readonly ranged = true;
+  readonly name: string;
+
+  constructor(readonly blob: Blob) {
+    this.name = blob instanceof File ? blob.name : "a blob";
+  }
+
+  get size(): number {
+    return this.blob.size;
+  }
+
+  async open(offset: number, length: number, signal: AbortSignal): Promise<Body> {
+    return { offset, chunks: this.#chunks(offset, length, signal) };
+  }
+
+  async *#chunks(offset: number, length: number, signal: AbortSignal): AsyncGenerator<Uint8Array, void, void> {
+    for (let at = offset; at < offset + length; at += CHUNK) {
+      const part = this.blob.slice(at, Math.min(at + CHUNK, offset + length));
+      signal.throwIfAborted();
+      let bytes: ArrayBuffer;
+      try {
+        bytes = await part.arrayBuffer();
+      } catch (cause) {
+        // What browsers say where a file was written or removed since it was chosen.
+        throw new StreamError("file-changed", "the file was changed or removed", { source: this.name, cause });
+      }
+      signal.throwIfAborted();
+      yield new Uint8Array(bytes);
+    }
+  }
+}
+
+export class FunctionSource implements ByteSource {
+  readonly ranged = true;
+  readonly name: string;
+
+  constructor(
+    readonly reader: RangeReader,
+    readonly options: { stallMs: number },
+  ) {
+    this.name = reader.name ?? "a byte source";
+    if (!Number.isSafeInteger(reader.size) || reader.size < 0) {
+      throw new StreamError("bad-source", `size is ${reader.size}, not a number of bytes`, { source: this.name });
+    }
+  }
+
+  get size(): number {
+    return this.reader.size;
+  }
+
+  async open(offset: number, length: number, signal: AbortSignal): Promise<Body> {
+    return { offset, chunks: this.#chunks(offset, length, signal) };
+  }
+
+  async *#chunks(offset: number, length: number, signal: AbortSignal): AsyncGenerator<Uint8Array, void, void> {
+    const source = this.name;
+    const deadline = new Deadline(signal, this.options.stallMs, source);
+    let bytes: Uint8Array;
+    try {
+      deadline.start();
+      bytes = new Uint8Array(await abortable(this.reader.read(offset, length, deadline.signal), deadline.signal));
+    } catch (error) {
+      const reason = deadline.reason(error);
+      throw signal.aborted ? reason : asStreamError(reason, { source, offset });
+    } finally {
+      deadline.end();
+    }
+    if (bytes.length !== length) {
+      throw new StreamError("cut", `read gave ${bytes.length} bytes of ${length}`, { source, offset });
+    }
+    yield bytes;
+  }
+}
+
+/** A promise that no longer waits once the signal aborts, whether or not who made it listens to the signal. */
+function abortable<T>(promise: Promise<T>, signal: AbortSignal): Promise<T> {
+  return new Promise((resolve, reject) => {
+    const stop = () => reject(signal.reason);
+    if (signal.aborted) stop();
+    signal.addEventListener("abort", stop, { once: true });
+    promise.then(resolve, reject).finally(() => signal.removeEventListener("abort", stop));
+  });
+}

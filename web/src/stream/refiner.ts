@@ -1,0 +1,407 @@
+/** The loop of a stream: plan, fetch, decode, deliver, and let go of what no longer fits. */
+
+import { BLOCK, PROFILE } from "../../../conformance/decoders/js/constants.js";
+import { buffersOf, type Failure, type Output, type TileOutput } from "../decoder/protocol.js";
+import type { Block } from "../decoder/types.js";
+import type { Budgets, Camera, Planner, Step } from "../plan/types.js";
+import type { RetryOptions } from "./backoff.js";
+import { evictionOrder, goals } from "./budget.js";
+import { StreamError } from "./errors.js";
+import { findAnnotation } from "./front.js";
+import { Ledger } from "./ledger.js";
+import { MemoryModel } from "./memory.js";
+import type { Meter } from "./meter.js";
+import type { OpenedFront } from "./open_front.js";
+import type { Pool } from "./pool.js";
+import type { ByteSource } from "./source.js";
+import { Tiles } from "./tiles.js";
+import { Transfers } from "./transfers.js";
+import { Views } from "./views.js";
+import { wantedEntries } from "./wanted.js";
+
+export interface RefinerParts {
+  source: ByteSource;
+  opened: OpenedFront;
+  pool: Pool;
+  meter: Meter;
+  planner: Planner;
+  output: Output;
+  retry: RetryOptions;
+  budgets: Budgets;
+  camera: Camera | null;
+  events: RefinerEvents;
+}
+
+export interface RefinerEvents {
+  onTile(tile: number, layer: number, output: TileOutput, took: number): void;
+  onEvict(tile: number, layer: number): void;
+  /** A block arrived. */
+  onBytes(): void;
+  onDone(): void;
+  onRetry(error: StreamError, delayMs: number): void;
+  onError(error: StreamError): void;
+}
+
+/** Bodies that may wait for a decoder, bytes. */
+const MOST_WAITING = 4 << 20;
+/** Share of the budget that is left to data under way, and its largest value, bytes. */
+const UNDER_WAY_SHARE = 1 / 8;
+const MOST_UNDER_WAY = 2 << 20;
+
+export class Refiner {
+  readonly tiles: Tiles;
+  readonly transfers: Transfers;
+  readonly memory: MemoryModel;
+  evictions = 0;
+  readonly #views: Views;
+  readonly #models: Map<number, Uint8Array> = new Map();
+  readonly #ready = new Set<number>();
+  readonly #busy = new Set<number>();
+  readonly #ledger: Ledger;
+  readonly #annotationEntry: number;
+  #annotation: Uint8Array | null = null;
+  #budgets: Budgets;
+  #ideal: Step[] = [];
+  #victims: number[] = [];
+  #loadingModels = false;
+  #done = false;
+  /** Whether a plan is about to be made. */
+  #planning = false;
+  #blocked = false;
+  #closed = false;
+
+  constructor(readonly parts: RefinerParts) {
+    const { source, opened, planner, output, meter, retry, budgets, camera, events } = parts;
+    const { front } = opened;
+    this.#budgets = budgets;
+    // What depends on the view is made again from what decoders hold.
+    this.tiles = new Tiles(front, front.header.profile !== PROFILE.EXPLICIT);
+    this.memory = new MemoryModel(this.tiles, output);
+    this.#ledger = new Ledger(front.index.tiles, this.memory);
+    this.#views = new Views(front.index.boxes, camera);
+    this.#annotationEntry = planner.annotation === undefined ? -1 : findAnnotation(front, planner.annotation);
+    const onBlock = (entry: number, body: Uint8Array) => this.#arrived(entry, body);
+    const onDamaged = (entry: number) => this.#damaged(entry);
+    const onIdle = () => this.#dispatch();
+    const { onRetry, onError: onFailure } = events;
+    this.transfers = new Transfers(source, front, meter, { onBlock, onDamaged, onRetry, onFailure, onIdle }, retry);
+  }
+
+  /** Bytes of memory in use, as decoders say. */
+  get used(): number {
+    return this.tiles.shownBytes + this.tiles.waitingBytes + this.transfers.underWay + this.parts.pool.memory;
+  }
+
+  async start(): Promise<void> {
+    const { front, bytes, body, rest, end } = this.parts.opened;
+    const failure = await this.parts.pool.open(bytes);
+    if (this.#closed) return void body.chunks.return();
+    if (failure !== null) {
+      await body.chunks.return();
+      return this.#fatal(failure, {});
+    }
+    const { kind } = front.entries;
+    const ranged = this.parts.source.ranged !== false;
+    this.transfers.hold(true);
+    this.replan();
+    const needed = (e: number) => kind[e] <= BLOCK.TILE || e === this.#annotationEntry;
+    this.transfers.adopt(body, rest, front.length, end, ranged ? needed : (e) => this.transfers.isWanted(e));
+    this.#pace();
+  }
+
+  setView(camera: Camera): void {
+    this.#views.camera = camera;
+    this.#done = false;
+    if (this.tiles.keepsComplete) {
+      for (const tile of this.#views.stale(this.tiles.shown)) if (!this.#busy.has(tile)) this.#ready.add(tile);
+    }
+    this.replan();
+    this.#dispatch();
+  }
+
+  setBudgets(budgets: Budgets): void {
+    this.#budgets = budgets;
+    this.#done = false;
+    this.replan();
+    this.#makeRoom(0, 0);
+    this.#dispatch();
+  }
+
+  /** Decides anew what to fetch. */
+  replan(): void {
+    if (this.#closed) return;
+    this.#blocked = false;
+    this.#setGoals();
+    const steps = this.#plan(this.tiles.haveAll());
+    const { goal, limit } = this.tiles;
+    const wanted = steps.filter(({ tile, layer }) => layer <= goal[tile] && layer <= limit[tile]);
+    const entries = wantedEntries(this.parts.opened.front, wanted, this.#annotationEntry);
+    if (entries.some((e) => !this.transfers.hasArrived(e))) this.#done = false;
+    this.transfers.want(entries);
+    for (const tile of goal.keys()) this.#touch(tile);
+  }
+
+  /** Decides anew once the present task is over. @param blocked whether the next tile may still not fit */
+  #replanSoon(blocked = false): void {
+    if (this.#planning) return;
+    this.#planning = true;
+    queueMicrotask(() => {
+      this.#planning = false;
+      this.replan();
+      this.#blocked = blocked;
+      this.#dispatch();
+    });
+  }
+
+  resume(): void {
+    this.transfers.resume();
+  }
+
+  close(): void {
+    this.#closed = true;
+    this.transfers.close();
+  }
+
+  #plan(have: Uint8Array): Step[] {
+    return this.parts.planner.plan(this.tiles.index, this.#annotation, this.#views.camera, have, this.#budgets);
+  }
+
+  #setGoals(): void {
+    const { index, goal, limit } = this.tiles;
+    this.#ideal = this.#plan(new Uint8Array(index.tiles));
+    const { splats, bytes } = this.#budgets;
+    const underWay = Math.min(bytes * UNDER_WAY_SHARE, MOST_UNDER_WAY);
+    const room = { splats, bytes: bytes - this.memory.modelBytes - underWay };
+    this.tiles.setGoals(goals(this.#ideal, index.tiles, this.memory, room));
+    const held = this.tiles.shown.map((layer, tile) => Math.max(layer, this.tiles.decoded[tile]));
+    this.#victims = evictionOrder(this.#ideal, held, goal).reverse();
+    for (const tile of goal.keys()) {
+      this.#dropBodies(tile, Math.min(goal[tile], limit[tile]));
+      const now = this.#now(tile);
+      this.#ledger.charge(tile, now, this.#ledger.isOnItsWay(tile, now) ? this.#target(tile) : now);
+    }
+  }
+
+  #dropBodies(tile: number, beyond: number): void {
+    for (const entry of this.tiles.dropBodies(tile, beyond)) this.transfers.forget(entry);
+  }
+
+  #arrived(entry: number, body: Uint8Array): void {
+    if (this.#closed) return;
+    const { kind, layer, tile } = this.parts.opened.front.entries;
+    if (kind[entry] === BLOCK.TILE) {
+      this.tiles.put(tile[entry], layer[entry], body);
+      this.#touch(tile[entry]);
+    } else if (entry === this.#annotationEntry) {
+      this.#annotation = body;
+      this.#replanSoon();
+    } else {
+      this.#models.set(entry, body);
+      void this.#loadModels();
+    }
+    this.#dispatch();
+    this.parts.events.onBytes();
+  }
+
+  async #loadModels(): Promise<void> {
+    if (this.#loadingModels) return;
+    this.#loadingModels = true;
+    const { modelEntries, entries, index } = this.parts.opened.front;
+    while (this.tiles.models < index.layers && !this.#closed) {
+      const layer = this.tiles.models + 1;
+      const found = modelEntries[layer - 1].map((e) => [e, this.#models.get(e)] as const);
+      if (found.some(([, body]) => body === undefined)) break;
+      const blocks = found.map(([e, body]): Block => ({
+        kind: entries.kind[e],
+        layer,
+        tile: entries.tile[e],
+        body: body!,
+      }));
+      const before = this.parts.pool.memory;
+      const failure = await this.parts.pool.models(layer, blocks);
+      if (this.#closed) return;
+      for (const [e] of found) this.#models.delete(e);
+      if (failure !== null) {
+        this.#limitAll(layer - 1);
+        this.#report(failure, { layer }, layer === 1);
+        break;
+      }
+      this.memory.addModels(this.parts.pool.memory - before);
+      this.tiles.models = layer;
+      for (const tile of this.tiles.shown.keys()) this.#touch(tile);
+    }
+    this.#loadingModels = false;
+    this.#dispatch();
+  }
+
+  #touch(tile: number): void {
+    if (!this.#busy.has(tile) && this.tiles.isReady(tile)) this.#ready.add(tile);
+  }
+
+  /** Gives decoders what they can do. */
+  #dispatch(): void {
+    if (this.#closed) return;
+    for (const tile of this.#ready) {
+      if (!this.parts.pool.hasFree) break;
+      if (!this.parts.pool.isFree(tile)) continue;
+      const refines = this.tiles.isReady(tile);
+      if (!refines && !this.#views.isStale(tile, this.tiles.shown[tile])) {
+        this.#ready.delete(tile);
+        continue;
+      }
+      if (refines && !this.#fits(tile)) continue;
+      this.#ready.delete(tile);
+      void this.#decode(tile);
+    }
+    this.#pace();
+    this.#finish();
+  }
+
+  /** Makes room for a tile on its way to its goal, where there is any to be had. */
+  #fits(tile: number): boolean {
+    const { bytes, splats } = this.#ledger.growth(tile, this.#now(tile), this.#target(tile));
+    if ((bytes <= 0 && splats <= 0) || this.#makeRoom(bytes, splats)) return true;
+    if (this.#blocked || this.#busy.size > 0) return false;
+    // A tile costs more than was thought when goals were set: they are set again, once, with what was learnt.
+    this.#blocked = true;
+    this.#replanSoon(true);
+    return false;
+  }
+
+  /** The layer that a tile takes memory for. */
+  #now(tile: number): number {
+    return Math.max(this.tiles.shown[tile], this.tiles.decoded[tile]);
+  }
+
+  #target(tile: number): number {
+    return Math.min(this.tiles.goal[tile], this.tiles.limit[tile]);
+  }
+
+  #makeRoom(bytes: number, splats: number): boolean {
+    const most = this.#budgets;
+    const fits = () => {
+      const besides = this.memory.modelBytes + this.tiles.waitingBytes + this.transfers.underWay;
+      return this.#ledger.bytes + besides + bytes <= most.bytes && this.#ledger.splats + splats <= most.splats;
+    };
+    while (!fits()) {
+      const victim = this.#victims.pop();
+      if (victim === undefined) return false;
+      if (!this.#busy.has(victim)) this.#evict(victim);
+    }
+    return true;
+  }
+
+  #evict(tile: number): void {
+    const layer = this.tiles.shown[tile];
+    this.parts.pool.release(tile);
+    this.#forget(tile);
+    this.tiles.setShown(tile, 0, 0);
+    this.tiles.setDecoded(tile, 0);
+    this.#ledger.charge(tile, 0, 0);
+    this.#ready.delete(tile);
+    this.evictions++;
+    if (layer > 0) this.parts.events.onEvict(tile, layer);
+    if (this.tiles.goal[tile] > 0) this.#replanSoon();
+  }
+
+  /** All blocks of a tile are to be fetched again. */
+  #forget(tile: number): void {
+    const { layers } = this.tiles.index;
+    this.tiles.dropBodies(tile, 0);
+    for (let k = 0; k < layers; k++) {
+      const entry = this.parts.opened.front.tileEntries[tile * layers + k];
+      if (entry >= 0) this.transfers.forget(entry);
+    }
+  }
+
+  async #decode(tile: number): Promise<void> {
+    const { tiles } = this;
+    const layers = tiles.takeReady(tile);
+    const layer = layers.at(-1)?.layer ?? tiles.decoded[tile];
+    const last = layer === tiles.index.layers && !this.tiles.keepsComplete;
+    this.#busy.add(tile);
+    this.#ledger.charge(tile, this.#now(tile), this.#target(tile));
+    const eye = this.#views.use(tile);
+    const { output, failure, took } = await this.parts.pool.run({ tile, layers, output: this.parts.output, eye, last });
+    if (this.#closed) return;
+    this.#busy.delete(tile);
+    if (failure !== null || output === null) {
+      this.#refused(tile, failure);
+    } else {
+      tiles.setDecoded(tile, layer);
+      this.memory.observe(this.parts.pool.memory, tiles.anchorsHeld);
+      this.#deliver(tile, layer, output, took, layers.length === 0);
+    }
+    this.#ledger.charge(tile, this.#now(tile), this.#target(tile));
+    this.#touch(tile);
+    this.#dispatch();
+  }
+
+  #deliver(tile: number, layer: number, output: TileOutput, took: number, again: boolean): void {
+    if (layer < this.tiles.shown[tile] || (layer === this.tiles.shown[tile] && !again)) return;
+    const bytes = buffersOf(output).reduce((sum, { byteLength }) => sum + byteLength, 0);
+    this.tiles.setShown(tile, layer, bytes);
+    this.parts.events.onTile(tile, layer, output, took);
+  }
+
+  /** A tile that a decoder refuses stays as it is shown; what it was made from is decoded again if that is less. */
+  #refused(tile: number, failure: Failure | null): void {
+    const { decoded, limit } = this.tiles;
+    const layer = failure?.layer ?? decoded[tile] + 1;
+    limit[tile] = Math.min(limit[tile], layer - 1);
+    this.tiles.setDecoded(tile, 0);
+    this.#forget(tile);
+    if (failure !== null) this.#report(failure, { tile, layer }, false);
+    this.replan();
+  }
+
+  #damaged(entry: number): void {
+    const { kind, layer, tile, offset } = this.parts.opened.front.entries;
+    const place = { source: this.parts.source.name, offset: offset[entry], layer: layer[entry] };
+    const text = `the block at byte ${offset[entry]} arrived damaged each time`;
+    if (kind[entry] === BLOCK.TILE) {
+      const { limit } = this.tiles;
+      limit[tile[entry]] = Math.min(limit[tile[entry]], layer[entry] - 1);
+      this.#dropBodies(tile[entry], limit[tile[entry]]);
+      this.parts.events.onError(new StreamError("crc-mismatch", text, { ...place, tile: tile[entry] }));
+    } else if (entry !== this.#annotationEntry) {
+      this.#limitAll(layer[entry] - 1);
+      const error = new StreamError("crc-mismatch", text, place);
+      error.fatal = layer[entry] === 1;
+      this.parts.events.onError(error);
+    }
+    this.#replanSoon();
+  }
+
+  #limitAll(layer: number): void {
+    const { limit } = this.tiles;
+    limit.forEach((most, tile) => (limit[tile] = Math.min(most, layer)));
+    this.#replanSoon();
+  }
+
+  #report({ id, message, offset }: Failure, place: { tile?: number; layer?: number }, fatal: boolean): void {
+    const error = new StreamError(id ?? "worker", message, { source: this.parts.source.name, offset, ...place });
+    error.fatal = fatal;
+    this.parts.events.onError(error);
+  }
+
+  #fatal(failure: Failure, place: { layer?: number }): void {
+    this.transfers.close();
+    this.#report(failure, place, true);
+  }
+
+  /** Holds transfers back while decoders are behind. Bodies that wait for other blocks do not count. */
+  #pace(): void {
+    const most = Math.min(MOST_WAITING, this.#budgets.bytes * UNDER_WAY_SHARE);
+    const behind = this.#busy.size > 0 || (this.#ready.size > 0 && !this.#blocked);
+    this.transfers.hold(behind && this.tiles.waitingBytes > most);
+  }
+
+  #finish(): void {
+    const working = this.#busy.size > 0 || this.#loadingModels || this.#planning;
+    if (this.#done || working || !this.transfers.idle) return;
+    if (this.#ready.size > 0 && !this.#blocked) return;
+    this.#done = true;
+    this.parts.events.onDone();
+  }
+}

@@ -1,0 +1,362 @@
+/** A scene that arrives: what a page works with. */
+
+import { inlineChannel, type MakeChannel, workerChannel } from "../decoder/channel.js";
+import type { Output, TileOutput } from "../decoder/protocol.js";
+import type { Budgets, Camera, Planner } from "../plan/types.js";
+import { Backoff, type RetryOptions } from "./backoff.js";
+import { Emitter } from "./emitter.js";
+import { asStreamError, type StreamError } from "./errors.js";
+import { fileOrder } from "./file_order.js";
+import type { Front } from "./front.js";
+import type { HttpOptions } from "./http_source.js";
+import { Meter } from "./meter.js";
+import { openFront, type OpenedFront } from "./open_front.js";
+import { Pool } from "./pool.js";
+import { Refiner, type RefinerEvents } from "./refiner.js";
+import { makeSource, type ByteSource, type SourceLike } from "./source.js";
+
+export interface StreamOptions extends Partial<HttpOptions> {
+  /** Decides what to fetch first. The order of the file unless given. */
+  planner?: Planner;
+  /** What tiles are delivered as: plain arrays unless given, or a viewer's words. */
+  output?: Output;
+  /** The first view; `setView` from the handler of "front" does the same. */
+  camera?: Camera;
+  /** 512 MiB and any number of Gaussians unless given. */
+  budgets?: Partial<Budgets>;
+  /** Decoders side by side: one fewer than there are cores, at most 4, unless given. 0: on the calling thread. */
+  workers?: number;
+  /** Makes decoders in another way. */
+  channel?: MakeChannel;
+  retry?: Partial<RetryOptions>;
+  /** Milliseconds between two plans while the camera moves. */
+  replanMs?: number;
+}
+
+/** A tile after a layer, in fresh arrays: they are the receiver's. */
+export interface TileEvent {
+  tile: number;
+  layer: number;
+  /** Place of its first Gaussian in the whole scene, which never changes; the others follow it. */
+  base: number;
+  /** Gaussians now. */
+  count: number;
+  output: TileOutput;
+}
+
+export interface EvictEvent {
+  tile: number;
+  /** The layer that it was shown after. */
+  layer: number;
+  base: number;
+}
+
+export interface Progress {
+  bytesRead: number;
+  /** Bytes of the file. */
+  bytes: number;
+  /** By layer - 1: tiles shown after it or a later one. */
+  tilesAtLayer: number[];
+}
+
+export interface Stats extends Progress {
+  /** Bytes of blocks that were taken; the rest was gaps, or came again. */
+  bytesUsed: number;
+  requests: number;
+  retries: number;
+  /** Requests given up since the view changed. */
+  aborted: number;
+  /** Bytes a second, a mean of the last second. */
+  throughput: number;
+  /** Seconds to the first byte of a request. */
+  delay: number;
+  tilesShown: number;
+  splatsShown: number;
+  /** Bytes: delivered and shown, decoders, data under way. */
+  memory: number;
+  evictions: number;
+  /** Milliseconds that decoders were busy, all together. */
+  decodeMs: number;
+  /** Milliseconds since the stream was made: front, first tile; null before. */
+  frontAt: number | null;
+  firstTileAt: number | null;
+  /** By layer - 1: milliseconds until every tile was shown after it, null before. */
+  layerAt: (number | null)[];
+}
+
+export interface StreamEvents {
+  /** Header, boxes and places are known. Before any tile. */
+  front: Front;
+  /** A tile is there, or finer than before. */
+  tile: TileEvent;
+  /** A tile is to be taken away: its memory is needed for others. */
+  evict: EvictEvent;
+  progress: Progress;
+  /** All that view and budgets allow is shown. */
+  done: Stats;
+  /** Something failed and is tried again. */
+  retry: { error: StreamError; delayMs: number };
+  /** What is shown stays. Where `fatal`, nothing more comes until `resume`. */
+  error: StreamError;
+}
+
+const MIB = 1 << 20;
+const BUDGETS: Budgets = { splats: Infinity, bytes: 512 * MIB };
+const RETRY: RetryOptions = { retries: 6, firstMs: 250, mostMs: 8000 };
+const STALL_MS = 10_000;
+const REPLAN_MS = 100;
+const MOST_WORKERS = 4;
+
+export class ScarStream {
+  /** Resolves when the front is read; rejects with the error that the "error" event has, too. */
+  readonly ready: Promise<Front>;
+  readonly #emitter = new Emitter<StreamEvents>();
+  readonly #options: StreamOptions;
+  readonly #controller = new AbortController();
+  readonly #started = performance.now();
+  readonly #meter = new Meter(() => performance.now());
+  readonly #source: ByteSource;
+  #budgets: Budgets;
+  #camera: Camera | null;
+  #pool: Pool | null = null;
+  #refiner: Refiner | null = null;
+  #front: Front | null = null;
+  #planned = -Infinity;
+  #timer: ReturnType<typeof setTimeout> | undefined;
+  #read = { bytes: 0, requests: 0 };
+  #marks: { frontAt: number | null; firstTileAt: number | null; layerAt: (number | null)[] };
+  #tilesAtLayer: number[] = [];
+  /** (tiles): layers shown. */
+  #layers = new Uint8Array(0);
+  #decodeMs = 0;
+
+  /** Begins at once; handlers that are added in the same turn miss nothing. Throws StreamError for no source. */
+  constructor(source: SourceLike, options: StreamOptions = {}) {
+    this.#options = options;
+    this.#budgets = { ...BUDGETS, ...options.budgets };
+    this.#camera = options.camera ?? null;
+    this.#marks = { frontAt: null, firstTileAt: null, layerAt: [] };
+    this.#source = makeSource(source, { ...options, stallMs: options.stallMs ?? STALL_MS });
+    this.ready = this.#open();
+    // A page that listens to "error" need not look at the promise.
+    this.ready.catch(() => undefined);
+  }
+
+  /** @returns a stream whose front is read */
+  static async open(source: SourceLike, options: StreamOptions = {}): Promise<ScarStream> {
+    const stream = new ScarStream(source, options);
+    await stream.ready;
+    return stream;
+  }
+
+  /** What the front says, null before it is read. */
+  get front(): Front | null {
+    return this.#front;
+  }
+
+  /** @returns what takes the handler away again */
+  on<Name extends keyof StreamEvents>(name: Name, handler: (event: StreamEvents[Name]) => void): () => void {
+    return this.#emitter.on(name, handler);
+  }
+
+  /** Plans for another view: at once, or soon where that was done a moment ago. */
+  setView(camera: Camera): void {
+    this.#camera = camera;
+    if (this.#refiner === null || this.#timer !== undefined || this.#controller.signal.aborted) return;
+    const wait = this.#planned + (this.#options.replanMs ?? REPLAN_MS) - performance.now();
+    if (wait <= 0) this.#replan();
+    else this.#timer = setTimeout(() => this.#replan(), wait);
+  }
+
+  /** Changes what may be kept; what no longer fits is evicted. */
+  setBudget(budgets: Partial<Budgets>): void {
+    this.#budgets = { ...this.#budgets, ...budgets };
+    this.#refiner?.setBudgets(this.#budgets);
+  }
+
+  /** Tries again after a fatal error of transport. Without a front, make another stream. */
+  resume(): void {
+    this.#refiner?.resume();
+  }
+
+  stats(): Stats {
+    const refiner = this.#refiner;
+    const counts = refiner?.transfers.counts;
+    const { rate: throughput, delay } = this.#meter;
+    return {
+      ...this.#progress(),
+      bytesUsed: counts?.bytesUsed ?? 0,
+      requests: this.#read.requests + (counts?.requests ?? 0),
+      retries: counts?.retries ?? 0,
+      aborted: counts?.aborted ?? 0,
+      throughput,
+      delay,
+      tilesShown: this.#tilesAtLayer[0] ?? 0,
+      splatsShown: refiner?.tiles.shownSplats ?? 0,
+      memory: refiner?.used ?? 0,
+      evictions: refiner?.evictions ?? 0,
+      decodeMs: this.#decodeMs,
+      ...this.#marks,
+      layerAt: [...this.#marks.layerAt],
+    };
+  }
+
+  /** Ends everything: requests, workers, timers, events. */
+  close(): void {
+    this.#controller.abort(new DOMException("the stream was closed", "AbortError"));
+    clearTimeout(this.#timer);
+    this.#refiner?.close();
+    this.#pool?.close();
+    this.#emitter.clear();
+  }
+
+  async #open(): Promise<Front> {
+    const { signal } = this.#controller;
+    try {
+      // Handlers are added after the constructor.
+      await Promise.resolve();
+      const opened = await this.#openRetrying();
+      signal.throwIfAborted();
+      return this.#begin(opened);
+    } catch (cause) {
+      if (signal.aborted) throw signal.reason;
+      const error = asStreamError(cause, { source: this.#source.name });
+      error.fatal = true;
+      this.#emitter.emit("error", error);
+      throw error;
+    }
+  }
+
+  async #openRetrying(): Promise<OpenedFront> {
+    const { signal } = this.#controller;
+    const backoff = new Backoff(this.#retry);
+    for (;;) {
+      try {
+        return await openFront(this.#source, signal);
+      } catch (cause) {
+        if (signal.aborted) throw signal.reason;
+        const error = asStreamError(cause, { source: this.#source.name });
+        const delayMs = isOfTransport(error) ? backoff.failed(error) : null;
+        if (delayMs === null) throw error;
+        this.#emitter.emit("retry", { error, delayMs });
+        await pause(delayMs, signal);
+      }
+    }
+  }
+
+  #begin(opened: OpenedFront): Front {
+    const { front } = opened;
+    this.#front = front;
+    this.#read = { bytes: opened.read, requests: opened.requests };
+    this.#marks.frontAt = this.#elapsed();
+    this.#marks.layerAt = Array.from({ length: front.index.layers }, () => null);
+    this.#tilesAtLayer = Array.from({ length: front.index.layers }, () => 0);
+    this.#layers = new Uint8Array(front.index.tiles);
+    this.#pool = this.#makePool();
+    this.#emitter.emit("front", front);
+    this.#refiner = new Refiner({
+      source: this.#source,
+      opened,
+      pool: this.#pool,
+      meter: this.#meter,
+      planner: this.#options.planner ?? fileOrder,
+      output: this.#options.output ?? "values",
+      retry: this.#retry,
+      budgets: this.#budgets,
+      camera: this.#camera,
+      events: this.#handlers(front),
+    });
+    this.#planned = performance.now();
+    void this.#refiner.start();
+    return front;
+  }
+
+  #makePool(): Pool {
+    const { channel, workers = defaultWorkers() } = this.#options;
+    const make = channel ?? (workers === 0 ? inlineChannel() : workerChannel);
+    return new Pool(Math.max(workers, 1), make, (error) => this.#fail(error));
+  }
+
+  #handlers(front: Front): RefinerEvents {
+    const { base, index } = front;
+    return {
+      onTile: (tile, layer, output, took) => {
+        this.#decodeMs += took;
+        this.#mark(tile, layer, index.tiles);
+        this.#emitter.emit("tile", { tile, layer, base: base[tile], count: output.count, output });
+      },
+      onEvict: (tile, layer) => {
+        for (let k = 0; k < layer; k++) this.#tilesAtLayer[k]--;
+        this.#layers[tile] = 0;
+        this.#emitter.emit("evict", { tile, layer, base: base[tile] });
+      },
+      onBytes: () => this.#emitter.emit("progress", this.#progress()),
+      onDone: () => this.#emitter.emit("done", this.stats()),
+      onRetry: (error, delayMs) => this.#emitter.emit("retry", { error, delayMs }),
+      onError: (error) => this.#emitter.emit("error", error),
+    };
+  }
+
+  #mark(tile: number, layer: number, tiles: number): void {
+    const { layerAt } = this.#marks;
+    this.#marks.firstTileAt ??= this.#elapsed();
+    for (let k = this.#layers[tile]; k < layer; k++) {
+      this.#tilesAtLayer[k]++;
+      if (this.#tilesAtLayer[k] === tiles) layerAt[k] ??= this.#elapsed();
+    }
+    this.#layers[tile] = layer;
+  }
+
+  #progress(): Progress {
+    const bytesRead = this.#read.bytes + (this.#refiner?.transfers.counts.bytesRead ?? 0);
+    const bytes = this.#front?.header.file_length ?? 0;
+    return { bytesRead, bytes, tilesAtLayer: [...this.#tilesAtLayer] };
+  }
+
+  #replan(): void {
+    clearTimeout(this.#timer);
+    this.#timer = undefined;
+    this.#planned = performance.now();
+    if (this.#camera !== null) this.#refiner?.setView(this.#camera);
+  }
+
+  #fail(error: StreamError): void {
+    if (this.#controller.signal.aborted) return;
+    error.fatal = true;
+    this.#refiner?.close();
+    this.#emitter.emit("error", error);
+  }
+
+  #elapsed(): number {
+    return performance.now() - this.#started;
+  }
+
+  get #retry(): RetryOptions {
+    return { ...RETRY, ...this.#options.retry };
+  }
+}
+
+/** Refusals are of the file: asking again gives the same. */
+function isOfTransport({ id }: StreamError): boolean {
+  return ["network", "http-status", "stalled", "cut", "no-range"].includes(id);
+}
+
+function defaultWorkers(): number {
+  if (typeof Worker === "undefined") return 0;
+  return Math.min(Math.max((navigator.hardwareConcurrency ?? 2) - 1, 1), MOST_WORKERS);
+}
+
+/** Waits; rejects with the reason of the signal. */
+function pause(milliseconds: number, signal: AbortSignal): Promise<void> {
+  return new Promise((resolve, reject) => {
+    const stop = () => {
+      clearTimeout(timer);
+      reject(signal.reason);
+    };
+    const timer = setTimeout(() => {
+      signal.removeEventListener("abort", stop);
+      resolve();
+    }, milliseconds);
+    signal.addEventListener("abort", stop, { once: true });
+  });
+}

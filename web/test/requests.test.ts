@@ -1,0 +1,181 @@
+/** Which bytes are asked for: neighbours together, nothing far down the plan, nothing too large. */
+
+import assert from "node:assert/strict";
+import { describe, it } from "node:test";
+import { Assembler } from "../src/stream/assembler.js";
+import { Backoff } from "../src/stream/backoff.js";
+import { StreamError } from "../src/stream/errors.js";
+import { Meter } from "../src/stream/meter.js";
+import { nextRequest, requestSizes } from "../src/stream/requests.js";
+import { crc32 } from "../../conformance/decoders/js/crc32.js";
+
+/** Ten blocks of 10 kB that touch each other. */
+const entries = { offset: [...Array(10).keys()].map((i) => 1000 + 10_000 * i), length: Array(10).fill(10_000) };
+const sizes = { window: 100_000, most: 100_000, gap: 10_000 };
+
+describe("a request", () => {
+  it("takes neighbours along that are wanted soon", () => {
+    assert.deepEqual(nextRequest([5, 0, 4, 6, 9], entries, sizes), { start: 41_000, end: 71_000, entries: [4, 5, 6] });
+  });
+
+  it("reads over a gap that is narrow enough, and over no wider one", () => {
+    assert.deepEqual(nextRequest([2, 4], entries, sizes).entries, [2, 4]);
+    assert.deepEqual(nextRequest([2, 4], entries, { ...sizes, gap: 9_999 }).entries, [2]);
+    assert.deepEqual(nextRequest([4, 2], entries, sizes), { start: 21_000, end: 51_000, entries: [2, 4] });
+  });
+
+  it("is no larger than it may be, unless one block is", () => {
+    assert.deepEqual(nextRequest([0, 1, 2, 3], entries, { ...sizes, most: 25_000 }).entries, [0, 1]);
+    assert.deepEqual(nextRequest([3, 4], entries, { ...sizes, most: 5_000 }).entries, [3]);
+  });
+
+  it("looks only so far down the plan", () => {
+    assert.deepEqual(nextRequest([3, 8, 4], entries, { ...sizes, window: 20_000 }).entries, [3]);
+    assert.deepEqual(nextRequest([3, 8, 4], entries, { ...sizes, window: 20_001 }).entries, [3, 4]);
+  });
+
+  it("has sizes that follow throughput and delay", () => {
+    const slow = requestSizes(50_000, 0.05);
+    const fast = requestSizes(1_250_000, 0.05);
+    assert.ok(Math.abs(fast.underWay - 1_250_000 * 0.275) < 1);
+    assert.deepEqual([slow.underWay, slow.most, slow.gap], [65_536, 32_768, 4096]);
+    assert.ok(fast.most <= 256 * 1024 && fast.gap >= slow.gap && requestSizes(1e8, 0.1).gap === 16_384);
+  });
+});
+
+describe("throughput", () => {
+  it("counts only the time in which something is under way", () => {
+    let now = 0;
+    const meter = new Meter(() => now);
+    assert.equal(meter.rate, 1.25e6);
+    for (let i = 0; i < 30; i++) {
+      meter.begin();
+      for (let j = 0; j < 5; j++) {
+        now += 40;
+        meter.add(4000);
+      }
+      meter.end();
+      now += 5000;
+    }
+    assert.ok(Math.abs(meter.rate - 100_000) < 1, `${meter.rate} bytes a second`);
+  });
+
+  it("follows a change within a second or two", () => {
+    let now = 0;
+    const meter = new Meter(() => now);
+    meter.begin();
+    for (const bytes of [10_000, 1000]) {
+      for (let i = 0; i < 30; i++) {
+        now += 100;
+        meter.add(bytes);
+      }
+    }
+    assert.ok(meter.rate < 15_000 && meter.rate >= 10_000, `${meter.rate} bytes a second`);
+  });
+
+  it("knows the least of the last delays", () => {
+    const meter = new Meter(() => 0);
+    assert.equal(meter.delay, 0);
+    for (const delay of [20, 50, 60, 60, 60, 60, 60, 60, 60]) meter.firstByte(delay);
+    assert.equal(meter.delay, 0.05);
+  });
+});
+
+describe("blocks that pass", () => {
+  const body = (e: number) => Uint8Array.from({ length: 50 + e }, (_, i) => 7 * e + i);
+  const lengths = [0, 1, 2, 3].map((e) => body(e).length);
+  const made = {
+    offset: Float64Array.from(lengths, (_, e) => 10 + lengths.slice(0, e).reduce((a, b) => a + b, 0)),
+    length: Float64Array.from(lengths),
+    crc32: Uint32Array.from(lengths, (_, e) => crc32(body(e))),
+  };
+  const file = new Uint8Array(10 + lengths.reduce((a, b) => a + b, 0));
+  lengths.forEach((_, e) => file.set(body(e), made.offset[e]));
+
+  for (const size of [1, 7, 60, 1000]) {
+    it(`are whole however the bytes are cut: ${size}`, () => {
+      const taken = new Map<number, Uint8Array | null>();
+      const one = new Assembler(
+        made,
+        0,
+        (e) => e !== 2,
+        (e, found) => taken.set(e, found),
+      );
+      for (let at = 0; at < file.length; at += size) one.push(file.subarray(at, at + size));
+      assert.deepEqual(
+        [...taken],
+        [0, 1, 3].map((e) => [e, body(e)]),
+      );
+      assert.equal(one.position, file.length);
+    });
+  }
+
+  it("are taken from the first that begins in the run, and gone on with in another", () => {
+    const taken: number[] = [];
+    const first = new Assembler(
+      made,
+      made.offset[0] + 1,
+      () => true,
+      (e) => taken.push(e),
+    );
+    first.push(file.subarray(made.offset[0] + 1, made.offset[2] + 5));
+    assert.deepEqual(taken, [1]);
+    const { unfinished } = first;
+    assert.deepEqual([unfinished!.entry, unfinished!.filled], [2, 5]);
+    const bodies: (Uint8Array | null)[] = [];
+    const second = new Assembler(
+      made,
+      made.offset[2] + 5,
+      () => true,
+      (_, found) => bodies.push(found),
+      unfinished!,
+    );
+    second.push(file.subarray(made.offset[2] + 5));
+    assert.deepEqual(bodies, [body(2), body(3)]);
+    assert.equal(second.unfinished, null);
+  });
+
+  it("are said to be damaged where their CRC is wrong", () => {
+    const damaged = file.slice();
+    damaged[made.offset[1] + 3] ^= 1;
+    const taken: (Uint8Array | null)[] = [];
+    new Assembler(
+      made,
+      0,
+      () => true,
+      (_, found) => taken.push(found),
+    ).push(damaged);
+    assert.deepEqual(taken, [body(0), null, body(2), body(3)]);
+  });
+});
+
+describe("trying again", () => {
+  const options = { retries: 4, firstMs: 100, mostMs: 300 };
+  const error = (id: string, status?: number) => new StreamError(id, "", { status });
+
+  it("waits twice as long each time, up to a most, with some chance in it", () => {
+    const longest = new Backoff(options, () => 1);
+    assert.deepEqual(
+      [0, 1, 2, 3, 4].map(() => longest.failed(error("cut"))),
+      [100, 200, 300, 300, null],
+    );
+    assert.equal(new Backoff(options, () => 0).failed(error("cut")), 50);
+  });
+
+  it("begins anew after something useful", () => {
+    const one = new Backoff(options, () => 1);
+    one.failed(error("stalled"));
+    one.succeeded();
+    assert.equal(one.failed(error("stalled")), 100);
+  });
+
+  it("knows what no retry mends, and what a few may", () => {
+    assert.equal(new Backoff(options).failed(error("file-changed")), null);
+    const missing = new Backoff(options, () => 1);
+    assert.deepEqual(
+      [0, 1, 2].map(() => missing.failed(error("http-status", 404))),
+      [100, 200, null],
+    );
+    assert.equal(new Backoff(options, () => 1).failed(error("http-status", 503)), 100);
+  });
+});

@@ -1,0 +1,179 @@
+/** A stream from a server that behaves: what arrives, in what order, and at what cost. */
+
+import assert from "node:assert/strict";
+import { describe, it } from "node:test";
+import type { Camera, Planner } from "../src/plan/types.js";
+import { openScar } from "../../conformance/decoders/js/decoder.js";
+import { toys, vector } from "./files.js";
+import { serving } from "./server.js";
+import { threadChannel } from "./threads.js";
+import { assertComplete, assertShown, watching } from "./watching.js";
+
+const bytes = toys();
+
+/** Tiles in an order that a camera's x says: from tile x on. */
+const turning: Planner = {
+  plan({ tiles, layers }, _annotation, camera, have) {
+    const first = camera?.position[0] ?? 0;
+    const steps = [];
+    for (let layer = 1; layer <= layers; layer++) {
+      for (let i = 0; i < tiles; i++) {
+        const tile = (first + i) % tiles;
+        if (have[tile] < layer) steps.push({ tile, layer });
+      }
+    }
+    return steps;
+  },
+};
+
+function lookingFrom(x: number): Camera {
+  return { position: [x, 0, 0], forward: [0, 0, 1], up: [0, -1, 0], fovY: 1, width: 640, height: 480 };
+}
+
+describe("a stream", () => {
+  it("delivers every tile after every layer, as a direct decode does", async () => {
+    await serving(bytes, async (url) => {
+      await watching(url, {}, async (watched) => {
+        const stats = await watched.end();
+        await assertComplete(watched, bytes);
+        assert.deepEqual(watched.errors, []);
+        assert.deepEqual(stats.tilesAtLayer, [24, 24, 24, 24, 24]);
+        assert.equal(stats.splatsShown, 10914);
+        assert.ok(stats.layerAt.every((at) => at !== null));
+      });
+    });
+  });
+
+  it("decodes in worker threads, to the same", async () => {
+    await serving(bytes, async (url) => {
+      await watching(url, { workers: 3, channel: threadChannel }, async (watched) => {
+        await watched.end();
+        await assertComplete(watched, bytes);
+      });
+    });
+  });
+
+  it("tells the front first, and places that never move", async () => {
+    await serving(bytes, async (url) => {
+      await watching(url, {}, async (watched) => {
+        const order: string[] = [];
+        watched.stream.on("front", () => order.push("front"));
+        watched.stream.on("tile", () => order.push("tile"));
+        const front = await watched.stream.ready;
+        await watched.end();
+        assert.deepEqual([order.indexOf("front"), order.lastIndexOf("front")], [0, 0]);
+        for (const { tile, base, count } of watched.tiles) {
+          assert.equal(base, front.base[tile]);
+          assert.ok(count <= front.finalCounts[tile]);
+        }
+        assert.equal(front.total, 10914);
+      });
+    });
+  });
+
+  it("asks for no byte of a block twice, in few requests", async () => {
+    const { entries } = openScar(bytes).container;
+    await serving(bytes, async (url, server) => {
+      server.delay = 5;
+      await watching(url, {}, async (watched) => {
+        const stats = await watched.end();
+        const times = new Uint8Array(bytes.length);
+        for (const { range } of server.asked) for (let at = range![0]; at <= range![1]; at++) times[at]++;
+        assert.equal(
+          times.subarray(entries.offset[0]).findIndex((n) => n !== 1),
+          -1,
+        );
+        assert.equal(server.asked.length, stats.requests);
+        assert.ok(stats.requests <= 4, `${stats.requests} requests for ${bytes.length} bytes`);
+        assert.equal(stats.bytesRead, bytes.length);
+      });
+    });
+  });
+
+  it("follows the plan, and another plan where the view changes", async () => {
+    await serving(bytes, async (url, server) => {
+      server.delay = 20;
+      await watching(url, { planner: turning, camera: lookingFrom(20), replanMs: 0 }, async (watched) => {
+        watched.stream.on("front", () => watched.stream.setView(lookingFrom(10)));
+        await watched.end();
+        await assertComplete(watched, bytes);
+        watched.stream.setView(lookingFrom(3));
+        const stats = await watched.end();
+        assert.equal(stats.requests, server.asked.length);
+      });
+    });
+  });
+
+  it("reads a file of the user, and any source of ranges", async () => {
+    const asked: [number, number][] = [];
+    const reader = {
+      size: bytes.length,
+      read: async (offset: number, length: number) => {
+        asked.push([offset, length]);
+        return bytes.slice(offset, offset + length);
+      },
+    };
+    for (const source of [new Blob([bytes.slice()]), new File([bytes.slice()], "toys.scar"), reader]) {
+      await watching(source, {}, async (watched) => {
+        await watched.end();
+        await assertComplete(watched, bytes);
+      });
+    }
+    assert.ok(asked.length > 0 && asked.every(([offset, length]) => offset + length <= bytes.length));
+  });
+
+  it("takes a small file from the first answer alone", async () => {
+    const small = vector("valid/index-modes");
+    await serving(small, async (url, server) => {
+      await watching(url, {}, async (watched) => {
+        await watched.end();
+        await assertComplete(watched, small);
+        assert.equal(server.asked.length, 1);
+      });
+    });
+  });
+
+  it("delivers a viewer's words where it is asked to", async () => {
+    await serving(bytes, async (url) => {
+      await watching(url, { output: "spark" }, async (watched) => {
+        await watched.end();
+        for (const { output, count } of watched.shown.values())
+          assert.equal("words" in output && output.words.length, 4 * count);
+        assert.equal(watched.shown.size, 24);
+      });
+    });
+  });
+
+  it("makes Gaussians of anchors again where the camera has moved", async () => {
+    const anchors = vector("valid/anchors");
+    await watching(new Blob([anchors.slice()]), { camera: lookingFrom(30), replanMs: 0 }, async (watched) => {
+      await watched.end();
+      const before = watched.tiles.length;
+      const colours = new Map(
+        [...watched.shown].map(([tile, { output }]) => [tile, "sh" in output ? output.sh : null]),
+      );
+      watched.stream.setView(lookingFrom(30.01));
+      await watched.end();
+      assert.equal(watched.tiles.length, before, "a small step changes nothing");
+      watched.stream.setView(lookingFrom(-60));
+      await watched.end();
+      assert.ok(watched.tiles.length > before);
+      for (const { tile, output } of watched.tiles.slice(before))
+        assert.notDeepEqual("sh" in output && output.sh, colours.get(tile));
+    });
+  });
+
+  it("gives tiles as they are after some layers when it is closed early", async () => {
+    await serving(bytes, async (url, server) => {
+      server.delay = 10;
+      await watching(url, {}, async (watched) => {
+        await new Promise<void>((resolve) => watched.stream.on("tile", () => resolve()));
+        watched.stream.close();
+        const count = watched.tiles.length;
+        await new Promise((resolve) => setTimeout(resolve, 100));
+        assert.equal(watched.tiles.length, count);
+        await assertShown(watched.shown, bytes);
+      });
+    });
+  });
+});

@@ -1,0 +1,348 @@
+/** Servers that misbehave: what a stream mends, what it says, and what stays on the screen. */
+
+import assert from "node:assert/strict";
+import { describe, it } from "node:test";
+import { openScar } from "../../conformance/decoders/js/decoder.js";
+import { toys } from "./files.js";
+import { serving, type FileServer, type Trick } from "./server.js";
+import { assertComplete, assertShown, Watched, watching } from "./watching.js";
+
+const bytes = toys();
+const { entries } = openScar(bytes).container;
+
+/** Answers some requests with a status. */
+function failing(status: number, when: (number: number) => boolean): Trick {
+  return (_, response, number) => {
+    if (!when(number)) return false;
+    response.writeHead(status).end("no");
+    return true;
+  };
+}
+
+/** Sends only part of what is asked for, then cuts the connection or falls silent. */
+function partly(server: FileServer, share: number, cut: boolean, when: (number: number) => boolean): Trick {
+  return ({ range }, response, number) => {
+    if (!when(number)) return false;
+    const [first, last] = server.ranges && range !== null ? range : [0, server.bytes.length - 1];
+    const end = Math.min(last + 1, server.bytes.length);
+    if (range === null || !server.ranges)
+      response.writeHead(200, { "Content-Length": String(end), ETag: server.etag! });
+    else response.writeHead(206, server.rangeHeaders(range));
+    response.write(server.bytes.subarray(first, first + Math.floor((end - first) * share)), () => {
+      if (cut) response.destroy();
+    });
+    return true;
+  };
+}
+
+const completes = async (url: string, options: ConstructorParameters<typeof Watched>[1] = {}) => {
+  let stats;
+  await watching(url, options, async (watched) => {
+    stats = await watched.end();
+    assert.deepEqual(watched.errors, []);
+    await assertComplete(watched, bytes);
+  });
+  return stats!;
+};
+
+describe("a server without ranges", () => {
+  it("is read once, and tiles come while it is read", async () => {
+    await serving(bytes, async (url, server) => {
+      server.ranges = false;
+      let release: () => void = () => undefined;
+      server.trick = (_, response) => {
+        response.writeHead(200, { "Content-Length": String(bytes.length) });
+        response.write(bytes.subarray(0, 60_000));
+        release = () => response.end(bytes.subarray(60_000));
+        return true;
+      };
+      await watching(url, {}, async (watched) => {
+        await new Promise<void>((resolve) => watched.stream.on("tile", () => watched.shown.size === 24 && resolve()));
+        assert.ok(
+          [...watched.shown.values()].every(({ layer }) => layer < 5),
+          "tiles are there before the rest",
+        );
+        release();
+        await watched.end();
+        await assertComplete(watched, bytes);
+        assert.equal(server.asked.length, 1);
+      });
+    });
+  });
+
+  it("is read again where it is cut, and only what is missing is taken", async () => {
+    await serving(bytes, async (url, server) => {
+      server.ranges = false;
+      server.trick = partly(server, 0.6, true, (number) => number === 1);
+      const stats = await completes(url);
+      assert.equal(server.asked.length, 2);
+      assert.equal(stats.bytesUsed, bytes.length - entries.offset[0] - lengthOfMetadata());
+    });
+  });
+});
+
+/** METADATA is not fetched. */
+function lengthOfMetadata(): number {
+  return entries.kind.reduce((sum, kind, e) => sum + (kind > 16 ? entries.length[e] : 0), 0);
+}
+
+describe("a server that fails now and then", () => {
+  for (const status of [500, 503, 429, 403, 416]) {
+    it(`is asked again after ${status}`, async () => {
+      await serving(bytes, async (url, server) => {
+        server.trick = failing(status, (number) => number === 1 || number === 3);
+        await completes(url);
+      });
+    });
+  }
+
+  it("cuts connections midway: what came is kept, to the byte", async () => {
+    await serving(bytes, async (url, server) => {
+      server.trick = partly(server, 0.5, true, (number) => number > 1 && number % 2 === 0);
+      const stats = await completes(url);
+      assert.ok(stats.retries > 0);
+      assert.ok(stats.bytesRead <= bytes.length, `${stats.bytesRead} bytes were read`);
+    });
+  });
+
+  it("cuts the front", async () => {
+    await serving(bytes, async (url, server) => {
+      server.trick = partly(server, 0.02, true, (number) => number < 3);
+      await completes(url);
+    });
+  });
+
+  it("falls silent: the request is given up and made again", async () => {
+    await serving(bytes, async (url, server) => {
+      server.trick = partly(server, 0.3, false, (number) => number === 1 || number === 3);
+      await completes(url, { stallMs: 60 });
+    });
+  });
+
+  it("does not answer at all for a while", async () => {
+    await serving(bytes, async (url, server) => {
+      server.trick = (_, _response, number) => number === 2;
+      await completes(url, { stallMs: 60 });
+    });
+  });
+
+  it("sends damaged bytes, which no decoder gets to see", async () => {
+    await serving(bytes, async (url, server) => {
+      server.trick = ({ range }, response, number) => {
+        if (number !== 2) return false;
+        const damaged = bytes.slice(range![0], range![1] + 1);
+        damaged[5000] ^= 64;
+        response.writeHead(206, server.rangeHeaders(range!)).end(damaged);
+        return true;
+      };
+      const stats = await completes(url);
+      assert.equal(stats.retries, 1);
+    });
+  });
+});
+
+/** The file with one bit of a block turned, as it lies on a disk that failed. */
+function withDamage(entry: number): Uint8Array {
+  const damaged = bytes.slice();
+  damaged[entries.offset[entry] + Math.floor(entries.length[entry] / 2)] ^= 1;
+  return damaged;
+}
+
+const find = (kind: number, layer: number, tile: number) =>
+  entries.kind.findIndex((k, e) => k === kind && entries.layer[e] === layer && entries.tile[e] === tile);
+const NO_TILE = 0xffffffff;
+
+describe("what cannot be mended", () => {
+  it("leaves a tile with a damaged block at the layer before, and goes on with others", async () => {
+    const entry = find(16, 3, 7);
+    await serving(withDamage(entry), async (url) => {
+      await watching(url, {}, async (watched) => {
+        const stats = await watched.end();
+        assert.equal(watched.errors.length, 1);
+        const [error] = watched.errors;
+        assert.deepEqual([error.id, error.tile, error.layer, error.fatal], ["crc-mismatch", 7, 3, false]);
+        assert.equal(error.offset, entries.offset[entry]);
+        assert.equal(watched.shown.get(7)!.layer, 2);
+        assert.equal(stats.tilesAtLayer[4], 23);
+        await assertShown(watched.shown, bytes);
+      });
+    });
+  });
+
+  it("leaves all tiles at the layer before damaged models", async () => {
+    await serving(withDamage(find(1, 4, NO_TILE)), async (url) => {
+      await watching(url, {}, async (watched) => {
+        const stats = await watched.end();
+        assert.deepEqual(
+          watched.errors.map(({ id, layer, fatal }) => [id, layer, fatal]),
+          [["crc-mismatch", 4, false]],
+        );
+        assert.deepEqual(stats.tilesAtLayer, [24, 24, 24, 0, 0]);
+        await assertShown(watched.shown, bytes);
+      });
+    });
+  });
+
+  it("is said by rule where a decoder refuses a block whose CRC is right", async () => {
+    const { crc32 } = await import("../../conformance/decoders/js/crc32.js");
+    const entry = find(16, 2, 3);
+    const made = withDamage(entry);
+    const view = new DataView(made.buffer);
+    const start = view.getUint32(12, true);
+    const directory = start + 12 * view.getUint32(32, true);
+    const block = made.subarray(entries.offset[entry], entries.offset[entry] + entries.length[entry]);
+    view.setUint32(directory + 32 * entry + 28, crc32(block), true);
+    view.setUint32(96, crc32(made.subarray(start, entries.offset[0])), true);
+    view.setUint32(start - 4, crc32(made.subarray(0, start - 4)), true);
+    await serving(made, async (url) => {
+      await watching(url, {}, async (watched) => {
+        await watched.end();
+        const [error] = watched.errors;
+        assert.deepEqual([error.id, error.tile, error.layer, error.fatal], ["crc-mismatch", 3, 2, false]);
+        assert.equal(watched.shown.get(3)!.layer, 1);
+        assert.equal(watched.stream.stats().tilesAtLayer[4], 23);
+        await assertShown(watched.shown, bytes);
+      });
+    });
+  });
+
+  for (const ranges of [true, false]) {
+    it(`is a file that changes while it is read${ranges ? "" : ", without ranges"}: nothing is mixed`, async () => {
+      await serving(bytes, async (url, server) => {
+        server.ranges = ranges;
+        const cut = partly(server, 0.6, true, (number) => number === 1 && !ranges);
+        server.trick = (asked, response, number) => {
+          if (number === 2) {
+            server.bytes = new Uint8Array(bytes.length).fill(7);
+            server.etag = '"two"';
+          }
+          return cut(asked, response, number);
+        };
+        await watching(url, {}, async (watched) => {
+          await watched.end();
+          const [error] = watched.errors;
+          assert.deepEqual([error.id, error.fatal, error.source], ["file-changed", true, url]);
+          assert.ok(watched.shown.size > 0, "what is shown stays");
+          await assertShown(watched.shown, bytes);
+        });
+      });
+    });
+  }
+
+  it("is noticed as a change by size and date where there is no ETag", async () => {
+    await serving(bytes, async (url, server) => {
+      server.etag = null;
+      server.trick = (_, _response, number) => {
+        if (number === 2) server.bytes = new Uint8Array([...bytes, 0]);
+        return false;
+      };
+      await watching(url, {}, async (watched) => {
+        await watched.end();
+        assert.equal(watched.errors[0].id, "file-changed");
+      });
+    });
+  });
+
+  it("ends with a clear error after bounded tries, and goes on when asked to", async () => {
+    await serving(bytes, async (url, server) => {
+      let down = true;
+      const fail = failing(500, (number) => number > 1 && down);
+      server.trick = fail;
+      await watching(url, { retry: { retries: 3, firstMs: 1, mostMs: 4 } }, async (watched) => {
+        await watched.end();
+        const [error] = watched.errors;
+        assert.deepEqual([error.id, error.status, error.fatal], ["http-status", 500, true]);
+        assert.ok(server.asked.length <= 1 + 4 * 4, `${server.asked.length} requests`);
+        assert.ok(watched.shown.size > 0);
+        down = false;
+        watched.stream.resume();
+        await watched.end();
+        await assertComplete(watched, bytes);
+      });
+    });
+  });
+
+  for (const [name, make, id] of [
+    ["not a scene", () => new TextEncoder().encode("<!doctype html><title>404</title>".repeat(9)), "bad-signature"],
+    ["an empty file", () => new Uint8Array(0), "http-status"],
+    ["a file with bytes after its end", () => new Uint8Array([...bytes, 1]), "trailing-bytes"],
+    ["a file that is cut short", () => bytes.slice(0, 90_000), "truncated-file"],
+    [
+      "a damaged directory",
+      () => bytes.map((b, i) => (i === entries.offset[0] - 20 ? b ^ 1 : b)),
+      "directory-crc-mismatch",
+    ],
+  ] as const) {
+    it(`is ${name}: refused at once`, async () => {
+      await serving(make(), async (url, server) => {
+        await watching(url, {}, async (watched) => {
+          await assert.rejects(watched.stream.ready, { id });
+          assert.equal(watched.errors[0].id, id);
+          assert.equal(watched.errors[0].fatal, true);
+          assert.ok(server.asked.length <= 3);
+        });
+      });
+    });
+  }
+
+  it("is a server that is not there", async () => {
+    await watching(
+      "http://127.0.0.1:9/scene.scar",
+      { retry: { retries: 2, firstMs: 1, mostMs: 2 } },
+      async (watched) => {
+        await assert.rejects(watched.stream.ready, { id: "network" });
+        assert.equal(watched.retries.length, 2);
+      },
+    );
+  });
+
+  it("is a worker that cannot be loaded", async () => {
+    await serving(bytes, async (url) => {
+      const channel = ({ onFailure }: { onFailure: (message: string) => void }) => {
+        setTimeout(() => onFailure("no such script"), 1);
+        return { post: () => undefined, close: () => undefined };
+      };
+      await watching(url, { workers: 2, channel }, async (watched) => {
+        await watched.end();
+        assert.deepEqual([watched.errors[0].id, watched.errors[0].fatal], ["worker", true]);
+      });
+    });
+  });
+});
+
+describe("closing a stream", () => {
+  for (const [name, trick] of [
+    ["while the front is awaited", (server: FileServer) => partly(server, 0, false, () => true)],
+    ["while tiles are under way", (server: FileServer) => partly(server, 0.3, false, (number) => number > 1)],
+    ["while it waits to try again", () => failing(500, (number) => number > 1)],
+    [
+      "while a file is read without ranges",
+      (server: FileServer) => {
+        server.ranges = false;
+        return partly(server, 0.5, false, () => true);
+      },
+    ],
+  ] as const) {
+    it(`leaves neither timers nor connections: ${name}`, async () => {
+      const open = () => process.getActiveResourcesInfo().filter((one) => one === "Timeout").length;
+      const before = open();
+      await serving(bytes, async (url, server) => {
+        server.trick = trick(server);
+        const watched = new Watched(url, { retry: { retries: 9, firstMs: 60_000, mostMs: 60_000 }, stallMs: 60_000 });
+        await new Promise((resolve) => setTimeout(resolve, 120));
+        watched.stream.setView({
+          position: [0, 0, 0],
+          forward: [0, 0, 1],
+          up: [0, 1, 0],
+          fovY: 1,
+          width: 1,
+          height: 1,
+        });
+        watched.stream.close();
+        for (let i = 0; i < 50 && server.pending > 0; i++) await new Promise((resolve) => setTimeout(resolve, 10));
+        assert.equal(server.pending, 0);
+      });
+      assert.ok(open() <= before, `${open()} timers, before ${before}`);
+    });
+  }
+});

@@ -1,0 +1,88 @@
+/** Following a stream to its end, and comparing what it delivered with a direct decode. */
+
+import assert from "node:assert/strict";
+import { createJsDecoder } from "../src/decoder/js.js";
+import type { TileValues } from "../src/decoder/types.js";
+import type { StreamError } from "../src/stream/errors.js";
+import { ScarStream, type Stats, type StreamOptions, type TileEvent } from "../src/stream/scar_stream.js";
+import type { SourceLike } from "../src/stream/source.js";
+import { Feeder } from "./feeding.js";
+
+/** A stream with what it told so far. */
+export class Watched {
+  readonly stream: ScarStream;
+  readonly shown = new Map<number, TileEvent>();
+  readonly tiles: TileEvent[] = [];
+  readonly errors: StreamError[] = [];
+  readonly retries: StreamError[] = [];
+  evicted = 0;
+  readonly #ends: (() => void)[] = [];
+  #ended = false;
+
+  constructor(source: SourceLike, options: StreamOptions = {}) {
+    this.stream = new ScarStream(source, { workers: 0, retry: { firstMs: 5, mostMs: 20 }, ...options });
+    this.stream.on("tile", (event) => {
+      this.tiles.push(event);
+      this.shown.set(event.tile, event);
+    });
+    this.stream.on("evict", ({ tile }) => {
+      this.evicted++;
+      this.shown.delete(tile);
+    });
+    this.stream.on("error", (error) => {
+      this.errors.push(error);
+      if (error.fatal) this.#end();
+    });
+    this.stream.on("retry", ({ error }) => this.retries.push(error));
+    this.stream.on("done", () => this.#end());
+  }
+
+  /** Waits for "done", or a fatal error. */
+  async end(): Promise<Stats> {
+    if (!this.#ended) await new Promise<void>((resolve) => this.#ends.push(resolve));
+    this.#ended = false;
+    return this.stream.stats();
+  }
+
+  #end(): void {
+    this.#ended = true;
+    for (const resolve of this.#ends.splice(0)) resolve();
+  }
+}
+
+/** Runs with a watched stream, which is closed whatever happens. */
+export async function watching(
+  source: SourceLike,
+  options: StreamOptions,
+  run: (watched: Watched) => Promise<void>,
+): Promise<void> {
+  const watched = new Watched(source, options);
+  try {
+    await run(watched);
+  } finally {
+    watched.stream.close();
+  }
+}
+
+const NAMES = ["centres", "scales", "quats", "opacity", "sh"] as const;
+
+/** What is shown of each tile is, bit for bit, a direct decode to its layer. */
+export async function assertShown(shown: Map<number, TileEvent>, bytes: Uint8Array): Promise<void> {
+  const feeder = new Feeder(await createJsDecoder(), bytes);
+  for (let k = 1; k <= feeder.layers; k++) feeder.addModels(k);
+  for (const [tile, { layer, count, output }] of shown) {
+    for (let k = 1; k <= layer; k++) feeder.advance(tile, k);
+    const wanted = feeder.decoder.values(tile);
+    assert.equal(count, wanted.count);
+    for (const name of NAMES) assert.deepEqual((output as TileValues)[name], wanted[name], `${name} of tile ${tile}`);
+    feeder.decoder.release(tile);
+  }
+}
+
+/** Every tile that has anchors is shown after the last layer, as a direct decode gives it. */
+export async function assertComplete({ shown, stream }: Watched, bytes: Uint8Array): Promise<void> {
+  const { index } = stream.front!;
+  assert.equal(shown.size, index.tiles);
+  for (const { layer } of shown.values()) assert.equal(layer, index.layers);
+  await assertShown(shown, bytes);
+}
