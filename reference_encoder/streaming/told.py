@@ -151,7 +151,7 @@ def _filled(gains: F64, scene: QuantisedScene, streaming: Streaming, places: Seq
     means = gains / np.maximum(looked, 1)[:, None]
     sized = np.maximum((sizes * shown).sum(axis=0), 1e-300)
     usual = (means * shown[:, None]).sum(axis=0) / sized
-    return np.where(shown[:, None], means, _FILLED * usual * sizes[:, None])
+    return np.asarray(np.where(shown[:, None], means, _FILLED * usual * sizes[:, None]))
 
 
 def _in_picture(camera: Camera, points: F64) -> I64:
