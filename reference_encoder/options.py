@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from scarfmt.blocks.metadata import pack_metadata
 from scarfmt.errors import InvalidInput
-from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS
+from scarfmt.limits import MAX_ANCHORS_PER_TILE, MAX_LAYERS, MAX_VIEWPOINTS
 
 if TYPE_CHECKING:  # the command line needs the options before anything is drawn
     from scarfmt.render.camera import Camera
@@ -52,6 +52,8 @@ class EncodeOptions:
             None for no bound beside `mbit`.
         tile_anchors: most anchors of a tile, 1024..65536; None for 32768, and 16384 in scenes of more than 262,144.
             With smaller tiles the file is larger, decoding a region of it cheaper, and decoding all of it slower.
+        viewpoints: from how many places clients are told what layers of tiles gain (SPEC §7.13), 0..64; 0 for no such
+            block. None for up to 8, as many as take a five-hundredth of the file, and none for a single tile.
         seed: of everything random. The same scene, options, seed, versions of packages and BLAS kernel give the same
             bytes, with any number of threads. Another BLAS kernel, which OpenBLAS chooses by the processor, can change
             last bits of binary64 numbers in the file, such as the first widths in LAYER; decoded values then agree
@@ -73,6 +75,7 @@ class EncodeOptions:
     archive: bool = False
     decode_budget: int | None = None
     tile_anchors: int | None = None
+    viewpoints: int | None = None
     seed: int = 0
     metadata: Mapping[str, Any] = field(default_factory=dict)
 
@@ -127,6 +130,9 @@ class EncodeOptions:
         if self.tile_anchors is not None and not MIN_TILE_ANCHORS <= self.tile_anchors <= MAX_ANCHORS_PER_TILE:
             message = f"tiles of {self.tile_anchors}: {MIN_TILE_ANCHORS}..{MAX_ANCHORS_PER_TILE} anchors are possible"
             raise InvalidInput("input-options", message, field="tile_anchors")
+        if self.viewpoints is not None and not 0 <= self.viewpoints <= MAX_VIEWPOINTS:
+            message = f"{self.viewpoints} viewpoints: 0..{MAX_VIEWPOINTS} are possible"
+            raise InvalidInput("input-options", message, field="viewpoints")
         if self.only_cameras and self.cameras is None:
             raise InvalidInput("input-options", "only the cameras, but no cameras were given", field="only_cameras")
         pack_metadata(self.metadata)

@@ -11,6 +11,7 @@
     layered           Layering    what each layer shows, by pictures of layers          decide/layering.py
     best_file         Written     which networks the file gets                          networks
     encoded           Encoded     lambda, by pictures of the result after each stage    judge
+      streamed                    nothing: what clients are told of tiles and layers    streaming
 
 One currency runs through all of it: lambda, squared picture error per bit.
 """
@@ -48,6 +49,7 @@ from reference_encoder.networks.file_costs import index_bytes, latent_cost, mech
 from reference_encoder.options import EFFORTS, EncodeOptions
 from reference_encoder.profiles.explicit import ExplicitProfile
 from reference_encoder.profiles.profile import Profile
+from reference_encoder.streaming.told import streamed
 from reference_encoder.tuning import FIRST_CAP_DB, PROMISED_DB, TOLERANCE_DB, WORST_BELOW_DB
 from scarfmt.coding.decoder_model import MECHANISMS
 from scarfmt.coding.tile import TileContent
@@ -143,7 +145,9 @@ def encoded(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: 
     quality = loop.reported(written)
     networks = {MECHANISMS: written.mechanisms} if written.mechanisms else {}
     metadata = {"quality": quality.figures(), **networks, **written.scene.metadata}
-    return Encoded.of(annotated(written.data, metadata), quality)
+    loop.profile.report("viewpoints", 0.0)
+    told = replace(options, frame=loop.profile.options.frame)
+    return Encoded.of(streamed(annotated(written.data, metadata), written.scene, told), quality)
 
 
 def quantised(scene: GaussianScene | AnchorModel, options: EncodeOptions, report: Report = silent) -> Quantised:

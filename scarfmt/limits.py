@@ -52,6 +52,9 @@ MAX_METADATA_BYTES = 1 << 24
 MAX_METADATA_DEPTH = 64
 """Far more than catalogues nest, and far below the recursion that any JSON parser stands."""
 
+MAX_VIEWPOINTS = 64
+"""Of a STREAMING block: a client looks at the few that are nearest."""
+
 FREE_ANCHORS = 1 << 16
 """Any file may ask for so many anchors: what a file may ask for beyond grows with its bytes."""
 

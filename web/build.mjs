@@ -27,7 +27,7 @@ await build({
 const tests = readdirSync(`${ROOT}/test`).filter((name) => name.endsWith(".test.ts"));
 await build({
   ...COMMON,
-  entryPoints: ["dump.ts", "node_worker.ts", "page.browser.ts", "shot.ts", ...tests].map((name) => `test/${name}`),
+  entryPoints: ["dump.ts", "node_worker.ts", "page.browser.ts", "plans.ts", "shot.ts", ...tests].map((name) => `test/${name}`),
   outdir: "dist/tests",
   outExtension: { ".js": ".mjs" },
   sourcemap: "inline",

@@ -28,16 +28,16 @@ _NETWORKS = ("opacity", "cov", "color")
 def finished_gaussians(scene: QuantisedScene) -> GaussianScene:
     """The Gaussians of an explicit file, in file order."""
     classes = joined_classes(scene)
-    values, count = _values(scene, classes), len(classes)
+    values, count = channel_values(scene, classes), len(classes)
     rotations, logits, colours = activated(values, count, np.float32)
     sh = np.zeros((count, (scene.fields.sh_degree + 1) ** 2, 3), np.float32)
     sh[:, 0] = colours
     if scene.decoder is not None:
-        rest = _network_outputs(scene, values, classes)
+        rest = network_outputs(scene, values, classes)
         given = rest.shape[1] // 3
         sh[:, sh.shape[1] - given :] = rest.reshape(count, given, 3)
     return GaussianScene(
-        _positions(scene, values.get(Stream.POSITION_RESIDUAL)),
+        anchor_positions(scene, values.get(Stream.POSITION_RESIDUAL)),
         values[Stream.SCALE],
         rotations.astype(np.float32),
         logits.astype(np.float32),
@@ -48,10 +48,10 @@ def finished_gaussians(scene: QuantisedScene) -> GaussianScene:
 def finished_anchors(scene: QuantisedScene) -> AnchorModel:
     """The model of an anchor file, in file order."""
     classes = joined_classes(scene)
-    values = _values(scene, classes)
+    values = channel_values(scene, classes)
     return AnchorModel(
-        _positions(scene, values.get(Stream.POSITION_RESIDUAL)),
-        _network_outputs(scene, values, classes),
+        anchor_positions(scene, values.get(Stream.POSITION_RESIDUAL)),
+        network_outputs(scene, values, classes),
         values[Stream.OFFSETS],
         values[Stream.SCALE],
         {name: _perceptron(mlp) for name, mlp in zip(_NETWORKS, scene.scene_mlps, strict=True)},
@@ -59,7 +59,7 @@ def finished_anchors(scene: QuantisedScene) -> AnchorModel:
     )
 
 
-def _values(scene: QuantisedScene, classes: I64) -> Mapping[Stream, F32]:
+def channel_values(scene: QuantisedScene, classes: I64) -> Mapping[Stream, F32]:
     """(N, components) of every channel; of OFFSETS (N, K, 3)."""
     model, found = scene.model, {}
     for index, channel in enumerate(model.channels):
@@ -72,7 +72,7 @@ def _values(scene: QuantisedScene, classes: I64) -> Mapping[Stream, F32]:
     return found
 
 
-def _positions(scene: QuantisedScene, residuals: F32 | None) -> F64:
+def anchor_positions(scene: QuantisedScene, residuals: F32 | None) -> F64:
     """(N, 3) float64, world units (SPEC §9.1)."""
     places, cells = [], []
     for tile, content in zip(scene.tiles, scene.contents, strict=True):
@@ -85,7 +85,7 @@ def _positions(scene: QuantisedScene, residuals: F32 | None) -> F64:
     return np.asarray(np.array(scene.fields.origin) + scene.fields.voxel * at)
 
 
-def _network_outputs(scene: QuantisedScene, values: Mapping[Stream, F32], classes: I64) -> F32:
+def network_outputs(scene: QuantisedScene, values: Mapping[Stream, F32], classes: I64) -> F32:
     """(N, outputs) of the latent decoder."""
     assert scene.decoder is not None
     z = np.zeros((len(classes), scene.decoder.inputs), np.float32)

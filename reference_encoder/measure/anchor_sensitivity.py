@@ -7,7 +7,7 @@ each output is.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,37 +138,58 @@ def measure_anchors(
     model: AnchorModel, survey: Survey, seed: int, report: Callable[[float], None]
 ) -> AnchorSensitivity:
     """Sensitivities of all N anchors in a survey's views: means over each kind, and of these by their shares."""
-    networks = _tensors(model)
     shape, colour, inverse, hits = (np.zeros((len(model), model.slots)) for _ in range(4))
-    centres = _centres(model)
-    views = [
-        (survey.shares[kind] / len(cameras), camera) for kind, cameras in survey.views.items() for camera in cameras
-    ]
-    for number, (share, camera) in enumerate(views):
-        made = _seen(model, networks, centres, camera)
-        anchor, slot, scene = made.anchor, made.slot, made.scene
-        seen = contributions(scene, [camera], colours=made.colours)
-        samples = camera.width * camera.height * 3
-        shape[anchor, slot] += share * seen.contrast_sq / samples
-        colour[anchor, slot] += share * seen.weight_sq / samples
-        distance = np.linalg.norm(scene.positions - camera.centre, axis=1)
-        middle = np.exp(2 * np.sort(scene.log_scales, axis=1)[:, 1])
-        inverse[anchor, slot] += 1 / (middle + BLUR_PX2 * (distance * pixel_angle(camera)) ** 2)
-        hits[anchor, slot] += 1
-        report((number + 1) / len(views))
-    metric = _feature_metric(model, networks, survey.cameras, shape, colour, seed)
+    shares = [survey.shares[kind] / len(cameras) for kind, cameras in survey.views.items() for _ in cameras]
+    for number, seen in enumerate(seen_slots(model, survey.cameras)):
+        shape[seen.anchor, seen.slot] += shares[number] * seen.shape
+        colour[seen.anchor, seen.slot] += shares[number] * seen.colour
+        inverse[seen.anchor, seen.slot] += seen.inverse_variance
+        hits[seen.anchor, seen.slot] += 1
+        report((number + 1) / len(shares))
+    metric = feature_metric(model, survey.cameras, shape, colour, seed)
     return AnchorSensitivity(shape, colour, inverse / np.maximum(hits, 1), metric)
 
 
-def _feature_metric(
-    model: AnchorModel,
-    networks: dict[str, list[torch.Tensor]],
-    cameras: Sequence[Camera],
-    shape: F64,
-    colour: F64,
-    seed: int,
-) -> F64:
-    """Average of J^T S J over anchors drawn by their visibility, J the Jacobian of what is drawn."""
+@dataclass(frozen=True)
+class SlotWeights:
+    """What the M slots that one camera may see show there.
+
+    Attributes:
+        anchor, slot: (M,) which they are.
+        shape, colour: (M,) mean squared error of the picture per squared unit, as :class:`AnchorSensitivity` has them.
+        inverse_variance: (M,) as there.
+    """
+
+    anchor: NDArray[np.intp]
+    slot: NDArray[np.intp]
+    shape: F64
+    colour: F64
+    inverse_variance: F64
+
+
+def seen_slots(model: AnchorModel, cameras: Sequence[Camera]) -> Iterator[SlotWeights]:
+    """What slots show to one camera after another."""
+    networks, centres = _tensors(model), _centres(model)
+    for camera in cameras:
+        made = _seen(model, networks, centres, camera)
+        scene = made.scene
+        seen = contributions(scene, [camera], colours=made.colours)
+        samples = camera.width * camera.height * 3
+        distance = np.linalg.norm(scene.positions - camera.centre, axis=1)
+        middle = np.exp(2 * np.sort(scene.log_scales, axis=1)[:, 1])
+        inverse = 1 / (middle + BLUR_PX2 * (distance * pixel_angle(camera)) ** 2)
+        yield SlotWeights(made.anchor, made.slot, seen.contrast_sq / samples, seen.weight_sq / samples, inverse)
+
+
+def feature_metric(model: AnchorModel, cameras: Sequence[Camera], shape: F64, colour: F64, seed: int) -> F64:
+    """(D, D) average of J^T S J over anchors drawn by their visibility, J the Jacobian of what is drawn.
+
+    Args:
+        cameras: eyes of the Jacobians.
+        shape, colour: (N, K) as :class:`AnchorSensitivity` has them.
+        seed: of the draw.
+    """
+    networks = _tensors(model)
     weight = (shape + colour).sum(axis=1)
     if not weight.any():
         return np.eye(model.features.shape[1])

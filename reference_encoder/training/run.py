@@ -13,6 +13,7 @@ import torch
 from reference_encoder.decide.assemble import Quantised
 from reference_encoder.options import EncodeOptions
 from reference_encoder.pipeline import Written, best_file
+from reference_encoder.streaming.told import streamed
 from reference_encoder.training.alignment import LOOKS, displacement, warn_displaced
 from reference_encoder.training.anchors import Frame, SceneNetworks
 from reference_encoder.training.capture import Capture, Photo, pixels
@@ -275,12 +276,14 @@ class Run:
         trainer = self.trainer
         trainer.settle()
         written = smallest(trainer.written(), trainer.joint, self.options.entropy == "static")
-        sizes = layer_sizes(written.data)
+        cameras = [camera for camera, _ in trainer.views]
+        data = streamed(written.data, written.scene, EncodeOptions(cameras=cameras, only_cameras=True))
+        sizes = layer_sizes(data)
         found = [
             quality(trainer.state, self.held_out, layer, trainer.background) for layer in range(len(sizes))
         ]
         layers = tuple(LayerQuality(size, *each) for size, each in zip(sizes, found, strict=True))
-        return Trained(written.data, layers, trainer.iteration, self.clock.spent, self._displacement())
+        return Trained(data, layers, trainer.iteration, self.clock.spent, self._displacement())
 
     def _displacement(self) -> float:
         """How far pictures lie beside the photos learnt from."""

@@ -18,9 +18,8 @@ from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.file import Container, Entry
 from scarfmt.container.registries import BlockFlag, BlockKind
 from scarfmt.errors import Malformed, ScarError
-from scarfmt.limits import MAX_LAYERS, MAX_TILES
+from scarfmt.limits import MAX_LAYERS, MAX_TILES, MAX_VIEWPOINTS
 
-MAX_VIEWPOINTS = 64
 GAIN_STEPS = 4
 """Steps of a gain, and of a reach, in an octave."""
 GAIN_OF_ONE, REACH_OF_SIDE = 255, 128

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from fuzz.testing.scenes import random_scene
 from scarfmt.blocks.streaming import (
-    MAX_VIEWPOINTS,
     Streaming,
     View,
     pack_streaming,
@@ -24,6 +23,7 @@ from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockFlag, BlockKind, Profile
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import LimitExceeded, Malformed
+from scarfmt.limits import MAX_VIEWPOINTS
 from scarfmt.tools.annotate import with_streaming
 from scarfmt.tools.streaming_report import describe_streaming, format_streaming
 from scarfmt.tools.truncate import truncate

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import gzip
 import json
+import re
 import subprocess
 from pathlib import Path
+
+MOST_GZIPPED = 40_000
+"""Bytes of what a page loads before it decodes, and again of a decoder."""
 
 
 def test_its_own_tests_pass(web: Path) -> None:
@@ -24,3 +29,32 @@ def test_it_depends_on_nothing(web: Path) -> None:
     assert all(version[0].isdigit() for version in package["devDependencies"].values())
     locked = json.loads((web / "package-lock.json").read_text())["packages"][""]
     assert locked["devDependencies"] == package["devDependencies"]
+
+
+def _loaded(dist: Path, name: str, lazy: bool) -> set[str]:
+    """A script and what it imports at once; with `lazy`, what it imports later too."""
+    pattern = r"""(?:from|import)\s*["']\./([\w.-]+\.js)["']""" if not lazy else r"""["']\./([\w.-]+\.js)["']"""
+    found = {name}
+    queue = [name]
+    while queue:
+        for other in re.findall(pattern, (dist / queue.pop()).read_text()):
+            if other not in found:
+                found.add(other)
+                queue.append(other)
+    return found
+
+
+def _gzipped(dist: Path, names: set[str]) -> int:
+    return sum(len(gzip.compress((dist / name).read_bytes(), 9)) for name in names)
+
+
+def test_it_is_small(web: Path) -> None:
+    """A page loads the stream alone; decoders are chunks of their own, which workers load."""
+    dist = web / "dist"
+    stream = _loaded(dist, "scar-stream.js", lazy=False)
+    decoders = {path.name for path in dist.glob("js-*.js")}
+    assert len(decoders) == 1
+    assert decoders.isdisjoint(stream)
+    assert decoders <= _loaded(dist, "worker.js", lazy=True)
+    assert _gzipped(dist, stream) <= MOST_GZIPPED
+    assert _gzipped(dist, decoders) <= MOST_GZIPPED

@@ -97,6 +97,19 @@ describe("a stream with budgets", () => {
     });
   }
 
+  it("waits for its decoders where a server without ranges is faster than they", async () => {
+    await serving(bytes, async (url, server) => {
+      server.ranges = false;
+      await watching(url, { budgets: { bytes: 700_000 } }, async (watched) => {
+        await watched.end();
+        assert.ok(watched.shown.size > 0);
+        assert.deepEqual(watched.errors, []);
+        assert.ok(watched.stream.stats().memory <= 700_000);
+        await assertShown(watched.shown, bytes);
+      });
+    });
+  });
+
   it("goes on when it is given more, and lets go when it is given less", async () => {
     await serving(bytes, async (url) => {
       await watching(url, { planner: nearest, camera: at(12), budgets: { splats: 2500 } }, async (watched) => {

@@ -104,6 +104,40 @@ describe("a stream", () => {
     });
   });
 
+  it("gives up what a view change made useless, and asks for what is looked at now", async () => {
+    const near: Planner = {
+      plan: (index, annotation, camera, have, budgets) => {
+        const steps = turning.plan(index, annotation, camera, have, budgets);
+        const first = camera!.position[0];
+        return steps.filter(({ tile }) => tile >= first && tile < first + 3);
+      },
+    };
+    const { entries } = openScar(bytes).container;
+    const isModel = (e: number) => entries.kind[e] < 16;
+    const holdsModels = ([first, last]: [number, number]) =>
+      [...entries.kind.keys()].some((e) => isModel(e) && entries.offset[e] <= last && entries.offset[e] >= first);
+    await serving(bytes, async (url, server) => {
+      let hung = 0;
+      let turned = false;
+      server.trick = ({ range }, response, number) => {
+        if (number === 1 || turned || holdsModels(range!)) return false;
+        hung++;
+        response.writeHead(206).flushHeaders();
+        return true;
+      };
+      await watching(url, { planner: near, camera: lookingFrom(15), replanMs: 0 }, async (watched) => {
+        while (hung === 0) await new Promise((resolve) => setTimeout(resolve, 5));
+        turned = true;
+        watched.stream.setView(lookingFrom(3));
+        const stats = await watched.end();
+        assert.ok(stats.aborted >= hung);
+        assert.deepEqual(watched.errors, []);
+        assert.deepEqual([...watched.shown.keys()].filter((tile) => tile >= 3 && tile < 6).length, 3);
+        for (const tile of [3, 4, 5]) assert.equal(watched.shown.get(tile)!.layer, 5);
+      });
+    });
+  });
+
   it("reads a file of the user, and any source of ranges", async () => {
     const asked: [number, number][] = [];
     const reader = {

@@ -22,7 +22,7 @@ from conformance.writer.oracle import Oracle
 from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.decode import decode
 from scarfmt import limits
-from scarfmt.blocks import codebooks, mlp, streaming
+from scarfmt.blocks import codebooks, mlp
 from scarfmt.blocks import predictors as predictor_codec
 from scarfmt.blocks import tables as tables_block
 from scarfmt.coding.reader import SceneReader
@@ -176,7 +176,6 @@ def _constants() -> dict[str, int]:
         "MAX_PREDICTOR_CONTEXTS": predictors.MAX_CONTEXTS,
         "MAX_NETWORK_INPUTS": network.MAX_INPUTS,
         "MAX_NETWORK_WIDTH": network.MAX_WIDTH,
-        "MAX_VIEWPOINTS": streaming.MAX_VIEWPOINTS,
         "MAX_GRID_LEVELS": grid.MAX_LEVELS,
         "MAX_GRID_FEATURES": grid.MAX_FEATURES,
         "MAX_GRID_RESOLUTION": grid.MAX_RESOLUTION,

@@ -44,6 +44,7 @@ export class HttpSource implements ByteSource {
       deadline.start();
       response = await this.#request(offset, length, deadline.signal);
       const start = this.#accept(response, offset);
+      deadline.pause();
       return { offset: start, chunks: this.#chunks(response, deadline) };
     } catch (error) {
       deadline.end();

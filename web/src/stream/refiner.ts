@@ -112,9 +112,6 @@ export class Refiner {
   setView(camera: Camera): void {
     this.#views.camera = camera;
     this.#done = false;
-    if (this.tiles.keepsComplete) {
-      for (const tile of this.#views.stale(this.tiles.shown)) if (!this.#busy.has(tile)) this.#ready.add(tile);
-    }
     this.replan();
     this.#dispatch();
   }
@@ -234,8 +231,14 @@ export class Refiner {
     this.#dispatch();
   }
 
+  /** Puts a tile in the queue of the decoders if there is something to do. */
   #touch(tile: number): void {
-    if (!this.#busy.has(tile) && this.tiles.isReady(tile)) this.#ready.add(tile);
+    if (!this.#busy.has(tile) && (this.tiles.isReady(tile) || this.#isStale(tile))) this.#ready.add(tile);
+  }
+
+  /** Whether a tile looks otherwise from where the camera is now. */
+  #isStale(tile: number): boolean {
+    return this.tiles.keepsComplete && this.#views.isStale(tile, this.tiles.shown[tile]);
   }
 
   /** Gives decoders what they can do. */
@@ -245,7 +248,7 @@ export class Refiner {
       if (!this.parts.pool.hasFree) break;
       if (!this.parts.pool.isFree(tile)) continue;
       const refines = this.tiles.isReady(tile);
-      if (!refines && !this.#views.isStale(tile, this.tiles.shown[tile])) {
+      if (!refines && !this.#isStale(tile)) {
         this.#ready.delete(tile);
         continue;
       }

@@ -26,11 +26,7 @@ export class Views {
     return eye;
   }
 
-  /** Tiles that are shown as they look from elsewhere. */
-  *stale(shown: Uint8Array): Generator<number> {
-    for (const tile of shown.keys()) if (this.isStale(tile, shown[tile])) yield tile;
-  }
-
+  /** @param shown layers that the tile is shown after */
   isStale(tile: number, shown: number): boolean {
     const eye = this.camera?.position;
     if (shown === 0 || eye === undefined) return false;

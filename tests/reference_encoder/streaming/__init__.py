@@ -1,0 +1,1 @@
+"""What files tell clients: viewpoints, errors after each layer, gains, boxes."""

@@ -1,0 +1,1 @@
+"""Boxes, views and plans of what to fetch first."""
