@@ -112,7 +112,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 def serve(server: ViewerServer) -> None:
     """Answers until interrupted."""
-    with contextlib.closing(server), contextlib.suppress(KeyboardInterrupt):
+    with server, contextlib.suppress(KeyboardInterrupt):
         server.serve_forever()
 
 

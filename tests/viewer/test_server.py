@@ -13,7 +13,7 @@ import pytest
 
 from scarfmt.container.source import BytesSource
 from scarfmt.viewer.offered import AssetOffer, FileOffer, SourceOffer, page_offers, scene_offer
-from scarfmt.viewer.server import ViewerServer, page_address
+from scarfmt.viewer.server import ViewerServer, page_address, serve
 
 CONTENT = bytes(range(256)) * 4
 
@@ -138,3 +138,14 @@ def test_every_file_of_the_page_is_offered(tmp_path: Path, monkeypatch: pytest.M
     assert set(offers) == {"/", "/index.html", "/viewer.js", "/scar.wasm"}
     assert offers["/scar.wasm"].version().kind == "application/wasm"
     assert offers["/viewer.js"].version().kind.startswith("text/javascript")
+
+
+def test_ctrl_c_ends_serving_and_frees_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    server = ViewerServer({})
+
+    def interrupted(_poll: float = 0.5) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(server, "serve_forever", interrupted)
+    serve(server)
+    assert server.socket.fileno() == -1

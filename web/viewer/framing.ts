@@ -1,5 +1,6 @@
 /** Where to look from before anyone has moved: the view that the file names, or one that shows its middle. */
 
+import type { Streaming } from "../../conformance/decoders/js/streaming.js";
 import type { Front } from "../src/stream/front.js";
 
 export interface Frame {
@@ -41,6 +42,13 @@ export function namedView(hash: string): Frame | null {
 export function viewName({ position, target, up, fovY }: Frame): string {
   const numbers = [...position, ...target, ...up, (fovY * 180) / Math.PI];
   return `#view=${numbers.map((x) => Number(x.toPrecision(7))).join(",")}`;
+}
+
+/** The view that a STREAMING block names (SPEC §7.13), null if none. */
+export function toldView(streaming: Streaming | null): Frame | null {
+  if (!streaming?.view) return null;
+  const [px, py, pz, tx, ty, tz, ux, uy, uz, fovY] = streaming.view;
+  return { position: [px, py, pz], target: [tx, ty, tz], up: [ux, uy, uz], fovY };
 }
 
 /** A view from outside onto the middle of the scene. */

@@ -31,6 +31,8 @@ const FAR = 1e6;
 
 export class Pilot {
   readonly camera = new THREE.PerspectiveCamera();
+  /** Whether someone has moved since the last `place`. */
+  moved = false;
   #controls: OrbitControls;
   readonly #held = new Set<string>();
   /** Field of view across the shorter side of the picture, radians. */
@@ -59,6 +61,7 @@ export class Pilot {
     this.camera.up.set(...up);
     this.camera.position.set(...position);
     this.#field = fovY;
+    this.moved = false;
     // OrbitControls takes the direction that is up when it is made.
     this.#controls.dispose();
     this.#controls = this.#makeControls(new THREE.Vector3(...target));
@@ -120,6 +123,7 @@ export class Pilot {
     controls.dampingFactor = 0.15;
     controls.zoomToCursor = true;
     controls.addEventListener("change", this.onMove);
+    controls.addEventListener("start", () => (this.moved = true));
     return controls;
   }
 
@@ -127,6 +131,7 @@ export class Pilot {
     this.#fast = event.shiftKey;
     if (event.ctrlKey || event.metaKey || event.altKey || !(event.code in FLIGHT || event.code in TURNS)) return;
     event.preventDefault();
+    this.moved = true;
     if (down) this.#held.add(event.code);
     else this.#held.delete(event.code);
     this.onMove();

@@ -1,16 +1,19 @@
 /** One scene on one stage: a stream, how much of it is wanted, and what has come. */
 
-import { fileOrder } from "../src/stream/file_order.js";
+import { byView, readTold } from "../src/plan/by_view.js";
 import type { Front } from "../src/stream/front.js";
 import type { StreamError } from "../src/stream/errors.js";
 import { ScarStream, type Stats, type TileEvent } from "../src/stream/scar_stream.js";
 import type { SourceLike } from "../src/stream/source.js";
 import type { Camera, Planner } from "../src/plan/types.js";
 import type { PackedTile } from "../src/decoder/types.js";
+import { type Frame, toldView } from "./framing.js";
 import { Stage } from "./stage.js";
 
 export interface ShowingEvents {
   onFront(front: Front): void;
+  /** The file names a view to begin with. */
+  onView(view: Frame): void;
   /** Something is to be drawn or told. */
   onChange(): void;
   onError(error: StreamError): void;
@@ -88,7 +91,7 @@ export class Showing {
 
   /** Whether what is wrong is of the file: then it may be another one by now. */
   #fromFile(): boolean {
-    return this.error?.id === "changed";
+    return this.error?.id === "file-changed";
   }
 
   #open(): ScarStream {
@@ -124,11 +127,18 @@ export class Showing {
     this.events.onChange();
   }
 
+  /** Plans for the view, up to the layers wished for; on the way it sees what the file says of the first view. */
   #planner(): Planner {
-    const { annotation } = fileOrder;
+    let told = false;
     return {
-      annotation,
-      plan: (...question) => fileOrder.plan(...question).filter(({ layer }) => layer <= this.wish.layers),
+      annotation: byView.annotation,
+      plan: (index, annotation, ...rest) => {
+        const view = told || annotation === null ? null : toldView(readTold(annotation, index));
+        told ||= annotation !== null;
+        // The plan under way goes on with the camera that it was asked for; the next one has the view.
+        if (view !== null) queueMicrotask(() => this.events.onView(view));
+        return byView.plan(index, annotation, ...rest).filter(({ layer }) => layer <= this.wish.layers);
+      },
     };
   }
 }

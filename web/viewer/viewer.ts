@@ -53,6 +53,7 @@ class Viewer {
     const { name, source } = subject;
     const showing: Showing = new Showing(name, source, { layers, degree: this.#degree }, {
       onFront: () => this.#begin(showing, panel),
+      onView: (view) => this.#beginAt(showing, view),
       onChange: () => this.#needFrame(),
       onError: (error) => this.#tell(error),
     });
@@ -77,6 +78,14 @@ class Viewer {
     }
     this.#told = null;
     this.#needFrame();
+  }
+
+  /** Goes to the view that the first scene names, unless the address names one or someone has moved already. */
+  #beginAt(showing: Showing, view: Frame): void {
+    if (showing !== this.#shown[0]?.showing || namedView(location.hash) !== null || this.#pilot.moved) return;
+    this.#home = view;
+    this.#upward = -1;
+    this.#pilot.place(view);
   }
 
   /** Beside the scene, itself with its first layer alone; again: the scene alone. */
