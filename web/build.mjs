@@ -26,7 +26,7 @@ await build({
 const tests = readdirSync(`${ROOT}/test`).filter((name) => name.endsWith(".test.ts"));
 await build({
   ...COMMON,
-  entryPoints: ["dump.ts", "node_worker.ts", ...tests].map((name) => `test/${name}`),
+  entryPoints: ["dump.ts", "node_worker.ts", "plans.ts", ...tests].map((name) => `test/${name}`),
   outdir: "dist/tests",
   outExtension: { ".js": ".mjs" },
   sourcemap: "inline",

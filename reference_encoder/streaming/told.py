@@ -143,9 +143,8 @@ def _filled(gains: F64, scene: QuantisedScene, streaming: Streaming, places: Seq
 
     An eye that had a tile in no picture is told what other eyes gain of it, by how large it looks.
     """
-    boxes = tight_boxes(scene.fields, tile_table(scene.tiles), streaming)
-    middles = (boxes.low + boxes.high) / 2
-    looked = np.array([sum(_in_picture(camera, middles) for camera in eye.cameras) for eye in places])
+    boxes = tight_boxes(cubes(scene.fields, tile_table(scene.tiles)), streaming)
+    looked = np.array([sum(_in_picture(camera, boxes.middle) for camera in eye.cameras) for eye in places])
     sizes = np.array([coverage(boxes, eye.centre) for eye in places])
     shown = (looked > 0) | (gains.sum(axis=1) > 0)
     means = gains / np.maximum(looked, 1)[:, None]
@@ -182,7 +181,8 @@ def _boxes(
     scene: QuantisedScene, shell: GaussianScene, tile: I64, weight: F64, extents: F64
 ) -> tuple[Levels, Levels, Levels]:
     """Corners (T, 3), (T, 3) and reaches (T,) as the block has them."""
-    corner, side = cubes(scene.fields, tile_table(scene.tiles))
+    every = cubes(scene.fields, tile_table(scene.tiles))
+    corner, side = every[:, :3], every[:, 3] - every[:, 0]
     tiles = len(side)
     low, high, reach = np.zeros((tiles, 3), np.uint8), np.zeros((tiles, 3), np.uint8), np.zeros(tiles, np.uint8)
     edges = np.searchsorted(tile, np.arange(tiles + 1))

@@ -1,4 +1,4 @@
-"""Tight boxes of tiles in the world, and how large they look."""
+"""Where tiles are, and how large they look."""
 
 from __future__ import annotations
 
@@ -30,9 +30,19 @@ class Boxes:
     high: F64
     reach: F64
 
+    @property
+    def middle(self) -> F64:
+        """(T, 3)."""
+        return np.asarray((self.low + self.high) / 2)
+
+    @property
+    def half(self) -> F64:
+        """(T, 3) half their sides, and what sticks out."""
+        return np.asarray((self.high - self.low) / 2 + self.reach[:, None])
+
 
 def octaves(first: int, steps: int) -> F64:
-    """(steps,) float64: 2^(k / 4) for k = `first`, `first` + 1, ...; each the one four before it, doubled.
+    """(steps,) float64: 2^(k / 4) for k = `first`, `first` + 1, ...; each is the one four before it, doubled.
 
     `first` is a multiple of 4.
     """
@@ -48,24 +58,28 @@ def octaves(first: int, steps: int) -> F64:
 _REACHES = octaves(-REACH_OF_SIDE, 256)
 
 
-def cubes(fields: HeaderFields, tiles: Table) -> tuple[F64, F64]:
-    """Lowest corners (T, 3) and sides (T,) of the cubes of tiles, world units."""
-    free = (fields.lattice_bits - tiles["depth"].astype(np.int64)).astype(np.float64)
-    side = np.ldexp(1.0, free.astype(np.int64))
-    corner = deinterleave(tiles["prefix"]).astype(np.float64) * side[:, None]
-    return np.array(fields.origin) + fields.voxel * corner, fields.voxel * side
+def cubes(fields: HeaderFields, tiles: Table) -> F64:
+    """(T, 6) float64 lowest and highest corners of the cubes of tiles, world units (R-6.2-2)."""
+    side = np.ldexp(1.0, fields.lattice_bits - tiles["depth"].astype(np.int64))[:, None]
+    corner = deinterleave(tiles["prefix"]).astype(np.float64) * side
+    origin = np.array(fields.origin)
+    return np.concatenate([origin + fields.voxel * corner, origin + fields.voxel * (corner + side)], axis=1)
 
 
-def tight_boxes(fields: HeaderFields, tiles: Table, streaming: Streaming | None) -> Boxes:
-    """What a file says of where its tiles are; the cubes where it has no STREAMING block."""
-    corner, side = cubes(fields, tiles)
+def tight_boxes(cubes: F64, streaming: Streaming | None) -> Boxes:
+    """What a file says of where the content of its tiles is; the cubes where it has no STREAMING block.
+
+    Args:
+        cubes: (T, 6) of the tiles.
+        streaming: of as many tiles.
+    """
+    low, high = cubes[:, :3], cubes[:, 3:]
     if streaming is None:
-        return Boxes(corner, corner + side[:, None], np.zeros(len(side)))
-    part = side[:, None] / 256
-    low = corner + part * streaming.low
-    high = corner + part * (streaming.high.astype(np.float64) + 1)
-    reach = np.where(streaming.reach > 0, side * _REACHES[streaming.reach], 0.0)
-    return Boxes(low, high, reach)
+        return Boxes(low, high, np.zeros(len(cubes)))
+    side = high - low
+    part = side / 256
+    reach = np.where(streaming.reach > 0, side[:, 0] * _REACHES[streaming.reach], 0.0)
+    return Boxes(low + part * streaming.low, low + part * (streaming.high.astype(np.float64) + 1), reach)
 
 
 def coverage(boxes: Boxes, eye: F64) -> F64:
@@ -73,8 +87,7 @@ def coverage(boxes: Boxes, eye: F64) -> F64:
 
     Boxes are wider by their reach. One that `eye` is in, or next to, is all round.
     """
-    half = (boxes.high - boxes.low) / 2 + boxes.reach[:, None]
-    away = np.abs((boxes.low + boxes.high) / 2 - eye)
+    half, away = boxes.half, np.abs(boxes.middle - eye)
     squared = away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1] + away[:, 2] * away[:, 2]
     distance = np.sqrt(squared)
     area = away[:, 0] * half[:, 1] * half[:, 2] + away[:, 1] * half[:, 0] * half[:, 2]

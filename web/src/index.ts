@@ -2,6 +2,7 @@
 
 export type * from "./decoder/types.js";
 export type { Output, TileOutput } from "./decoder/protocol.js";
+export { byView } from "./plan/by_view.js";
 export type * from "./plan/types.js";
 export { inlineChannel, workerChannel } from "./decoder/channel.js";
 export type { Channel, ChannelEvents, MakeChannel } from "./decoder/channel.js";

@@ -20,7 +20,7 @@ from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import look_at
 from scarfmt.scene.gaussians import GaussianScene
-from scarfmt.streaming.boxes import tight_boxes
+from scarfmt.streaming.boxes import cubes, tight_boxes
 from scarfmt.tools.inspection import inspect
 from scarfmt.tools.truncate import truncate
 from tests.reference_encoder.profiles.test_anchors import ring, small_model
@@ -85,7 +85,7 @@ def test_later_layers_gain_less_than_the_first(scene: QuantisedScene) -> None:
 def test_boxes_hold_what_is_there_and_hardly_more(scene: QuantisedScene) -> None:
     """Every Gaussian's place, to a step of 1/256 of the tile; reaches are of the size of splats."""
     streaming = told(scene, OPTIONS, 1)
-    boxes = tight_boxes(scene.fields, tile_table(scene.tiles), streaming)
+    boxes = tight_boxes(cubes(scene.fields, tile_table(scene.tiles)), streaming)
     edges = np.cumsum([len(content) for content in scene.contents])[:-1]
     for number, places in enumerate(np.split(finished_gaussians(scene).positions, edges)):
         step = (boxes.high[number] - boxes.low[number]) / (

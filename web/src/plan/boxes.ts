@@ -1,0 +1,80 @@
+/** Where tiles are, and how large they look. Twin of scarfmt/streaming/boxes.py: the same numbers, to the last bit. */
+
+import type { Streaming } from "../../../conformance/decoders/js/streaming.js";
+import type { Point } from "../decoder/types.js";
+
+/** The solid angle of everything. */
+const ALL_ROUND = 12.566370614359172;
+const ROOTS = [1, 1.189207115002721, 1.4142135623730951, 1.681792830507429];
+/** Steps of a gain, and of a reach, in an octave (SPEC §7.13). */
+const STEPS = 4;
+const REACH_OF_SIDE = 128;
+
+/** Boxes of n tiles, world units. */
+export interface Boxes {
+  /** (n, 3) */
+  middle: Float64Array;
+  /** (n, 3) half their sides, and what sticks out. */
+  half: Float64Array;
+}
+
+/** 2^(k / 4) for k = first, first + 1, ...: each is the one four before it, doubled. `first` is a multiple of 4. */
+export function octaves(first: number, steps: number): Float64Array {
+  let start = 1;
+  for (let i = 0; i < Math.abs(first) / STEPS; i++) start = first > 0 ? start * 2 : start / 2;
+  const out = new Float64Array(steps);
+  for (let k = 0; k < steps; k++) out[k] = k >= STEPS ? out[k - STEPS] * 2 : start * ROOTS[k];
+  return out;
+}
+
+const REACHES = octaves(-REACH_OF_SIDE, 256);
+
+/**
+ * What a file says of where the content of its tiles is; the cubes where it says nothing.
+ * @param cubes (n, 6) lowest and highest corners
+ */
+export function tightBoxes(cubes: Float64Array, streaming: Streaming | null): Boxes {
+  const tiles = cubes.length / 6;
+  const boxes = { middle: new Float64Array(3 * tiles), half: new Float64Array(3 * tiles) };
+  for (let tile = 0; tile < tiles; tile++) {
+    const level = streaming?.reach[tile] ?? 0;
+    const reach = level > 0 ? (cubes[6 * tile + 3] - cubes[6 * tile]) * REACHES[level] : 0;
+    for (let axis = 0; axis < 3; axis++) {
+      let low = cubes[6 * tile + axis];
+      let high = cubes[6 * tile + 3 + axis];
+      const at = 3 * tile + axis;
+      if (streaming !== null) {
+        const part = (high - low) / 256;
+        high = low + part * (streaming.high[at] + 1);
+        low = low + part * streaming.low[at];
+      }
+      boxes.middle[at] = (low + high) / 2;
+      boxes.half[at] = (high - low) / 2 + reach;
+    }
+  }
+  return boxes;
+}
+
+/** (n) solid angle that boxes take up, seen from `eye`; one that it is in, or next to, is all round. */
+export function coverage({ middle, half }: Boxes, eye: ArrayLike<number>): Float64Array {
+  const out = new Float64Array(half.length / 3);
+  for (let tile = 0; tile < out.length; tile++) {
+    const at = 3 * tile;
+    const x = Math.abs(middle[at] - eye[0]);
+    const y = Math.abs(middle[at + 1] - eye[1]);
+    const z = Math.abs(middle[at + 2] - eye[2]);
+    const squared = x * x + y * y + z * z;
+    const distance = Math.sqrt(squared);
+    const sides = x * half[at + 1] * half[at + 2] + y * half[at] * half[at + 2];
+    const area = 4 * (sides + z * half[at] * half[at + 1]);
+    const inside = x <= half[at] && y <= half[at + 1] && z <= half[at + 2];
+    const near = inside || area >= ALL_ROUND * squared * distance;
+    out[tile] = near ? ALL_ROUND : area / (squared * distance);
+  }
+  return out;
+}
+
+/** a - b */
+export function difference(a: ArrayLike<number>, b: ArrayLike<number>): Point {
+  return [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+}
