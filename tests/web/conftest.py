@@ -15,7 +15,7 @@ from tests.conftest import REPOSITORY
 WEB = REPOSITORY / "web"
 BUILT = WEB / "dist" / "scar-stream.js"
 LEAST_NODE = 20
-SOURCES = (".ts", ".js", ".mjs", ".html", ".css")
+SUFFIXES = (".ts", ".js", ".mjs", ".c", ".h", ".sh", ".html", ".css")
 
 
 def missing() -> str | None:
@@ -34,8 +34,10 @@ def missing() -> str | None:
 
 def newest_source() -> float:
     """Time of the last change of what web/dist is built from, seconds."""
-    folders = [WEB / "src", WEB / "test", WEB / "viewer", REPOSITORY / "conformance" / "decoders" / "js"]
-    files = [path for folder in folders for path in folder.rglob("*") if path.suffix in SOURCES]
+    folders = [WEB / name for name in ("src", "test", "viewer", "wasm")]
+    folders.append(REPOSITORY / "conformance" / "decoders" / "js")
+    files = [path for folder in folders for path in folder.rglob("*") if path.suffix in SUFFIXES]
+    files += (REPOSITORY / "scarfmt" / "kernel").glob("*.[ch]")
     return max(path.stat().st_mtime for path in [*files, *WEB.glob("*.mjs"), WEB / "package-lock.json"])
 
 

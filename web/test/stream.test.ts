@@ -71,6 +71,15 @@ describe("a stream", () => {
     });
   });
 
+  it("decodes in the order of the plan, where decoders are slower than the server", async () => {
+    await watching(new Blob([bytes.slice()]), {}, async (watched) => {
+      await watched.end();
+      const layers = watched.tiles.map(({ layer }) => layer);
+      assert.deepEqual(layers, layers.toSorted());
+      assert.equal(layers.filter((layer) => layer === 1).length, 24);
+    });
+  });
+
   it("asks for no byte of a block twice, in few requests", async () => {
     const { entries } = openScar(bytes).container;
     await serving(bytes, async (url, server) => {

@@ -267,7 +267,7 @@ export class ScarStream {
       events: this.#handlers(front),
     });
     this.#planned = performance.now();
-    void this.#refiner.start();
+    this.#refiner.start();
     return front;
   }
 
