@@ -230,13 +230,14 @@ export class ScarStream {
   async #openRetrying(): Promise<OpenedFront> {
     const { signal } = this.#controller;
     const backoff = new Backoff(this.#retry);
-    for (;;) {
+    for (let damages = 0; ;) {
       try {
         return await openFront(this.#source, signal);
       } catch (cause) {
         if (signal.aborted) throw signal.reason;
         const error = asStreamError(cause, { source: this.#source.name });
-        const delayMs = isOfTransport(error) ? backoff.failed(error) : null;
+        const again = isOfTransport(error) || (isDamage(error) && damages++ === 0);
+        const delayMs = again ? backoff.failed(error) : null;
         if (delayMs === null) throw error;
         this.#emitter.emit("retry", { error, delayMs });
         await pause(delayMs, signal);
@@ -339,6 +340,11 @@ export class ScarStream {
 /** Refusals are of the file: asking again gives the same. */
 function isOfTransport({ id }: StreamError): boolean {
   return ["network", "http-status", "stalled", "cut", "no-range"].includes(id);
+}
+
+/** Bytes that changed on their way come right the second time, those that changed on a disk do not. */
+function isDamage({ id }: StreamError): boolean {
+  return id === "header-crc-mismatch" || id === "directory-crc-mismatch";
 }
 
 function defaultWorkers(): number {
