@@ -2,11 +2,11 @@
 
 import { inlineChannel, type MakeChannel, workerChannel } from "../decoder/channel.js";
 import type { Output, TileOutput } from "../decoder/protocol.js";
+import { byView } from "../plan/by_view.js";
 import type { Budgets, Camera, Planner } from "../plan/types.js";
 import { Backoff, type RetryOptions } from "./backoff.js";
 import { Emitter } from "./emitter.js";
 import { asStreamError, type StreamError } from "./errors.js";
-import { fileOrder } from "./file_order.js";
 import type { Front } from "./front.js";
 import type { HttpOptions } from "./http_source.js";
 import { Meter } from "./meter.js";
@@ -16,7 +16,7 @@ import { Refiner, type RefinerEvents } from "./refiner.js";
 import { makeSource, type ByteSource, type SourceLike } from "./source.js";
 
 export interface StreamOptions extends Partial<HttpOptions> {
-  /** Decides what to fetch first. The order of the file unless given. */
+  /** Decides what to fetch first. `byView` unless given: by what the camera sees, in file order before the first view. */
   planner?: Planner;
   /** What tiles are delivered as: plain arrays unless given, or a viewer's words. */
   output?: Output;
@@ -260,7 +260,7 @@ export class ScarStream {
       opened,
       pool: this.#pool,
       meter: this.#meter,
-      planner: this.#options.planner ?? fileOrder,
+      planner: this.#options.planner ?? byView,
       output: this.#options.output ?? "values",
       retry: this.#retry,
       budgets: this.#budgets,
