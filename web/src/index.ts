@@ -15,6 +15,12 @@ export type { SourceLike } from "./stream/source.js";
 export { ScarStream } from "./stream/scar_stream.js";
 export type { EvictEvent, Progress, Stats, StreamEvents, StreamOptions, TileEvent } from "./stream/scar_stream.js";
 
+/** The decoder in WebAssembly; see `loadModule` of src/decoder/wasm.ts. */
+export async function createWasmDecoder(from?: string | URL): Promise<import("./decoder/types.js").TileDecoder> {
+  const { createWasmDecoder: create, loadModule } = await import("./decoder/wasm.js");
+  return create(await loadModule(from));
+}
+
 /** The decoder in JavaScript, which is loaded when it is first asked for. */
 export async function createJsDecoder(): Promise<import("./decoder/types.js").TileDecoder> {
   const { createJsDecoder: create } = await import("./decoder/js.js");
