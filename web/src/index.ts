@@ -8,7 +8,7 @@ export { inlineChannel, workerChannel } from "./decoder/channel.js";
 export type { Channel, ChannelEvents, MakeChannel } from "./decoder/channel.js";
 export { StreamError } from "./stream/errors.js";
 export type { TransportId } from "./stream/errors.js";
-export { fileOrder } from "./stream/file_order.js";
+export { fileOrder } from "./plan/file_order.js";
 export type { Front } from "./stream/front.js";
 export type { RangeReader } from "./stream/local_source.js";
 export type { SourceLike } from "./stream/source.js";
