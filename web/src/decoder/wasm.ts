@@ -3,7 +3,6 @@
 import { BLOCK } from "../../../conformance/decoders/js/constants.js";
 import { type Container, findBlock, readContainer } from "../../../conformance/decoders/js/container.js";
 import { DEFAULT_LIMITS } from "../../../conformance/decoders/js/decoder.js";
-import { packWords } from "../pack/words.js";
 import { SparseSource } from "./sparse.js";
 import type { Block, PackedTile, PackTarget, Point, TileDecoder, TileValues } from "./types.js";
 import { type Address, WasmModule } from "./wasm_module.js";
@@ -120,7 +119,11 @@ class WasmDecoder implements TileDecoder {
 
   packed(tile: number, target: PackTarget, eye?: Point): PackedTile {
     if (target !== "words") throw new RangeError(`no target ${target}`);
-    return packWords(this.values(tile, eye));
+    const [x, y, z] = eye ?? this.#opened().header.origin;
+    const state = this.#state(tile);
+    const layer = this.module.call((f) => f.scar_tile_layer(state));
+    const at = this.module.call((f) => f.scar_words(state, x, y, z));
+    return { tile, layer, ...takeWords(this.module, at) };
   }
 
   release(tile: number): void {
@@ -144,6 +147,13 @@ class WasmDecoder implements TileDecoder {
     if (this.#container === null) throw new RangeError("open comes first");
     return this.#container;
   }
+}
+
+/** The struct Words of web/wasm/words.c: two numbers, then addresses. */
+function takeWords(module: WasmModule, at: Address): Omit<PackedTile, "tile" | "layer"> {
+  const [count, shDegree, geometry, harmonics] = module.numbers(Uint32Array, at, 4);
+  const words = (address: number, width: number) => module.numbers(Uint32Array, address, width * count);
+  return { count, shDegree, geometry: words(geometry, 8), harmonics: words(harmonics, 4 * shDegree) };
 }
 
 /** The struct Gaussians of web/wasm/gaussians.h: two numbers, then addresses. */
