@@ -6,7 +6,7 @@ import { build } from "esbuild";
 
 const ROOT = import.meta.dirname;
 /** What tests and people run, beside the tests. */
-const PROGRAMS = ["benchmark.ts", "conformance.ts", "dump.ts", "node_worker.ts", "plans.ts"];
+const PROGRAMS = ["benchmark.ts", "conformance.ts", "dump.ts", "node_worker.ts", "plans.ts", "suite.ts"];
 const COMMON = {
   absWorkingDir: ROOT,
   bundle: true,

@@ -1,13 +1,18 @@
 /** The WebAssembly decoder against the one in JavaScript, and what only it has: memory of its own. */
 
 import assert from "node:assert/strict";
+import { once } from "node:events";
+import { createServer } from "node:http";
+import type { AddressInfo } from "node:net";
 import { describe, it } from "node:test";
 import { createJsDecoder } from "../src/decoder/js.js";
-import type { Refusal, TileValues } from "../src/decoder/types.js";
-import { createWasmDecoder } from "../src/decoder/wasm.js";
+import { loadDecoder } from "../src/decoder/load.js";
+import type { PackedTile, Refusal, TileValues } from "../src/decoder/types.js";
+import { createWasmDecoder, loadModule } from "../src/decoder/wasm.js";
 import { WasmModule } from "../src/decoder/wasm_module.js";
+import { packSpark } from "../src/pack/spark.js";
 import { Feeder } from "./feeding.js";
-import { compiledModule, toys, vector } from "./files.js";
+import { compiledModule, readBytes, toys, vector } from "./files.js";
 
 const compiled = compiledModule();
 const feeder = (bytes: Uint8Array) => new Feeder(createWasmDecoder(compiled), bytes);
@@ -40,6 +45,20 @@ function assertSame(found: TileValues, wanted: TileValues): void {
   assertNear(found.sh, sh, "sh");
 }
 
+/** Bytes of scales and the angle, which come from logarithms and arcs, may be a step apart; all else is the same. */
+function assertPacked(found: PackedTile, wanted: PackedTile): void {
+  const { words, ...rest } = wanted;
+  for (const [name, value] of Object.entries(rest)) assert.deepEqual(found[name as keyof PackedTile], value, name);
+  assert.equal(found.words.length, words.length);
+  for (let i = 0; i < words.length; i++) {
+    if (i % 4 !== 3) assert.equal(found.words[i], words[i], `word ${i}`);
+    for (let shift = 0; shift < 32 && i % 4 === 3; shift += 8) {
+      const apart = ((found.words[i] >>> shift) & 255) - ((words[i] >>> shift) & 255);
+      assert.ok(Math.abs(apart) <= 1, `word ${i}: ${found.words[i].toString(16)}, not ${words[i].toString(16)}`);
+    }
+  }
+}
+
 describe("the decoder in WebAssembly", () => {
   for (const [name, read] of Object.entries(SCENES)) {
     it(`gives after each layer what JavaScript gives: ${name}`, async () => {
@@ -52,7 +71,9 @@ describe("the decoder in WebAssembly", () => {
           each.addModels(k);
           each.advance(tile, k);
         }
-        assertSame(one.decoder.values(tile, [1, 2, 3]), other.decoder.values(tile, [1, 2, 3]));
+        const values = one.decoder.values(tile, [1, 2, 3]);
+        assertSame(values, other.decoder.values(tile, [1, 2, 3]));
+        assertPacked(one.decoder.packed(tile, "spark", [1, 2, 3]), packSpark(values));
       }
     });
   }
@@ -90,6 +111,25 @@ describe("the decoder in WebAssembly", () => {
     const one = feeder(toys());
     const blocks = one.blocks(1, false).filter(({ kind }) => kind !== 1);
     assert.throws(() => one.decoder.addModels(1, blocks), (error: Refusal) => error.id === "missing-block");
+  });
+
+  it("keeps the layers before one whose models are refused", () => {
+    const [one, sound] = [feeder(toys()), feeder(toys())];
+    for (const each of [one, sound]) {
+      each.addModels(1);
+      each.advance(0, 1);
+    }
+    const blocks = one.blocks(2, false);
+    blocks[0].body[0] = 7;
+    const isRefusal = (error: Refusal) => error.id === "unsupported-entropy-mode";
+    assert.throws(() => one.decoder.addModels(2, blocks), isRefusal);
+    for (const each of [one, sound]) each.advance(1, 1);
+    for (const tile of [0, 1]) assert.deepEqual(one.decoder.values(tile), sound.decoder.values(tile));
+    for (const each of [one, sound]) {
+      each.addModels(2);
+      each.advance(0, 2);
+    }
+    assert.deepEqual(one.decoder.values(0), sound.decoder.values(0));
   });
 
   it("throws RangeError for calls out of order", () => {
@@ -135,6 +175,29 @@ describe("the decoder in WebAssembly", () => {
 });
 
 describe("the module", () => {
+  it("is fetched and compiled, and an answer that is none is an error", async () => {
+    const bytes = readBytes("dist/scar.wasm");
+    const server = createServer((request, response) => {
+      response.statusCode = request.url === "/scar.wasm" ? 200 : 404;
+      response.end(bytes);
+    });
+    await once(server.listen(0, "127.0.0.1"), "listening");
+    const address = `http://127.0.0.1:${(server.address() as AddressInfo).port}`;
+    assert.ok((await loadModule(`${address}/scar.wasm`)) instanceof WebAssembly.Module);
+    await assert.rejects(loadModule(`${address}/other.wasm`), /status 404/);
+    server.close();
+  });
+
+  it("is not needed: JavaScript decodes where it cannot be had", async () => {
+    const one = new Feeder(await loadDecoder(), toys());
+    one.addModels(1);
+    one.advance(0, 1);
+    const other = new Feeder(await createJsDecoder(), toys());
+    other.addModels(1);
+    other.advance(0, 1);
+    assert.deepEqual(one.decoder.values(0), other.decoder.values(0));
+  });
+
   it("imports nothing", () => {
     assert.deepEqual(WebAssembly.Module.imports(compiled), []);
   });

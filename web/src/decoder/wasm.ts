@@ -3,7 +3,6 @@
 import { BLOCK } from "../../../conformance/decoders/js/constants.js";
 import { type Container, findBlock, readContainer } from "../../../conformance/decoders/js/container.js";
 import { DEFAULT_LIMITS } from "../../../conformance/decoders/js/decoder.js";
-import { packSpark } from "../pack/spark.js";
 import { SparseSource } from "./sparse.js";
 import type { Block, PackedTile, PackTarget, Point, TileDecoder, TileValues } from "./types.js";
 import { type Address, WasmModule } from "./wasm_module.js";
@@ -120,7 +119,11 @@ class WasmDecoder implements TileDecoder {
 
   packed(tile: number, target: PackTarget, eye?: Point): PackedTile {
     if (target !== "spark") throw new RangeError(`no target ${target}`);
-    return packSpark(this.values(tile, eye));
+    const [x, y, z] = eye ?? this.#opened().header.origin;
+    const state = this.#state(tile);
+    const layer = this.module.call((f) => f.scar_tile_layer(state));
+    const at = this.module.call((f) => f.scar_spark(state, x, y, z));
+    return { tile, layer, ...takeSplats(this.module, at) };
   }
 
   release(tile: number): void {
@@ -144,6 +147,14 @@ class WasmDecoder implements TileDecoder {
     if (this.#container === null) throw new RangeError("open comes first");
     return this.#container;
   }
+}
+
+/** The struct Splats of web/wasm/spark.c: a number, then addresses. */
+function takeSplats(module: WasmModule, at: Address): Omit<PackedTile, "tile" | "layer"> {
+  const [count, splats, ...bands] = module.numbers(Uint32Array, at, 5);
+  const words = (address: number, width: number) => module.numbers(Uint32Array, address, width * count);
+  const [sh1, sh2, sh3] = bands.map((address, i) => (address === 0 ? null : words(address, i === 0 ? 2 : 4)));
+  return { count, words: words(splats, 4), sh1, sh2, sh3 };
 }
 
 /** The struct Gaussians of web/wasm/gaussians.h: two numbers, then addresses. */

@@ -31,6 +31,7 @@ export interface WasmFunctions {
   scar_abandon(): Address;
   scar_release(tile: Address): void;
   scar_gaussians(tile: Address, x: number, y: number, z: number, drawn: number): Address;
+  scar_spark(tile: Address, x: number, y: number, z: number): Address;
   scar_tile_count(tile: Address): number;
   scar_tile_layer(tile: Address): number;
   scar_tile_array(tile: Address, what: number, channel: number): Address;
