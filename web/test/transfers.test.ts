@@ -164,6 +164,8 @@ describe("transfers", () => {
     while (taken.length < all.length) await source.step();
     const asked = source.asked.length;
     transfers.forget(5);
+    await source.step();
+    assert.equal(transfers.idle, true, "what was let go is not wanted");
     transfers.want(all);
     while (taken.length < all.length + 1) await source.step();
     assert.equal(taken.at(-1), 5);
