@@ -77,11 +77,7 @@ def plan(index: SceneIndex, streaming: Streaming | None, camera: Camera | None, 
     tiles, layers = index.bytes.shape
     if camera is None:
         return [Step(tile, layer) for layer in range(1, layers + 1) for tile in range(tiles) if have[tile] < layer]
-    boxes = tight_boxes(index.cubes, streaming)
-    share = share_in_picture(boxes, camera)
-    missing = np.where(np.arange(1, layers + 1) > max(have, default=0), index.model_bytes, 0.0)
-    costs = index.bytes + OVERHEAD + missing / max(tiles, 1)
-    gains = gains_from(camera.soon, boxes, streaming, costs.T).T * np.maximum(share, BEHIND)[:, None]
+    gains, costs, share = weighed(index, streaming, camera, have)
     first, then = [], []
     for tile in range(tiles):
         start = have[tile]
@@ -92,6 +88,23 @@ def plan(index: SceneIndex, streaming: Streaming | None, camera: Camera | None, 
     return [
         Step(tile, layer) for _, low, tile, past in sorted(first) + sorted(then) for layer in range(low, past + 1)
     ]
+
+
+def weighed(
+    index: SceneIndex, streaming: Streaming | None, camera: Camera, have: Sequence[int]
+) -> tuple[F64, F64, F64]:
+    """What a plan goes by: gains (T, L) of layers in this view, their costs (T, L) in bytes, (T,) parts in the picture.
+
+    Args:
+        index, streaming, camera, have: as for :func:`plan`.
+    """
+    tiles, layers = index.bytes.shape
+    boxes = tight_boxes(index.cubes, streaming)
+    share = share_in_picture(boxes, camera)
+    missing = np.where(np.arange(1, layers + 1) > max(have, default=0), index.model_bytes, 0.0)
+    costs = index.bytes + OVERHEAD + missing / max(tiles, 1)
+    gains = gains_from(camera.soon, boxes, streaming, costs.T).T * np.maximum(share, BEHIND)[:, None]
+    return gains, costs, share
 
 
 def _parts(gains: F64, costs: F64, start: int) -> Iterator[tuple[float, int, int]]:
