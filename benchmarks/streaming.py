@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import provenance
-from benchmarks.encoded import encoded, encoded_path
+from benchmarks.encoded import encoded
 from benchmarks.report import SKIPPED, add_arguments, dated, load_document, replace_section, save_results, table
 from benchmarks.scaling_scenes import read_scene, recut
 from benchmarks.scenes import REPOSITORY, Scene, chosen
@@ -53,9 +53,8 @@ Record = dict[str, Any]
 def measure(scene: Scene, most: int, count: int, effort: int, recordings: int) -> Record:
     """All orders of a scene in tiles of at most `most`, from `count` views of each of some recordings."""
     options = scene.options()
-    asked = {"decode_budget": 0, "viewpoints": 0}
-    encoded(scene, QUALITIES[scene.name], effort, **asked)
-    quantised = recut(read_scene(encoded_path(scene, QUALITIES[scene.name], effort, **asked)), most)
+    path = encoded(scene, QUALITIES[scene.name], effort, decode_budget=0, viewpoints=0)["path"]
+    quantised = recut(read_scene(path), most)
     data = write_scene(quantised, engine=best_engine())
     streaming = told(quantised, EncodeOptions(cameras=options.cameras), usual_viewpoints(quantised, len(data)))
     fetching, film = Fetching(with_streaming(data, streaming)), Film(quantised)
