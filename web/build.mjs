@@ -1,9 +1,12 @@
 /** Builds dist/: the package, its workers and its tests. `node build.mjs` */
 
+import { execFileSync, spawnSync } from "node:child_process";
 import { readdirSync, rmSync } from "node:fs";
 import { build } from "esbuild";
 
 const ROOT = import.meta.dirname;
+/** What tests and people run, beside the tests. */
+const PROGRAMS = ["benchmark.ts", "conformance.ts", "dump.ts", "node_worker.ts", "plans.ts", "suite.ts"];
 const COMMON = {
   absWorkingDir: ROOT,
   bundle: true,
@@ -23,10 +26,16 @@ await build({
   sourcemap: true,
   platform: "browser",
 });
+const compiler = process.env.CLANG ?? "clang-14";
+if (spawnSync(compiler, ["--version"]).status === 0) {
+  execFileSync(`${ROOT}/wasm/build.sh`, [`${ROOT}/dist/scar.wasm`], { stdio: "inherit" });
+} else {
+  console.warn(`no ${compiler}: dist/scar.wasm is not built, and decoders fall back to JavaScript`);
+}
 const tests = readdirSync(`${ROOT}/test`).filter((name) => name.endsWith(".test.ts"));
 await build({
   ...COMMON,
-  entryPoints: ["dump.ts", "node_worker.ts", "plans.ts", ...tests].map((name) => `test/${name}`),
+  entryPoints: [...PROGRAMS, ...tests].map((name) => `test/${name}`),
   outdir: "dist/tests",
   outExtension: { ".js": ".mjs" },
   sourcemap: "inline",

@@ -28,15 +28,23 @@ LANE Sums repeated(int32_t x) {
     return (Sums){{every, every, every, every}};
 }
 
+/* The products of pairs, added up two by two, where there is an instruction for it. */
 #if defined(__SSE2__)
+#define PRODUCTS_OF_PAIRS(x, weight) _mm_madd_epi16((__m128i)(x), (__m128i)(weight))
+#elif defined(__wasm_simd128__)
+typedef int16_t Halves __attribute__((vector_size(16)));
+#define PRODUCTS_OF_PAIRS(x, weight) __builtin_wasm_dot_s_i32x4_i16x8((Halves)(x), (Halves)(weight))
+#endif
+
+#if defined(PRODUCTS_OF_PAIRS)
 
 typedef Sums Pairs;
 
 LANE Pairs opened(Sums words) { return words; }
 
 LANE Sums add_pairs(Sums sums, Pairs x, const int32_t *pair) {
-    const __m128i weight = _mm_set1_epi32(*pair);
-    for (int q = 0; q < QUARTERS; q++) sums.part[q] += (Quarter)_mm_madd_epi16((__m128i)x.part[q], weight);
+    const Quarter weight = {*pair, *pair, *pair, *pair};
+    for (int q = 0; q < QUARTERS; q++) sums.part[q] += (Quarter)PRODUCTS_OF_PAIRS(x.part[q], weight);
     return sums;
 }
 

@@ -10,8 +10,9 @@ two into sums of 32 bits, which hold every sum that a valid layer can reach. */
 #define CLASS_STARTS 16 /* what a row starts with, by class */
 #define MOST_UNITS 64
 
-/* Compilers that know all the instructions. */
-#if defined(__x86_64__) && (__GNUC__ >= 12 || __clang_major__ >= 12)
+/* Compilers that know all the instructions; -DWIDE_PRODUCTS=0 leaves the plain products alone. */
+#if defined(WIDE_PRODUCTS)
+#elif defined(__x86_64__) && (__GNUC__ >= 12 || __clang_major__ >= 12)
 #define WIDE_PRODUCTS 1
 #else
 #define WIDE_PRODUCTS 0

@@ -6,8 +6,7 @@ rule that is broken. Values are kept in planes, a component of all anchors after
 #include <string.h>
 
 #include "crc32.h"
-#include "rans.h"
-#include "steps.h"
+#include "static_steps.h"
 
 #define TILE_READ 0
 #define NOT_READ 1
@@ -30,18 +29,17 @@ typedef struct {
     const TileModel *model;
     const Tile *tile;
     int64_t known, new; /* anchors after the layer; of these, the last `new` appear in it */
-    int64_t taken, taken_count; /* classes that `chosen` holds, a bit each, and how many anchors that is */
-    int64_t kinds;      /* static contexts that occur in it are below */
+    StaticSteps statics;
     Part parts[STREAM_KINDS];
     CrcTable crc;
     uint32_t *words;
     int64_t *by_code, *merged, *steps, *before, *after, *chosen64, *anchors64, *counts;
-    int32_t *plain, *first, *settled, *chosen, *order, *symbols, *cell[MOST_DEPTHS], *means[MOST_DEPTHS];
+    int32_t *plain, *first, *settled, *symbols, *cell[MOST_DEPTHS], *means[MOST_DEPTHS];
     int64_t settled_columns;
     double *sums[MOST_DEPTHS];
     int64_t sizes[MOST_DEPTHS], named;
     uint16_t *kind16;
-    uint8_t *kind, *open;
+    uint8_t *open;
     int32_t *rows, *inputs;
     int64_t *nodes[8];
 } Work;
@@ -87,15 +85,15 @@ static int64_t lay_out(Work *w, const TileModel *model, int64_t total, int64_t l
     w->counts = carved(base, &used, 8 * (most * KINDS + 1));
     w->plain = carved(base, &used, 4 * total * in_rows), w->first = carved(base, &used, 4 * total * in_rows);
     w->settled = carved(base, &used, 4 * total * attributes);
-    w->chosen = carved(base, &used, 4 * total);
-    w->order = carved(base, &used, 4 * numbers), w->symbols = carved(base, &used, 4 * numbers);
+    w->statics.chosen = carved(base, &used, 4 * total);
+    w->statics.order = carved(base, &used, 4 * numbers), w->symbols = carved(base, &used, 4 * numbers);
     for (int64_t d = 0; d < model->depths; d++) {
         w->cell[d] = carved(base, &used, 4 * total);
         w->sums[d] = carved(base, &used, 8 * total * (in_rows + 1));
         w->means[d] = carved(base, &used, 4 * total * fours(in_rows + 1));
     }
     w->kind16 = carved(base, &used, 2 * numbers);
-    w->kind = carved(base, &used, total), w->open = carved(base, &used, total);
+    w->statics.kind = carved(base, &used, total), w->open = carved(base, &used, total);
     w->rows = carved(base, &used, 4 * total * row), w->inputs = carved(base, &used, 4 * inputs);
     for (int k = 0; k < 8; k++) w->nodes[k] = carved(base, &used, 8 * total);
     return used;
@@ -160,7 +158,7 @@ static int64_t read_positions(Work *w, const TileLayer *layer) {
     p.here = (Nodes){w->nodes[0], w->nodes[1], (uint64_t *)w->nodes[2]};
     p.below = (Nodes){w->nodes[3], w->nodes[4], (uint64_t *)w->nodes[5]};
     p.lower = w->nodes[6], p.rest = w->nodes[7], p.counts = w->counts;
-    p.symbols = w->symbols, p.order = w->order, p.kind = w->kind16;
+    p.symbols = w->symbols, p.order = w->statics.order, p.kind = w->kind16;
     memset(p.codes, 0, 8 * (size_t)w->new);
     memset(p.open, 0, (size_t)w->new);
     if (open_stream(w, STREAM_POSITIONS, &rans)) return NOT_READ;
@@ -177,7 +175,8 @@ static int64_t read_classes(Work *w, const TileLayer *layer) {
     if (open_stream(w, STREAM_CLASSES, &rans) || kinds < 1) return NOT_READ;
     if (kinds > 1) {
         memset(w->kind16, 0, 2 * (size_t)w->new);
-        if (scar_rans_grouped(&rans, layer->classes, w->kind16, w->new, w->counts, w->order, w->symbols) != ALL_READ)
+        if (scar_rans_grouped(&rans, layer->classes, w->kind16, w->new, w->counts, w->statics.order, w->symbols) !=
+            ALL_READ)
             return NOT_READ;
         count_symbols(w, STREAM_CLASSES, STATIC, w->new);
     }
@@ -212,121 +211,16 @@ typedef struct {
     Rans rans;
 } Step;
 
-/* Finds which anchors receive the step; those found last stay where the classes are the same. */
-static void choose_anchors(Work *w, const int64_t *before, const int64_t *after, Step *s) {
-    int64_t taken = 0;
-    for (int64_t k = 0; k < CLASS_ROOM; k++) taken |= (int64_t)(before[k] < s->step && after[k] >= s->step) << k;
-    if (taken == w->taken) {
-        s->count = w->taken_count;
-        return;
-    }
-    const int64_t *classes = w->tile->classes;
-    int32_t *chosen = w->chosen;
-    int64_t count = 0;
-    for (int64_t i = 0; i < w->known; i++) {
-        chosen[count] = (int32_t)i;
-        count += taken >> classes[i] & 1;
-    }
-    w->taken = taken, w->taken_count = s->count = count;
-}
-
-/* Context numbers of a component's symbols; whether its values leave room for one more trit. */
-WIDE static int refined_kinds(const Work *w, const Step *s, const Rule *rule, const int32_t *plane) {
-    const int32_t room = (VALUE_LIMIT - 1) / 3;
-    const int whole = s->count == w->known;
-    int outside = 0;
-    for (int64_t i = 0; i < s->count; i++) {
-        const int32_t value = plane[whole ? i : w->chosen[i]];
-        const int32_t low = value < -2 ? -2 : value;
-        outside |= (value < -room) | (value > room);
-        w->kind[i] = (uint8_t)((low > 2 ? 2 : low) + 2);
-    }
-    if (rule->by_class)
-        for (int64_t i = 0; i < s->count; i++)
-            w->kind[i] += (uint8_t)(w->tile->classes[whole ? i : w->chosen[i]] * CLASS_KINDS);
-    return !outside;
-}
-
-static void first_kinds(const Work *w, const Step *s, const Rule *rule) {
-    const int32_t *source = rule->source < 0 ? NULL : w->tile->first[rule->source] + rule->component;
-    for (int64_t i = 0; i < s->count; i++) {
-        const int64_t anchor = w->chosen[i];
-        int64_t number = rule->by_class ? w->tile->classes[anchor] * CLASS_KINDS : 0;
-        if (source) {
-            const int64_t bucket = (source[anchor * rule->columns] - rule->low) >> rule->shift;
-            number += bucket < 0 ? 0 : bucket >= CLASS_KINDS ? CLASS_KINDS - 1 : bucket;
-        }
-        w->kind[i] = (uint8_t)number;
-    }
-}
-
-/* The chosen anchors by ascending kind into `order`; past[k] is where kind k ends. */
-static __attribute__((noinline)) void sort_chosen(const Work *w, const Step *s, uint32_t past[KINDS]) {
-    const uint8_t *kind = w->kind;
-    uint32_t parts[4][KINDS];
-    int64_t i = 0;
-    for (int p = 0; p < 4; p++) memset(parts[p], 0, sizeof parts[p][0] * (size_t)w->kinds);
-    /* Four counts of each kind: one would wait for itself where neighbours are of a kind. */
-    for (; i + 4 <= s->count; i += 4)
-        for (int p = 0; p < 4; p++) parts[p][kind[i + p]]++;
-    for (; i < s->count; i++) parts[0][kind[i]]++;
-    uint32_t sum = 0;
-    for (int64_t k = 0; k < w->kinds; k++) {
-        past[k] = sum;
-        for (int p = 0; p < 4; p++) sum += parts[p][k];
-    }
-    int32_t *order = w->order;
-    const int32_t *chosen = w->chosen;
-    for (i = 0; i < s->count; i++) order[past[kind[i]]++] = chosen[i];
-}
-
-/* One symbol more for each of m anchors of a plane: factor * value + symbol. Not inlined, for registers of its own. */
-static __attribute__((noinline)) void take_few(Rans *rans, const FewSymbols *table, const int32_t *order, int64_t m,
-                                               int32_t factor, int32_t *plane) {
-    const FewSymbols few = *table;
-    Rans local = *rans;
-    for (int64_t i = 0; i < m; i++) {
-        int32_t *value = plane + order[i];
-        *value = factor * *value + few_symbols(&local, &few);
-    }
-    *rans = local;
-}
-
-static __attribute__((noinline)) void take_many(Rans *rans, const uint32_t *c, uint32_t size, const int32_t *alphabet,
-                                                const int32_t *order, int64_t m, int32_t factor, int32_t *plane) {
-    Rans local = *rans;
-    for (int64_t i = 0; i < m; i++) {
-        int32_t *value = plane + order[i];
-        *value = factor * *value + alphabet[table_symbol(&local, c, size)];
-    }
-    *rans = local;
-}
-
-static void take_group(Rans *rans, const Tables *tables, int64_t kind, const int32_t *order, int64_t m,
-                       int32_t factor, int32_t *plane) {
-    const int64_t table = tables->number[kind], first = tables->starts[table];
-    const uint32_t size = (uint32_t)(tables->starts[table + 1] - first);
-    if (tables->few[kind].third)
-        take_few(rans, tables->few + kind, order, m, factor, plane);
-    else
-        take_many(rans, tables->sums + first + table, size, tables->values + first, order, m, factor, plane);
-}
-
-static int trits_alone(const Tables *tables, int64_t table) {
-    const int64_t first = tables->starts[table], past = tables->starts[table + 1];
-    return tables->values[first] >= -1 && tables->values[past - 1] <= 1;
-}
-
 /* Reads one component's symbols of a step; kinds are filled in. */
 static int64_t read_component(Work *w, Step *s, const Tables *tables, int64_t component, int32_t *plane) {
     uint32_t past[KINDS];
-    sort_chosen(w, s, past);
-    for (int64_t k = 0, at = 0; k < w->kinds; at = past[k++]) {
+    sort_chosen(&w->statics, s->count, past);
+    for (int64_t k = 0, at = 0; k < w->statics.kinds; at = past[k++]) {
         if (past[k] == at) continue;
         const int64_t number = component * KINDS + k, table = tables->number[number];
         if (table < 0 || (s->step > 1 && !trits_alone(tables, table))) return NOT_READ;
         tables->used[number] = 1;
-        take_group(&s->rans, tables, number, w->order + at, past[k] - at, s->step > 1 ? 3 : 0, plane);
+        take_group(&s->rans, tables, number, w->statics.order + at, past[k] - at, s->step > 1 ? 3 : 0, plane);
     }
     return TILE_READ;
 }
@@ -334,17 +228,19 @@ static int64_t read_component(Work *w, Step *s, const Tables *tables, int64_t co
 static void keep_first(const Work *w, const Step *s, int64_t component, const int32_t *plane) {
     int32_t *first = w->tile->first[s->channel];
     const int64_t columns = w->model->channel[s->channel].components;
+    const int32_t *chosen = w->statics.chosen;
     if (!first) return;
-    for (int64_t i = 0; i < s->count; i++) first[w->chosen[i] * columns + component] = plane[w->chosen[i]];
+    for (int64_t i = 0; i < s->count; i++) first[chosen[i] * columns + component] = plane[chosen[i]];
 }
 
 static int64_t read_step(Work *w, Step *s, const Tables *tables) {
     const TileChannel *channel = w->model->channel + s->channel;
     for (int64_t c = 0; c < channel->components; c++) {
         int32_t *plane = w->tile->values[s->channel] + c * w->tile->total;
+        const Rule *rule = channel->rules + c;
         if (s->step == 1)
-            first_kinds(w, s, channel->rules + c);
-        else if (!refined_kinds(w, s, channel->rules + c, plane))
+            first_kinds(&w->statics, s->count, rule, rule->source < 0 ? NULL : w->tile->first[rule->source]);
+        else if (!refined_kinds(&w->statics, s->count, rule, plane))
             return NOT_READ;
         if (read_component(w, s, tables, c, plane)) return NOT_READ;
         if (s->step == 1) keep_first(w, s, c, plane);
@@ -361,7 +257,7 @@ static int64_t read_static(Work *w, int64_t number, Step *s, const int64_t *befo
     const TileLayer *layer = w->model->layer + number;
     const int64_t c = s->channel;
     for (s->step = layer->start[c]; s->step < layer->stop[c]; s->step++) {
-        choose_anchors(w, before, layer->steps[c], s);
+        s->count = choose_anchors(&w->statics, before, layer->steps[c], s->step);
         if (!s->count) continue;
         received(w, number, c)[s->step] = s->count;
         if (read_step(w, s, layer->tables[c][s->step - layer->start[c]])) return NOT_READ;
@@ -411,8 +307,8 @@ static int64_t read_predicted(Work *w, int64_t number, Step *s, const int64_t *b
                  .values = w->plain, .first = first ? first : w->first, .steps = w->steps, .rules = channel->rules,
                  .sources = (const int32_t *const *)w->tile->first, .settled = w->settled,
                  .settled_columns = w->settled_columns, .settled_stride = w->model->attributes,
-                 .rows = w->rows, .inputs = w->inputs, .kind = w->kind16, .symbols = w->symbols, .order = w->order,
-                 .counts = w->counts};
+                 .rows = w->rows, .inputs = w->inputs, .kind = w->kind16, .symbols = w->symbols,
+                 .order = w->statics.order, .counts = w->counts};
     c.cells.depths = w->model->depths, c.cells.columns = channel->components;
     for (int64_t d = 0; d < w->model->depths; d++)
         c.cells.cell[d] = w->cell[d], c.cells.sums[d] = w->sums[d], c.cells.sizes[d] = w->sizes[d],
@@ -475,19 +371,19 @@ static int64_t read_stage(Work *w, const TileLayer *layer, int64_t stage, Rans *
     for (int64_t i = 0; i < w->known; i++) {
         const int64_t kind = w->tile->classes[i];
         const int64_t before = layer == w->model->layer ? 0 : layer[-1].stages[kind];
-        w->chosen[count] = (int32_t)i;
+        w->statics.chosen[count] = (int32_t)i;
         w->kind16[count] = (uint16_t)(CLASS_KINDS * kind);
         if (stage > 1) w->kind16[count] += w->tile->indices[i * width + stage - 2] == 0;
         count += before < stage && layer->stages[kind] >= stage;
     }
     if (!count) return TILE_READ;
     const int64_t read =
-        scar_rans_grouped(rans, layer->indices[stage - 1], w->kind16, count, w->counts, w->order, w->symbols);
+        scar_rans_grouped(rans, layer->indices[stage - 1], w->kind16, count, w->counts, w->statics.order, w->symbols);
     if (read != ALL_READ) return NOT_READ;
     count_symbols(w, STREAM_INDICES, STATIC, count);
     for (int64_t k = 0; k < count; k++) {
         if (w->symbols[k] < 0 || w->symbols[k] >= size) return NOT_READ;
-        w->tile->indices[w->chosen[k] * width + stage - 1] = (int16_t)w->symbols[k];
+        w->tile->indices[w->statics.chosen[k] * width + stage - 1] = (int16_t)w->symbols[k];
     }
     return TILE_READ;
 }
@@ -506,7 +402,7 @@ static int64_t read_layer(Work *w, int64_t number) {
     const TileBlock *block = w->tile->blocks + number;
     const TileLayer *layer = w->model->layer + number;
     w->new = block->count, w->known += block->count, w->settled_columns = 0;
-    w->kinds = CLASS_KINDS * layer->past_class, w->taken = -1;
+    w->statics.known = w->known, w->statics.kinds = CLASS_KINDS * layer->past_class, w->statics.taken = -1;
     if (!block->bytes && !w->known) return TILE_READ;
     if (find_parts(w, block)) return NOT_READ;
     if (w->new && (read_positions(w, layer) || read_classes(w, layer))) return NOT_READ;
@@ -518,7 +414,7 @@ static int64_t read_layer(Work *w, int64_t number) {
 
 /* Reads all layers of a tile: TILE_READ, or NOT_READ and its arrays hold anything. */
 EXPORT int64_t scar_tile(const TileModel *model, const Tile *tile, int64_t longest, uint8_t *memory) {
-    Work w = {.model = model, .tile = tile, .named = -1};
+    Work w = {.model = model, .tile = tile, .named = -1, .statics.classes = tile->classes};
     lay_out(&w, model, tile->total, longest, memory);
     crc32_table(w.crc);
     for (int64_t c = 0; c < model->channels; c++) {

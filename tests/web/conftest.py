@@ -15,6 +15,7 @@ from tests.conftest import REPOSITORY
 WEB = REPOSITORY / "web"
 BUILT = WEB / "dist" / "scar-stream.js"
 LEAST_NODE = 20
+SUFFIXES = (".ts", ".js", ".mjs", ".c", ".h", ".sh")
 
 
 def missing() -> str | None:
@@ -33,8 +34,9 @@ def missing() -> str | None:
 
 def newest_source() -> float:
     """Time of the last change of what web/dist is built from, seconds."""
-    folders = [WEB / "src", WEB / "test", REPOSITORY / "conformance" / "decoders" / "js"]
-    files = [path for folder in folders for path in folder.rglob("*") if path.suffix in (".ts", ".js", ".mjs")]
+    folders = [WEB / "src", WEB / "test", WEB / "wasm", REPOSITORY / "conformance" / "decoders" / "js"]
+    files = [path for folder in folders for path in folder.rglob("*") if path.suffix in SUFFIXES]
+    files += (REPOSITORY / "scarfmt" / "kernel").glob("*.[ch]")
     return max(path.stat().st_mtime for path in [*files, WEB / "build.mjs", WEB / "package-lock.json"])
 
 

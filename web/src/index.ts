@@ -8,12 +8,18 @@ export { inlineChannel, workerChannel } from "./decoder/channel.js";
 export type { Channel, ChannelEvents, MakeChannel } from "./decoder/channel.js";
 export { StreamError } from "./stream/errors.js";
 export type { TransportId } from "./stream/errors.js";
-export { fileOrder } from "./stream/file_order.js";
+export { fileOrder } from "./plan/file_order.js";
 export type { Front } from "./stream/front.js";
 export type { RangeReader } from "./stream/local_source.js";
 export type { SourceLike } from "./stream/source.js";
 export { ScarStream } from "./stream/scar_stream.js";
 export type { EvictEvent, Progress, Stats, StreamEvents, StreamOptions, TileEvent } from "./stream/scar_stream.js";
+
+/** The decoder in WebAssembly; see `loadModule` of src/decoder/wasm.ts. */
+export async function createWasmDecoder(from?: string | URL): Promise<import("./decoder/types.js").TileDecoder> {
+  const { createWasmDecoder: create, loadModule } = await import("./decoder/wasm.js");
+  return create(await loadModule(from));
+}
 
 /** The decoder in JavaScript, which is loaded when it is first asked for. */
 export async function createJsDecoder(): Promise<import("./decoder/types.js").TileDecoder> {

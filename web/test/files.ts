@@ -14,3 +14,6 @@ export function readBytes(path: string): Uint8Array {
 export const toys = () => readBytes(join(REPOSITORY, "web/test/data/toys.scar"));
 
 export const vector = (name: string) => readBytes(join(REPOSITORY, "conformance/vectors", name, "input.scar"));
+
+/** The module that build.mjs has made, beside the folder of the built tests. */
+export const compiledModule = () => new WebAssembly.Module(readFileSync(new URL("../scar.wasm", import.meta.url)));

@@ -4,6 +4,8 @@ import assert from "node:assert/strict";
 import { describe, it } from "node:test";
 import type { Camera, Planner } from "../src/plan/types.js";
 import { openScar } from "../../conformance/decoders/js/decoder.js";
+import { fileOrder } from "../src/plan/file_order.js";
+import { parseFront } from "../src/stream/front.js";
 import { toys, vector } from "./files.js";
 import { serving } from "./server.js";
 import { threadChannel } from "./threads.js";
@@ -71,6 +73,15 @@ describe("a stream", () => {
     });
   });
 
+  it("decodes in the order of the plan, where decoders are slower than the server", async () => {
+    await watching(new Blob([bytes.slice()]), {}, async (watched) => {
+      await watched.end();
+      const layers = watched.tiles.map(({ layer }) => layer);
+      assert.deepEqual(layers, layers.toSorted());
+      assert.equal(layers.filter((layer) => layer === 1).length, 24);
+    });
+  });
+
   it("asks for no byte of a block twice, in few requests", async () => {
     const { entries } = openScar(bytes).container;
     await serving(bytes, async (url, server) => {
@@ -134,6 +145,44 @@ describe("a stream", () => {
         assert.deepEqual(watched.errors, []);
         assert.deepEqual([...watched.shown.keys()].filter((tile) => tile >= 3 && tile < 6).length, 3);
         for (const tile of [3, 4, 5]) assert.equal(watched.shown.get(tile)!.layer, 5);
+      });
+    });
+  });
+
+  it("shows a planner the block that it wants to see, and asks it again with it", async () => {
+    const file = vector("valid/streaming");
+    const { entries } = openScar(file).container;
+    const e = entries.kind.indexOf(65);
+    const seen: (Uint8Array | null)[] = [];
+    const planner: Planner = {
+      annotation: 65,
+      plan: (index, annotation, camera, have, budgets) => {
+        seen.push(annotation);
+        return fileOrder.plan(index, annotation, camera, have, budgets);
+      },
+    };
+    await serving(file, async (url) => {
+      await watching(url, { planner }, async (watched) => {
+        await watched.end();
+        await assertComplete(watched, file);
+        assert.equal(seen[0], null);
+        assert.deepEqual(seen.at(-1), file.slice(entries.offset[e], entries.offset[e] + entries.length[e]));
+      });
+    });
+  });
+
+  it("goes by the view unless it is told otherwise: what is in the picture comes first", async () => {
+    const { index } = parseFront(bytes, bytes.length);
+    const middle = (tile: number, axis: number) =>
+      (index.boxes[6 * tile + axis] + index.boxes[6 * tile + 3 + axis]) / 2;
+    const target = 17;
+    const eye = [0, 1, 2].map((axis) => middle(target, axis) - (axis === 2 ? 0.05 : 0)) as [number, number, number];
+    await serving(bytes, async (url) => {
+      await watching(url, { camera: { ...lookingFrom(0), position: eye, fovY: 0.1 } }, async (watched) => {
+        await watched.end();
+        await assertComplete(watched, bytes);
+        const place = watched.tiles.findIndex(({ tile }) => tile === target);
+        assert.ok(place < 12, `tile ${target} was number ${place}, in file order it would be number 17`);
       });
     });
   });

@@ -112,6 +112,19 @@ describe("a server that fails now and then", () => {
     });
   });
 
+  it("sends a damaged front, once", async () => {
+    await serving(bytes, async (url, server) => {
+      server.trick = ({ range }, response, number) => {
+        if (number > 1) return false;
+        const damaged = bytes.slice(range![0], range![1] + 1);
+        damaged[entries.offset[0] - 9] ^= 2;
+        response.writeHead(206, server.rangeHeaders(range!)).end(damaged);
+        return true;
+      };
+      await completes(url);
+    });
+  });
+
   it("falls silent: the request is given up and made again", async () => {
     await serving(bytes, async (url, server) => {
       server.trick = partly(server, 0.3, false, (number) => number === 1 || number === 3);
@@ -138,6 +151,84 @@ describe("a server that fails now and then", () => {
       const stats = await completes(url);
       assert.equal(stats.retries, 1);
     });
+  });
+});
+
+/** Numbers in [0, 1), the same for a seed. */
+function chance(seed: number): () => number {
+  let state = seed;
+  return () => {
+    state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
+    return state / 2 ** 32;
+  };
+}
+
+describe("a server in bad weather", () => {
+  for (const seed of [1, 2, 3]) {
+    it(`gives the same scene in the end: ${seed}`, async () => {
+      const next = chance(seed);
+      await serving(bytes, async (url, server) => {
+        server.ranges = seed !== 3;
+        const tricks = [
+          failing(503, () => true),
+          partly(server, 0.7, true, () => true),
+          partly(server, 0.4, false, () => true),
+          (({ range }, response) => {
+            const part = server.ranges ? bytes.slice(range![0], range![1] + 1) : bytes.slice();
+            part[Math.floor(next() * part.length)] ^= 4;
+            if (server.ranges) response.writeHead(206, server.rangeHeaders(range!));
+            else response.writeHead(200, { "Content-Length": part.length, ETag: server.etag! });
+            response.end(part);
+            return true;
+          }) satisfies Trick,
+        ];
+        server.trick = (asked, response, number) =>
+          number === 1
+            ? !server.ranges && tricks[1](asked, response, number)
+            : next() < 0.5 && tricks[Math.floor(next() * tricks.length)](asked, response, number);
+        await completes(url, { stallMs: 80, retry: { retries: 30, firstMs: 1, mostMs: 5 } });
+        assert.ok(server.asked.length > 2);
+      });
+    });
+  }
+});
+
+describe("what a server says of a file", () => {
+  it("is asked to hold: If-Range has the ETag of the first answer", async () => {
+    await serving(bytes, async (url, server) => {
+      await completes(url);
+      assert.deepEqual(
+        server.asked.map(({ headers }) => headers["if-range"]),
+        server.asked.map((_, i) => (i === 0 ? undefined : '"one"')),
+      );
+    });
+  });
+
+  it("may be hidden, as from pages of another origin", async () => {
+    await serving(bytes, async (url, server) => {
+      server.trick = ({ range }, response) => {
+        response.writeHead(206).end(bytes.subarray(range![0], range![1] + 1));
+        return true;
+      };
+      await completes(url);
+    });
+  });
+
+  it("is not taken where ranges are compressed, or begin elsewhere", async () => {
+    for (const [headers, id] of [
+      [{ "Content-Encoding": "gzip" }, "encoded"],
+      [{ "Content-Range": "bytes 7-9/10" }, "no-range"],
+    ] as const) {
+      await serving(bytes, async (url, server) => {
+        server.trick = (_, response) => {
+          response.writeHead(206, headers).end();
+          return true;
+        };
+        await watching(url, { retry: { retries: 1, firstMs: 1, mostMs: 1 } }, async (watched) => {
+          await assert.rejects(watched.stream.ready, { id, status: 206, source: url });
+        });
+      });
+    }
   });
 });
 

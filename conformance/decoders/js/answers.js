@@ -8,7 +8,6 @@ import { tileLattice } from "./lattice.js";
 import { readMetadata } from "./metadata.js";
 import { mlpOutputs } from "./mlp.js";
 import { readStreaming } from "./streaming.js";
-import { Tile } from "./tile.js";
 import { Trace } from "./trace.js";
 
 /**
@@ -16,6 +15,7 @@ import { Trace } from "./trace.js";
  * @typedef {import("./decoder.js").Scar} Scar
  * @typedef {import("./models.js").Models} Models
  * @typedef {import("./source.js").Source} Source
+ * @typedef {import("./tile.js").Tile} Tile
  * @typedef {Map<string, NamedArrays>} StageArrays arrays of each stage asked for
  */
 
@@ -42,18 +42,27 @@ export const CAPABILITIES = Object.freeze({
 });
 
 /**
+ * Whose answers are given: how it opens a file, and the stages that `all` asks for.
+ * @typedef {{open: (source: Source) => Scar, decoded: string[]}} Answering
+ */
+
+/** @type {Answering} */
+const THIS_DECODER = { open: openScar, decoded: DECODED };
+
+/**
  * The answer to a question, in pieces of one line of JSON. What is thrown is a failure, not an answer.
  * @param {Source} source
  * @param {{layers: number, stage: string, camera?: number[]}} question camera: origin of the header without it
+ * @param {Answering} [decoder]
  * @returns {Iterable<string>}
  */
-export function answer(source, { layers, stage, camera }) {
+export function answer(source, { layers, stage, camera }, { open, decoded } = THIS_DECODER) {
   try {
-    const scar = openScar(source);
+    const scar = open(source);
     if (stage === "metadata") return metadataAnswer(scar);
     if (stage === "streaming") return [JSON.stringify({ stages: { streaming: { streaming: streamingFields(scar) } } })];
-    const stages = stage === "all" ? DECODED : [stage];
-    if (!stages.every((name) => DECODED.includes(name))) throw new RangeError(`no stage ${stage}`);
+    const stages = stage === "all" ? decoded : [stage];
+    if (!stages.every((name) => decoded.includes(name))) throw new RangeError(`no stage ${stage}`);
     return stagesJson(scar, stages, decodeStages(scar, stages, layers, camera));
   } catch (error) {
     if (!(error instanceof Refused)) throw error;
@@ -153,9 +162,7 @@ function decodeStages(scar, stages, layers, camera) {
  * @returns {Generator<Tile>}
  */
 function* withEmpty(scar, models, trace) {
-  const empty = new Tile(scar.container, models, -1);
-  empty.layer = models.layers;
-  yield empty;
+  yield scar.emptyTile(models);
   yield* scar.tiles({ models, trace });
 }
 

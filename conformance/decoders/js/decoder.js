@@ -101,6 +101,17 @@ export class Scar {
   }
 
   /**
+   * A tile without anchors, after all layers of some models.
+   * @param {Models} models
+   * @returns {Tile}
+   */
+  emptyTile(models) {
+    const tile = new Tile(this.container, models, -1);
+    tile.layer = models.layers;
+    return tile;
+  }
+
+  /**
    * Exact values of a tile, §9.1 and §9.2.
    * @param {Tile} tile
    * @returns {Exact & {sums: Int32Array | null}}

@@ -4,6 +4,7 @@ import { Reader } from "../../../conformance/decoders/js/bytes.js";
 import { BLOCK } from "../../../conformance/decoders/js/constants.js";
 import { parseStreaming, type Streaming } from "../../../conformance/decoders/js/streaming.js";
 import { tightBoxes } from "./boxes.js";
+import { inFileOrder } from "./file_order.js";
 import { gainsFrom } from "./gains.js";
 import type { Camera, Planner, SceneIndex, Step } from "./types.js";
 import { shareInPicture, soon } from "./view.js";
@@ -87,14 +88,6 @@ function order(a: Part, b: Part): number {
 
 function steps({ tile, low, past }: Part): Step[] {
   return Array.from({ length: past - low + 1 }, (_, i) => ({ tile, layer: low + i }));
-}
-
-function inFileOrder({ tiles, layers }: SceneIndex, have: Uint8Array): Step[] {
-  const out: Step[] = [];
-  for (let layer = 1; layer <= layers; layer++) {
-    for (let tile = 0; tile < tiles; tile++) if (have[tile] < layer) out.push({ tile, layer });
-  }
-  return out;
 }
 
 /**

@@ -13,6 +13,7 @@ import { MemoryModel } from "./memory.js";
 import type { Meter } from "./meter.js";
 import type { OpenedFront } from "./open_front.js";
 import type { Pool } from "./pool.js";
+import { Queue } from "./queue.js";
 import type { ByteSource } from "./source.js";
 import { Tiles } from "./tiles.js";
 import { Transfers } from "./transfers.js";
@@ -55,7 +56,7 @@ export class Refiner {
   evictions = 0;
   readonly #views: Views;
   readonly #models: Map<number, Uint8Array> = new Map();
-  readonly #ready = new Set<number>();
+  readonly #ready: Queue;
   readonly #busy = new Set<number>();
   readonly #ledger: Ledger;
   readonly #annotationEntry: number;
@@ -77,6 +78,7 @@ export class Refiner {
     // What depends on the view is made again from what decoders hold.
     this.tiles = new Tiles(front, front.header.profile !== PROFILE.EXPLICIT);
     this.memory = new MemoryModel(this.tiles, output);
+    this.#ready = new Queue(front.index.tiles, front.index.layers);
     this.#ledger = new Ledger(front.index.tiles, this.memory);
     this.#views = new Views(front.index.boxes, camera);
     this.#annotationEntry = planner.annotation === undefined ? -1 : findAnnotation(front, planner.annotation);
@@ -92,20 +94,20 @@ export class Refiner {
     return this.tiles.shownBytes + this.tiles.waitingBytes + this.transfers.underWay + this.parts.pool.memory;
   }
 
-  async start(): Promise<void> {
+  /** Fetches at once; decoders get the front first of all, and need not be ready. */
+  start(): void {
+    const { source, pool } = this.parts;
     const { front, bytes, body, rest, end } = this.parts.opened;
-    const failure = await this.parts.pool.open(bytes);
-    if (this.#closed) return void body.chunks.return();
-    if (failure !== null) {
-      await body.chunks.return();
-      return this.#fatal(failure, {});
-    }
+    void pool.open(bytes).then((failure) => {
+      if (failure !== null && !this.#closed) this.#fatal(failure);
+    });
     const { kind } = front.entries;
-    const ranged = this.parts.source.ranged !== false;
+    const isNeeded = (e: number) => kind[e] <= BLOCK.TILE || e === this.#annotationEntry;
+    const wants = source.ranged === false ? (e: number) => this.transfers.isWanted(e) : isNeeded;
+    // What the body brings is not to be asked for a second time.
     this.transfers.hold(true);
     this.replan();
-    const needed = (e: number) => kind[e] <= BLOCK.TILE || e === this.#annotationEntry;
-    this.transfers.adopt(body, rest, front.length, end, ranged ? needed : (e) => this.transfers.isWanted(e));
+    this.transfers.adopt(body, rest, front.length, end, wants);
     this.#pace();
   }
 
@@ -166,6 +168,7 @@ export class Refiner {
   #setGoals(): void {
     const { index, goal, limit } = this.tiles;
     this.#ideal = this.#plan(new Uint8Array(index.tiles));
+    this.#ready.setPlan(this.#ideal);
     const { splats, bytes } = this.#budgets;
     const underWay = Math.min(bytes * UNDER_WAY_SHARE, MOST_UNDER_WAY);
     const room = { splats, bytes: bytes - this.memory.modelBytes - underWay };
@@ -244,7 +247,7 @@ export class Refiner {
   /** Gives decoders what they can do. */
   #dispatch(): void {
     if (this.#closed) return;
-    for (const tile of this.#ready) {
+    for (const tile of this.#ready.inOrder(this.tiles.decoded)) {
       if (!this.parts.pool.hasFree) break;
       if (!this.parts.pool.isFree(tile)) continue;
       const refines = this.tiles.isReady(tile);
@@ -319,7 +322,7 @@ export class Refiner {
 
   async #decode(tile: number): Promise<void> {
     const { tiles } = this;
-    const layers = tiles.takeReady(tile);
+    const layers = tiles.takeReady(tile, this.#ready.turnEnd(tile, tiles.decoded));
     const layer = layers.at(-1)?.layer ?? tiles.decoded[tile];
     const last = layer === tiles.index.layers && !this.tiles.keepsComplete;
     this.#busy.add(tile);
@@ -388,9 +391,9 @@ export class Refiner {
     this.parts.events.onError(error);
   }
 
-  #fatal(failure: Failure, place: { layer?: number }): void {
+  #fatal(failure: Failure): void {
     this.transfers.close();
-    this.#report(failure, place, true);
+    this.#report(failure, {}, true);
   }
 
   /** Holds transfers back while decoders are behind. Bodies that wait for other blocks do not count. */

@@ -2,11 +2,11 @@
 
 import { inlineChannel, type MakeChannel, workerChannel } from "../decoder/channel.js";
 import type { Output, TileOutput } from "../decoder/protocol.js";
+import { byView } from "../plan/by_view.js";
 import type { Budgets, Camera, Planner } from "../plan/types.js";
 import { Backoff, type RetryOptions } from "./backoff.js";
 import { Emitter } from "./emitter.js";
 import { asStreamError, type StreamError } from "./errors.js";
-import { fileOrder } from "./file_order.js";
 import type { Front } from "./front.js";
 import type { HttpOptions } from "./http_source.js";
 import { Meter } from "./meter.js";
@@ -16,7 +16,7 @@ import { Refiner, type RefinerEvents } from "./refiner.js";
 import { makeSource, type ByteSource, type SourceLike } from "./source.js";
 
 export interface StreamOptions extends Partial<HttpOptions> {
-  /** Decides what to fetch first. The order of the file unless given. */
+  /** Decides what to fetch first. `byView` unless given: by what the camera sees, in file order before the first view. */
   planner?: Planner;
   /** What tiles are delivered as: plain arrays unless given, or a viewer's words. */
   output?: Output;
@@ -230,13 +230,14 @@ export class ScarStream {
   async #openRetrying(): Promise<OpenedFront> {
     const { signal } = this.#controller;
     const backoff = new Backoff(this.#retry);
-    for (;;) {
+    for (let damages = 0; ;) {
       try {
         return await openFront(this.#source, signal);
       } catch (cause) {
         if (signal.aborted) throw signal.reason;
         const error = asStreamError(cause, { source: this.#source.name });
-        const delayMs = isOfTransport(error) ? backoff.failed(error) : null;
+        const again = isOfTransport(error) || (isDamage(error) && damages++ === 0);
+        const delayMs = again ? backoff.failed(error) : null;
         if (delayMs === null) throw error;
         this.#emitter.emit("retry", { error, delayMs });
         await pause(delayMs, signal);
@@ -259,7 +260,7 @@ export class ScarStream {
       opened,
       pool: this.#pool,
       meter: this.#meter,
-      planner: this.#options.planner ?? fileOrder,
+      planner: this.#options.planner ?? byView,
       output: this.#options.output ?? "values",
       retry: this.#retry,
       budgets: this.#budgets,
@@ -267,7 +268,7 @@ export class ScarStream {
       events: this.#handlers(front),
     });
     this.#planned = performance.now();
-    void this.#refiner.start();
+    this.#refiner.start();
     return front;
   }
 
@@ -339,6 +340,11 @@ export class ScarStream {
 /** Refusals are of the file: asking again gives the same. */
 function isOfTransport({ id }: StreamError): boolean {
   return ["network", "http-status", "stalled", "cut", "no-range"].includes(id);
+}
+
+/** Bytes that changed on their way come right the second time, those that changed on a disk do not. */
+function isDamage({ id }: StreamError): boolean {
+  return id === "header-crc-mismatch" || id === "directory-crc-mismatch";
 }
 
 function defaultWorkers(): number {

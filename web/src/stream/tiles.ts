@@ -98,10 +98,10 @@ export class Tiles {
     return !this.#finished(tile) && next <= this.#reach(tile) && this.#isThere(tile, next);
   }
 
-  /** The layers that a tile can be taken through now, with their bodies, which are given away. */
-  takeReady(tile: number): { layer: number; body: Uint8Array }[] {
+  /** The layers that a tile can be taken through now, up to one, with their bodies, which are given away. */
+  takeReady(tile: number, upTo: number): { layer: number; body: Uint8Array }[] {
     const layers: { layer: number; body: Uint8Array }[] = [];
-    const reach = this.#reach(tile);
+    const reach = Math.min(this.#reach(tile), upTo);
     for (let layer = this.decoded[tile] + 1; layer <= reach && this.#isThere(tile, layer); layer++) {
       layers.push({ layer, body: this.#take(tile, layer) });
     }

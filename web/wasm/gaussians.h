@@ -1,0 +1,31 @@
+/* Gaussians of a tile in binary32, as renderers take them (SPEC 9.3 to 9.6). */
+
+#ifndef SCAR_GAUSSIANS_H
+#define SCAR_GAUSSIANS_H
+
+#include "exact.h"
+#include "float4.h"
+
+#define FLOATS 4 /* anchors that are worked on together */
+
+/* Arrays of `count` Gaussians. harmonics: (count, coefficients, 3); features: (anchors, outputs of DECODER_MLP) of the
+anchor profile. */
+typedef struct {
+    int32_t count, coefficients;
+    float *centres, *scales, *quaternions, *opacity, *harmonics;
+    float *features;
+} Gaussians;
+
+/* y = W x + b of four vectors, (columns) numbers and (stride) numbers apart. */
+void apply_mlp_layer(const MlpLayer *layer, const float *x, int64_t apart, float *y);
+
+/* A network of four vectors, `apart` of each other: rows of the stride of its last layer, in `room` of 2 * FLOATS *
+mlp_width numbers. */
+const float *apply_mlp(const Mlp *network, const float *x, int64_t apart, float *room);
+int64_t mlp_width(const Mlp *network);
+
+/* The Gaussians of all slots for a camera centre; `drawn`: those that are not drawn have opacity 0, and colours are
+coefficients of degree 0. */
+void bake_slots(const Model *m, const TileState *t, const double eye[3], int drawn, Pool *pool, Gaussians *out);
+
+#endif

@@ -1,0 +1,35 @@
+/* Reading the fields of a payload in order (SPEC 5.7, 5.9). */
+
+#ifndef SCAR_PAYLOAD_H
+#define SCAR_PAYLOAD_H
+
+#include "fault.h"
+#include "kernel.h"
+
+typedef struct {
+    const uint8_t *bytes;
+    int64_t length, at;
+} Reader;
+
+/* The next n bytes: refuses payload-short. */
+const uint8_t *read_bytes(Reader *reader, int64_t n);
+uint8_t read_u8(Reader *reader);
+uint32_t read_u32(Reader *reader);
+float read_f32(Reader *reader);
+double read_f64(Reader *reader);
+
+/* bits: up to 63. Refuses payload-short, bad-varint. */
+uint64_t read_varint(Reader *reader, int64_t bits);
+int64_t read_svarint(Reader *reader, int64_t bits);
+
+/* Refuses count-limit too. */
+int64_t read_count(Reader *reader, int64_t most);
+
+/* n numbers in a Rice code; `out` has room for them. Refuses payload-short, bad-rice. */
+void read_rice(Reader *reader, int64_t n, int32_t *out);
+void read_shifted(Reader *reader, int64_t n, int32_t *out);
+
+/* That the payload is used up: refuses payload-long. */
+void read_end(const Reader *reader);
+
+#endif
