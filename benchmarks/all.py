@@ -35,6 +35,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "decoder_costs": (SHORT, FULL),
     "regions": (SHORT, FULL),
     "stability": (SHORT, FULL),
+    "streaming": (SHORT, FULL),
     "entropy_speed": (SHORT, ("--full",)),
     "entropy_stress": (SHORT, ("--full",)),
     "cuda_equality": (SHORT, FULL),

@@ -28,7 +28,10 @@ from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import contributions_by_view
 from scarfmt.render.viewpoints import Surroundings
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from scarfmt.streaming import view as planning
 from scarfmt.streaming.boxes import coverage, cubes, tight_boxes
+from scarfmt.streaming.plan import BEHIND
+from scarfmt.streaming.view import share_in_picture
 from scarfmt.tools.annotate import with_streaming
 
 USUAL_VIEWPOINTS = 8
@@ -38,8 +41,10 @@ _BULK = 0.9
 """Of what a tile shows, the part that sticks out of its box no further than its reach."""
 _DEVIATIONS = 2.0
 _FIRST_ELEVATION, _FIRST_DISTANCE = 20.0, 1.6
-_FILLED = 0.25
-"""What is told of a tile that no view from about a viewpoint had in its picture, in what tiles of its size gain."""
+_HARDLY = 0.1
+"""Part of a tile in the pictures of an eye that tells nothing of it."""
+_FILLED = 0.5
+"""What is then told of it, in what it gains for other eyes by how large it looks."""
 
 
 def usual_viewpoints(scene: QuantisedScene, size: int) -> int:
@@ -139,26 +144,27 @@ def _tile_gains(seen: _Seen, tile: I64, tiles: int) -> F64:
 
 
 def _filled(gains: F64, scene: QuantisedScene, streaming: Streaming, places: Sequence[Eye]) -> F64:
-    """Gains of a picture that has the tile in it, from those summed over all pictures of an eye.
+    """Gains of a picture that has all of the tile in it, from those summed over all pictures of an eye.
 
-    An eye that had a tile in no picture is told what other eyes gain of it, by how large it looks.
+    An eye that had hardly any of a tile in its pictures is told what other eyes gain of it, by how large it looks.
     """
     boxes = tight_boxes(cubes(scene.fields, tile_table(scene.tiles)), streaming)
-    looked = np.array([sum(_in_picture(camera, boxes.middle) for camera in eye.cameras) for eye in places])
+    shares = np.array(
+        [sum(share_in_picture(boxes, _planned(camera), 1.0) for camera in eye.cameras) for eye in places]
+    )
+    # As planners count it.
+    looked = np.maximum(shares, BEHIND)
     sizes = np.array([coverage(boxes, eye.centre) for eye in places])
-    shown = (looked > 0) | (gains.sum(axis=1) > 0)
-    means = gains / np.maximum(looked, 1)[:, None]
-    sized = np.maximum((sizes * shown).sum(axis=0), 1e-300)
-    usual = (means * shown[:, None]).sum(axis=0) / sized
-    return np.asarray(np.where(shown[:, None], means, _FILLED * usual * sizes[:, None]))
+    gains = np.maximum(gains, 0)
+    usual = gains.sum(axis=0) / (sizes * looked).sum(axis=0)
+    filled = _FILLED * usual * sizes[:, None]
+    return np.asarray(np.where((shares > _HARDLY)[:, None], gains / looked[:, None], filled))
 
 
-def _in_picture(camera: Camera, points: F64) -> I64:
-    """(T,) 1 where a point is in the picture."""
-    x, y, z = (points @ camera.world_to_camera[:3, :3].T + camera.world_to_camera[:3, 3]).T
-    column, row = camera.fx * x / np.maximum(z, 1e-9) + camera.cx, camera.fy * y / np.maximum(z, 1e-9) + camera.cy
-    inside = (column >= 0) & (column < camera.width) & (row >= 0) & (row < camera.height)
-    return np.asarray((inside & (z > camera.near)).astype(np.int64))
+def _planned(camera: Camera) -> planning.Camera:
+    """A view as planners have it."""
+    pose, field = camera.world_to_camera, 2 * math.atan(camera.height / (2 * camera.fy))
+    return planning.Camera(camera.centre, pose[2, :3], -pose[1, :3], field, camera.width, camera.height)
 
 
 def _levels(gains: F64) -> Levels:

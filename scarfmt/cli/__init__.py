@@ -24,6 +24,7 @@ from scarfmt.cli.encode import encode
 from scarfmt.cli.failures import FailureGroup
 from scarfmt.cli.inspect import inspect
 from scarfmt.cli.render import render
+from scarfmt.cli.stream import stream
 from scarfmt.cli.train import train
 from scarfmt.cli.truncate import truncate
 from scarfmt.cli.validate import validate
@@ -65,7 +66,8 @@ def cli() -> None:
 
 
 for _command in (
-    encode, train, view, decode, inspect, truncate, validate, dump, compare, render, conformance, completion,
+    *(encode, train, view, stream, decode, inspect, truncate),
+    *(validate, dump, compare, render, conformance, completion),
 ):  # fmt: skip
     cli.add_command(_command)
 

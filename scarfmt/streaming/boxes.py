@@ -37,8 +37,8 @@ class Boxes:
 
     @property
     def half(self) -> F64:
-        """(T, 3) half their sides, and what sticks out."""
-        return np.asarray((self.high - self.low) / 2 + self.reach[:, None])
+        """(T, 3) half their sides."""
+        return np.asarray((self.high - self.low) / 2)
 
 
 def octaves(first: int, steps: int) -> F64:
@@ -85,7 +85,7 @@ def tight_boxes(cubes: F64, streaming: Streaming | None) -> Boxes:
 def coverage(boxes: Boxes, eye: F64) -> F64:
     """(T,) float64 solid angle that boxes take up, seen from `eye` (3,): their projected area by squared distance.
 
-    Boxes are wider by their reach. One that `eye` is in, or next to, is all round.
+    One that `eye` is in, or next to, is all round.
     """
     half, away = boxes.half, np.abs(boxes.middle - eye)
     squared = away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1] + away[:, 2] * away[:, 2]

@@ -8,40 +8,60 @@ from scarfmt.arrays import F64
 from scarfmt.blocks.streaming import GAIN_OF_ONE, Streaming
 from scarfmt.streaming.boxes import Boxes, coverage, octaves
 
-NEAREST = 3
-"""Viewpoints that are looked at."""
-MOST_RATIO = 4.0
+MOST_RATIO = 100.0
 """How much larger or smaller than from a viewpoint a tile counts at most."""
 USUAL_FALL = 0.5
-"""What a layer is worth of what the one before was, where nothing is told."""
+"""What a byte of a layer is worth of what one of the layer before was, as is usual."""
 
 _GAINS = octaves(-GAIN_OF_ONE - 1, 257)[1:]
 
 
-def gains_from(eye: F64, boxes: Boxes, streaming: Streaming | None, layers: int) -> F64:
+def gains_from(eye: F64, boxes: Boxes, streaming: Streaming | None, costs: F64) -> F64:
     """(L, T) float64 what each layer of each tile takes away of the squared error of a picture that has it in it.
 
-    Of the nearest viewpoints, those nearer count more; and a tile counts more where it looks larger from `eye` than
-    from them. Where a file tells nothing, what looks larger counts more, and later layers less.
+    Half of it is what the file tells, half what is usual, so that neither is wrong alone: what is told is of other
+    places. Where the file tells nothing, all is as usual, in some unit.
 
     Args:
         eye: (3,) world units.
         boxes: of the T tiles.
         streaming: of the file, or None.
+        costs: (L, T) float64 bytes.
+    """
+    usual = usual_gains(eye, boxes, costs)
+    if streaming is None or len(streaming.viewpoints) == 0:
+        return usual
+    told = told_gains(eye, boxes, streaming, len(costs))
+    whole, all_usual = _total(told), _total(usual)
+    return told + usual * (whole / all_usual) if whole > 0 and all_usual > 0 else usual
+
+
+def _total(gains: F64) -> float:
+    """The sum, one after another: sums of arrays are added up in an order of their own."""
+    total = 0.0
+    for gain in gains.ravel().tolist():
+        total += gain
+    return total
+
+
+def told_gains(eye: F64, boxes: Boxes, streaming: Streaming, layers: int) -> F64:
+    """(L, T) float64 what the file tells of it.
+
+    A mean of what is told from all viewpoints, of which there is one at least: the nearer ones count more, by the
+    square of their distance; and a tile counts more where it looks larger from `eye` than from there.
+
+    Args:
+        eye: (3,) world units.
+        boxes: of the T tiles.
+        streaming: of the file.
         layers: L of the file.
     """
     size = coverage(boxes, eye)
-    if streaming is None or len(streaming.viewpoints) == 0:
-        worth = octaves(0, 1)[0]
-        falls = np.empty(layers)
-        for layer in range(layers):
-            worth = worth * USUAL_FALL
-            falls[layer] = worth
-        return falls[:, None] * size
     levels = np.where(streaming.gains[:, :layers] > 0, _GAINS[streaming.gains[:, :layers]], 0.0)
     total, weights = np.zeros((layers, len(size))), 0.0
-    for viewpoint, weight in _nearest(eye, streaming.viewpoints.astype(np.float64)):
-        there = coverage(boxes, streaming.viewpoints[viewpoint].astype(np.float64))
+    viewpoints = streaming.viewpoints.astype(np.float64)
+    for viewpoint, weight in enumerate(_weights(eye, viewpoints)):
+        there = coverage(boxes, viewpoints[viewpoint])
         ratio = np.where(there > 0, size / np.where(there > 0, there, 1.0), 1.0)
         ratio = np.minimum(np.maximum(ratio, 1 / MOST_RATIO), MOST_RATIO)
         total = total + weight * (levels[viewpoint] * ratio)
@@ -49,12 +69,26 @@ def gains_from(eye: F64, boxes: Boxes, streaming: Streaming | None, layers: int)
     return np.asarray(total / weights)
 
 
-def _nearest(eye: F64, viewpoints: F64) -> list[tuple[int, float]]:
-    """The nearest viewpoints, the first of equals first, and what each counts: by distance, the nearest 1."""
+def usual_gains(eye: F64, boxes: Boxes, costs: F64) -> F64:
+    """(L, T) float64 what is usual: what looks larger counts more, and later layers less.
+
+    Args:
+        eye: (3,) world units.
+        boxes: of the T tiles.
+        costs: (L, T) float64 bytes: encoders spend more where there is more to see.
+    """
+    size, worth, out = coverage(boxes, eye), 1.0, np.empty(costs.shape)
+    for layer in range(len(costs)):
+        worth = worth * USUAL_FALL
+        out[layer] = worth * size * costs[layer]
+    return out
+
+
+def _weights(eye: F64, viewpoints: F64) -> list[float]:
+    """What each viewpoint counts; where the eye is at one of them, that one alone."""
     away = viewpoints - eye
-    distances = np.sqrt(away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1] + away[:, 2] * away[:, 2])
-    order = np.argsort(distances, kind="stable")[:NEAREST]
-    least = float(distances[order[0]])
+    squared = away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1] + away[:, 2] * away[:, 2]
+    least = float(squared.min())
     if least == 0:
-        return [(int(order[0]), 1.0)]
-    return [(int(number), least / float(distances[number])) for number in order]
+        return [1.0 if number == int(squared.argmin()) else 0.0 for number in range(len(squared))]
+    return [least / float(value) for value in squared]

@@ -14,10 +14,10 @@ from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockKind
 from scarfmt.streaming.boxes import cubes, tight_boxes
 from scarfmt.streaming.gains import gains_from
-from scarfmt.streaming.view import Camera, in_picture
+from scarfmt.streaming.view import Camera, share_in_picture
 
-BEHIND = 0.05
-"""What a gain is worth in a tile that is not in the picture: a camera may turn."""
+BEHIND = 0.02
+"""Part of a tile that counts as in the picture where none is: a camera may turn, and splats stick out."""
 OVERHEAD = 64
 """Bytes that a block costs beside its own: its part of requests, and time to decode."""
 
@@ -77,21 +77,34 @@ def plan(index: SceneIndex, streaming: Streaming | None, camera: Camera | None, 
     tiles, layers = index.bytes.shape
     if camera is None:
         return [Step(tile, layer) for layer in range(1, layers + 1) for tile in range(tiles) if have[tile] < layer]
-    boxes = tight_boxes(index.cubes, streaming)
-    seen = in_picture(boxes, camera)
-    gains = gains_from(camera.soon, boxes, streaming, layers).T * np.where(seen, 1.0, BEHIND)[:, None]
-    missing = np.where(np.arange(1, layers + 1) > max(have, default=0), index.model_bytes, 0.0)
-    costs = index.bytes + OVERHEAD + missing / max(tiles, 1)
+    gains, costs, share = weighed(index, streaming, camera, have)
     first, then = [], []
     for tile in range(tiles):
         start = have[tile]
-        if start == 0 and layers > 0 and seen[tile]:
+        if start == 0 and layers > 0 and share[tile] > 0:
             first.append((-gains[tile, 0] / costs[tile, 0], 1, tile, 1))
             start = 1
         then += [(-worth, low, tile, past) for worth, low, past in _parts(gains[tile], costs[tile], start)]
     return [
         Step(tile, layer) for _, low, tile, past in sorted(first) + sorted(then) for layer in range(low, past + 1)
     ]
+
+
+def weighed(
+    index: SceneIndex, streaming: Streaming | None, camera: Camera, have: Sequence[int]
+) -> tuple[F64, F64, F64]:
+    """What a plan goes by: gains (T, L) of layers in this view, their costs (T, L) in bytes, (T,) parts in the picture.
+
+    Args:
+        index, streaming, camera, have: as for :func:`plan`.
+    """
+    tiles, layers = index.bytes.shape
+    boxes = tight_boxes(index.cubes, streaming)
+    share = share_in_picture(boxes, camera)
+    missing = np.where(np.arange(1, layers + 1) > max(have, default=0), index.model_bytes, 0.0)
+    costs = index.bytes + OVERHEAD + missing / max(tiles, 1)
+    gains = gains_from(camera.soon, boxes, streaming, costs.T).T * np.maximum(share, BEHIND)[:, None]
+    return gains, costs, share
 
 
 def _parts(gains: F64, costs: F64, start: int) -> Iterator[tuple[float, int, int]]:

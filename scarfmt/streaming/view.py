@@ -1,18 +1,21 @@
-"""The view that is planned for: where the camera will be, and which tiles it will have in its picture."""
+"""The view that is planned for: where the camera will be, and what of the tiles it will have in its picture."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 
-from scarfmt.arrays import F64, Bools
+from scarfmt.arrays import F64
 from scarfmt.streaming.boxes import Boxes
 
 AHEAD_SECONDS = 0.5
 """How far ahead a moving camera is planned for."""
 MARGIN = 1.1
 """How much wider than the picture is planned for: cameras turn."""
+GRID = (-0.75, -0.25, 0.25, 0.75)
+"""Places along each side of a box, in halves of it, that stand for what is in it."""
 _TERMS = 25
 """Of the continued fraction of the tangent: exact to the last bit below a right angle, but for rounding."""
 
@@ -52,22 +55,26 @@ def tangent(angle: float) -> float:
     return angle / below
 
 
-def in_picture(boxes: Boxes, camera: Camera) -> Bools:
-    """(T,) whether some of a box may be in the picture, a margin about it included: none of its sides keeps it out."""
+def share_in_picture(boxes: Boxes, camera: Camera, margin: float = MARGIN) -> F64:
+    """(T,) float64 which part of each box is in the picture, of 64 places in it that are looked at.
+
+    Args:
+        boxes: of T tiles.
+        camera: to look with, from where it will be.
+        margin: how much wider than the picture counts.
+    """
     forward = _unit(camera.forward)
     right = _unit(_cross(forward, camera.up))
     up = _cross(right, forward)
-    tall = MARGIN * tangent(camera.fov_y / 2)
+    tall = margin * tangent(camera.fov_y / 2)
     wide = tall * (camera.width / camera.height)
     away, half = boxes.middle - camera.soon, boxes.half
-    seen: Bools = np.ones(len(half), np.bool_)
-    sides = [[r + wide * f for r, f in zip(s, forward, strict=True)] for s in (right, [-r for r in right])]
-    sides += [[u + tall * f for u, f in zip(s, forward, strict=True)] for s in (up, [-u for u in up])]
-    for side in (forward, *sides):
-        most = away[:, 0] * side[0] + away[:, 1] * side[1] + away[:, 2] * side[2]
-        most = most + (half[:, 0] * abs(side[0]) + half[:, 1] * abs(side[1]) + half[:, 2] * abs(side[2]))
-        seen &= most >= 0
-    return seen
+    seen = np.zeros(len(half))
+    for a, b, c in itertools.product(GRID, GRID, GRID):
+        x, y, z = away[:, 0] + a * half[:, 0], away[:, 1] + b * half[:, 1], away[:, 2] + c * half[:, 2]
+        deep, across, high = ((x * axis[0] + y * axis[1] + z * axis[2]) for axis in (forward, right, up))
+        seen += (deep > 0) & (np.abs(across) <= wide * deep) & (np.abs(high) <= tall * deep)
+    return np.asarray(seen / 64)
 
 
 def _unit(vector: F64 | list[float]) -> list[float]:

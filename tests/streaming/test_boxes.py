@@ -69,9 +69,3 @@ def test_what_is_near_is_all_round() -> None:
     point = box((1, 1, 1), (1, 1, 1))
     assert coverage(point, np.array([1.0, 1, 1]))[0] == ALL_ROUND
     assert coverage(point, np.array([0.0, 1, 1]))[0] == 0.0
-
-
-def test_reach_makes_boxes_larger() -> None:
-    """A point from which splats reach one unit covers what a cube of two does."""
-    eye = np.array([7.0, -3.0, 2.0])
-    assert coverage(box((0, 0, 0), (0, 0, 0), 1.0), eye) == coverage(box((-1, -1, -1), (1, 1, 1)), eye)

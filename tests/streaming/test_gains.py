@@ -1,13 +1,15 @@
-"""What a layer of a tile is worth from anywhere: what the nearest viewpoints say, by how large it looks."""
+"""What a layer of a tile is worth from anywhere: what viewpoints say, by how large it looks."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from scarfmt.blocks.streaming import Streaming
 from scarfmt.streaming.boxes import Boxes, coverage
-from scarfmt.streaming.gains import MOST_RATIO, gains_from
+from scarfmt.streaming.gains import MOST_RATIO, gains_from, told_gains, usual_gains
 
 BOXES = Boxes(np.array([[-0.5, -0.5, 9.5]]), np.array([[0.5, 0.5, 10.5]]), np.zeros(1))
 
@@ -24,30 +26,42 @@ def test_at_a_viewpoint_it_is_what_the_file_says() -> None:
     here = np.zeros(3)
     other = [0.0, 0, -1]
     for level, gain in ((255, 1.0), (251, 0.5), (1, 2.0**-63.5), (0, 0.0)):
-        assert gains_from(here, BOXES, told([[0, 0, 0], other], [level, 200]), 1)[0, 0] == pytest.approx(gain)
+        assert told_gains(here, BOXES, told([[0, 0, 0], other], [level, 200]), 1)[0, 0] == pytest.approx(gain)
 
 
 def test_between_viewpoints_the_nearer_counts_more() -> None:
-    """And no more than three are asked."""
-    places = [[1.0, 0, 0], [0, 2.0, 0], [0, 0, -50.0], [0, 0, -60.0]]
-    found = gains_from(np.zeros(3), BOXES, told(places, [255, 1, 1, 255]), 1)[0, 0]
+    """By the square of the distance."""
+    places = [[1.0, 0, 0], [0, 2.0, 0]]
+    found = told_gains(np.zeros(3), BOXES, told(places, [255, 0]), 1)[0, 0]
     ratio = coverage(BOXES, np.zeros(3))[0] / coverage(BOXES, np.array(places[0]))[0]
-    assert found == pytest.approx(ratio * 1 / (1 + 1 / 2 + 1 / 50), rel=1e-9)
+    assert found == pytest.approx(ratio * 1 / (1 + 1 / 4), rel=1e-9)
 
 
 def test_what_looks_larger_counts_more_but_not_without_end() -> None:
-    """From half as far four times; from the tile itself no more."""
+    """From half as far four times; from the tile itself no more than a hundred times."""
     far = told([[0, 0, -10.0]], [251])
-    assert gains_from(np.array([0, 0, 0.0]), BOXES, far, 1)[0, 0] == pytest.approx(0.5 * MOST_RATIO, rel=0.05)
-    assert gains_from(np.array([0, 0, 9.0]), BOXES, far, 1)[0, 0] == 0.5 * MOST_RATIO
-    assert gains_from(np.array([0, 0, -90.0]), BOXES, far, 1)[0, 0] == 0.5 / MOST_RATIO
+    assert told_gains(np.array([0, 0, 0.0]), BOXES, far, 1)[0, 0] == pytest.approx(0.5 * 4, rel=0.05)
+    assert told_gains(np.array([0, 0, 10.0]), BOXES, far, 1)[0, 0] == 0.5 * MOST_RATIO
+    assert told_gains(np.array([0, 0, -990.0]), BOXES, far, 1)[0, 0] == 0.5 / MOST_RATIO
 
 
-def test_where_nothing_is_told_size_decides_and_later_layers_count_less() -> None:
-    """Without a block, and with one that has no viewpoints."""
-    for streaming in (None, told([], [])):
-        found = gains_from(np.zeros(3), BOXES, streaming, 3)
-        assert (found[:, 0] / coverage(BOXES, np.zeros(3))[0]).tolist() == [0.5, 0.25, 0.125]
+def test_usually_size_decides_and_later_layers_count_less() -> None:
+    """A byte of a layer is worth half of what one of the layer before was."""
+    found = usual_gains(np.zeros(3), BOXES, np.array([[100.0], [100.0], [1000.0]]))
+    size = coverage(BOXES, np.zeros(3))[0]
+    assert found[:, 0].tolist() == [50 * size, 25 * size, 125 * size]
+
+
+def test_half_is_what_is_told_and_half_what_is_usual() -> None:
+    """As much of either, all tiles and layers together; where nothing is told, what is usual alone."""
+    eye, costs = np.zeros(3), np.array([[100.0], [100.0]])
+    usual = usual_gains(eye, BOXES, costs)
+    streaming = replace(told([[1, 0, 0]], [200]), gains=np.array([[[200], [220]]], np.uint8))
+    told_alone, found = told_gains(eye, BOXES, streaming, 2), gains_from(eye, BOXES, streaming, costs)
+    assert (found - told_alone).sum() == pytest.approx(told_alone.sum())
+    assert (found - told_alone) / usual == pytest.approx(np.full((2, 1), told_alone.sum() / usual.sum()))
+    for nothing in (None, told([], []), replace(streaming, gains=np.zeros((1, 2, 1), np.uint8))):
+        assert np.array_equal(gains_from(eye, BOXES, nothing, costs), usual)
 
 
 def test_layers_that_the_file_lacks_are_left_out() -> None:
@@ -58,4 +72,4 @@ def test_layers_that_the_file_lacks_are_left_out() -> None:
         np.zeros((1, 3), np.float32),
         np.arange(200, 205, dtype=np.uint8).reshape(1, 5, 1),
     )
-    assert gains_from(np.zeros(3), BOXES, streaming, 2).shape == (2, 1)
+    assert told_gains(np.zeros(3), BOXES, streaming, 2).shape == (2, 1)

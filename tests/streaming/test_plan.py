@@ -45,7 +45,9 @@ CAMERA = Camera(np.zeros(3), FORWARD, UP, 1.0, 400, 300)
 
 def test_first_layers_in_the_picture_come_before_anything_else() -> None:
     """However much a later layer gains; those that gain most a byte first."""
-    steps = plan(row(3, 2), told([[100, 110, 90], [200, 200, 200]]), CAMERA, [0, 0, 0])
+    steps = plan(row(3, 2), told([[10, 10, 10], [250, 250, 250]]), CAMERA, [0, 0, 0])
+    assert [layer for _, layer in steps] == [1, 1, 1, 2, 2, 2]
+    steps = plan(row(3, 2), told([[205, 220, 190], [9, 9, 9]]), CAMERA, [0, 0, 0])
     assert steps[:3] == [Step(1, 1), Step(0, 1), Step(2, 1)]
 
 
@@ -70,7 +72,7 @@ def test_bytes_are_what_gains_are_divided_by() -> None:
     cheap = replace(index, bytes=np.array([[1000.0, 1000], [1000, 500]]))
     assert plan(cheap, told([[9, 9], [100, 100]]), CAMERA, [1, 1]) == [Step(1, 2), Step(0, 2)]
     dear = replace(index, model_bytes=np.array([0.0, 1e6]))
-    mixed = told([[100, 100], [103, 103]])
+    mixed = told([[100, 150], [160, 130]])
     assert plan(index, mixed, replace(CAMERA, forward=-FORWARD), [1, 0])[0] == Step(0, 2)
     assert plan(dear, mixed, replace(CAMERA, forward=-FORWARD), [1, 0])[0] == Step(1, 1)
 
@@ -87,7 +89,9 @@ def test_a_moving_camera_is_planned_for_where_it_will_be() -> None:
 
 def test_equal_gains_go_by_layer_then_tile() -> None:
     """So that every language decides alike."""
-    assert plan(row(3, 2), told([[50] * 3, [50] * 3]), CAMERA, [0, 0, 0]) == [
+    index = row(3, 2)
+    alike = replace(index, cubes=index.cubes[[1, 1, 1]])
+    assert plan(alike, told([[50] * 3, [50] * 3]), CAMERA, [0, 0, 0]) == [
         Step(tile, layer) for layer in (1, 2) for tile in range(3)
     ]
 

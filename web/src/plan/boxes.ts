@@ -6,15 +6,14 @@ import type { Point } from "../decoder/types.js";
 /** The solid angle of everything. */
 const ALL_ROUND = 12.566370614359172;
 const ROOTS = [1, 1.189207115002721, 1.4142135623730951, 1.681792830507429];
-/** Steps of a gain, and of a reach, in an octave (SPEC §7.13). */
+/** Steps of a gain in an octave (SPEC §7.13). */
 const STEPS = 4;
-const REACH_OF_SIDE = 128;
 
 /** Boxes of n tiles, world units. */
 export interface Boxes {
   /** (n, 3) */
   middle: Float64Array;
-  /** (n, 3) half their sides, and what sticks out. */
+  /** (n, 3) half their sides. */
   half: Float64Array;
 }
 
@@ -27,8 +26,6 @@ export function octaves(first: number, steps: number): Float64Array {
   return out;
 }
 
-const REACHES = octaves(-REACH_OF_SIDE, 256);
-
 /**
  * What a file says of where the content of its tiles is; the cubes where it says nothing.
  * @param cubes (n, 6) lowest and highest corners
@@ -37,8 +34,6 @@ export function tightBoxes(cubes: Float64Array, streaming: Streaming | null): Bo
   const tiles = cubes.length / 6;
   const boxes = { middle: new Float64Array(3 * tiles), half: new Float64Array(3 * tiles) };
   for (let tile = 0; tile < tiles; tile++) {
-    const level = streaming?.reach[tile] ?? 0;
-    const reach = level > 0 ? (cubes[6 * tile + 3] - cubes[6 * tile]) * REACHES[level] : 0;
     for (let axis = 0; axis < 3; axis++) {
       let low = cubes[6 * tile + axis];
       let high = cubes[6 * tile + 3 + axis];
@@ -49,7 +44,7 @@ export function tightBoxes(cubes: Float64Array, streaming: Streaming | null): Bo
         low = low + part * streaming.low[at];
       }
       boxes.middle[at] = (low + high) / 2;
-      boxes.half[at] = (high - low) / 2 + reach;
+      boxes.half[at] = (high - low) / 2;
     }
   }
   return boxes;

@@ -7,10 +7,10 @@ import { tightBoxes } from "./boxes.js";
 import { inFileOrder } from "./file_order.js";
 import { gainsFrom } from "./gains.js";
 import type { Camera, Planner, SceneIndex, Step } from "./types.js";
-import { inPicture, soon } from "./view.js";
+import { shareInPicture, soon } from "./view.js";
 
-/** What a gain is worth in a tile that is not in the picture: a camera may turn. */
-const BEHIND = 0.05;
+/** Part of a tile that counts as in the picture where none is: a camera may turn, and splats stick out. */
+const BEHIND = 0.02;
 /** Bytes that a block costs beside its own: its part of requests, and time to decode. */
 const OVERHEAD = 64;
 
@@ -36,17 +36,18 @@ export function planByView(
   const { tiles, layers } = index;
   if (camera === null) return inFileOrder(index, have);
   const boxes = tightBoxes(index.boxes, streaming);
-  const seen = inPicture(boxes, camera);
-  const gains = gainsFrom(soon(camera), boxes, streaming, layers);
+  const share = shareInPicture(boxes, camera);
   const most = have.reduce((a, b) => Math.max(a, b), 0);
+  const costOf = (tile: number, layer: number) =>
+    index.bytes[tile * layers + layer] + OVERHEAD + (layer + 1 > most ? index.modelBytes[layer] : 0) / tiles;
+  const gains = gainsFrom(soon(camera), boxes, streaming, layers, costOf);
   const first: Part[] = [];
   const then: Part[] = [];
   for (let tile = 0; tile < tiles; tile++) {
-    const gain = (layer: number) => gains[layer * tiles + tile] * (seen[tile] ? 1 : BEHIND);
-    const cost = (layer: number) =>
-      index.bytes[tile * layers + layer] + OVERHEAD + (layer + 1 > most ? index.modelBytes[layer] : 0) / tiles;
+    const gain = (layer: number) => gains[layer * tiles + tile] * Math.max(share[tile], BEHIND);
+    const cost = (layer: number) => costOf(tile, layer);
     let start = have[tile];
-    if (start === 0 && layers > 0 && seen[tile]) {
+    if (start === 0 && layers > 0 && share[tile] > 0) {
       first.push({ worth: gain(0) / cost(0), low: 1, tile, past: 1 });
       start = 1;
     }

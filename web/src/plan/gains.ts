@@ -5,33 +5,50 @@ import type { Point } from "../decoder/types.js";
 import { coverage, difference, octaves, type Boxes } from "./boxes.js";
 
 const GAIN_OF_ONE = 255;
-/** Viewpoints that are looked at. */
-const NEAREST = 3;
 /** How much larger or smaller than from a viewpoint a tile counts at most. */
-const MOST_RATIO = 4;
-/** What a layer is worth of what the one before was, where nothing is told. */
+const MOST_RATIO = 100;
+/** What a byte of a layer is worth of what one of the layer before was, as is usual. */
 const USUAL_FALL = 0.5;
 
 const GAINS = octaves(-GAIN_OF_ONE - 1, GAIN_OF_ONE + 2).subarray(1);
 
+/** Bytes of a layer (from 0) of a tile. */
+export type CostOf = (tile: number, layer: number) => number;
+
 /**
- * (layers, tiles): what each layer of each tile takes away of the squared error of a picture that has it in it.
+ * (layers, tiles): what each layer of each tile takes away of the squared error of a picture that has it in it. Half of
+ * it is what the file tells, half what is usual, so that neither is wrong alone: what is told is of other places. Where
+ * the file tells nothing, all is as usual, in some unit.
  * @param layers of the file; the file may tell of more
  */
-export function gainsFrom(eye: Point, boxes: Boxes, streaming: Streaming | null, layers: number): Float64Array {
+export function gainsFrom(
+  eye: Point,
+  boxes: Boxes,
+  streaming: Streaming | null,
+  layers: number,
+  costOf: CostOf,
+): Float64Array {
+  const usual = usualGains(eye, boxes, layers, costOf);
+  if (streaming === null || streaming.viewpoints.length === 0) return usual;
+  const told = toldGains(eye, boxes, streaming, layers);
+  const whole = sum(told);
+  const allUsual = sum(usual);
+  return whole > 0 && allUsual > 0 ? told.map((gain, at) => gain + usual[at] * (whole / allUsual)) : usual;
+}
+
+function sum(gains: Float64Array): number {
+  let total = 0;
+  for (const gain of gains) total = total + gain;
+  return total;
+}
+
+/** A mean of what is told from all viewpoints: the nearer count more, by the square of their distance. */
+function toldGains(eye: Point, boxes: Boxes, streaming: Streaming, layers: number): Float64Array {
   const size = coverage(boxes, eye);
   const tiles = size.length;
   const total = new Float64Array(layers * tiles);
-  if (streaming === null || streaming.viewpoints.length === 0) {
-    let worth = 1;
-    for (let layer = 0; layer < layers; layer++) {
-      worth = worth * USUAL_FALL;
-      for (let tile = 0; tile < tiles; tile++) total[layer * tiles + tile] = worth * size[tile];
-    }
-    return total;
-  }
-  let weights = 0;
-  for (const [viewpoint, weight] of nearest(eye, streaming.viewpoints)) {
+  let all = 0;
+  weights(eye, streaming.viewpoints).forEach((weight, viewpoint) => {
     const there = coverage(boxes, streaming.viewpoints.subarray(3 * viewpoint, 3 * viewpoint + 3));
     const first = viewpoint * streaming.layers * tiles;
     for (let at = 0; at < total.length; at++) {
@@ -41,18 +58,31 @@ export function gainsFrom(eye: Point, boxes: Boxes, streaming: Streaming | null,
       const gain = level > 0 ? GAINS[level] : 0;
       total[at] = total[at] + weight * (gain * Math.min(Math.max(ratio, 1 / MOST_RATIO), MOST_RATIO));
     }
-    weights = weights + weight;
-  }
-  return total.map((gain) => gain / weights);
+    all = all + weight;
+  });
+  return total.map((gain) => gain / all);
 }
 
-/** The nearest viewpoints, the first of equals first, and what each counts: by distance, the nearest 1. */
-function nearest(eye: Point, viewpoints: Float32Array): [number, number][] {
-  const distances = Array.from({ length: viewpoints.length / 3 }, (_, i) => {
+/** What looks larger counts more, and later layers less; encoders spend more bytes where there is more to see. */
+function usualGains(eye: Point, boxes: Boxes, layers: number, costOf: CostOf): Float64Array {
+  const size = coverage(boxes, eye);
+  const tiles = size.length;
+  const total = new Float64Array(layers * tiles);
+  let worth = 1;
+  for (let layer = 0; layer < layers; layer++) {
+    worth = worth * USUAL_FALL;
+    for (let tile = 0; tile < tiles; tile++) total[layer * tiles + tile] = worth * size[tile] * costOf(tile, layer);
+  }
+  return total;
+}
+
+/** What each viewpoint counts; where the eye is at one of them, that one alone. */
+function weights(eye: Point, viewpoints: Float32Array): number[] {
+  const squared = Array.from({ length: viewpoints.length / 3 }, (_, i) => {
     const [x, y, z] = difference(viewpoints.subarray(3 * i, 3 * i + 3), eye);
-    return Math.sqrt(x * x + y * y + z * z);
+    return x * x + y * y + z * z;
   });
-  const order = [...distances.keys()].sort((a, b) => distances[a] - distances[b] || a - b).slice(0, NEAREST);
-  const least = distances[order[0]];
-  return least === 0 ? [[order[0], 1]] : order.map((i) => [i, least / distances[i]]);
+  const least = Math.min(...squared);
+  if (least === 0) return squared.map((_, i) => (i === squared.indexOf(0) ? 1 : 0));
+  return squared.map((value) => least / value);
 }

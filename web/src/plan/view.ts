@@ -8,6 +8,9 @@ import type { Camera } from "./types.js";
 const AHEAD_SECONDS = 0.5;
 /** How much wider than the picture is planned for: cameras turn. */
 const MARGIN = 1.1;
+/** Places along each side of a box, in halves of it, that stand for what is in it. */
+const GRID = [-0.75, -0.25, 0.25, 0.75];
+const PLACES = GRID.flatMap((a) => GRID.flatMap((b) => GRID.map((c): Point => [a, b, c])));
 /** Of the continued fraction of the tangent. */
 const TERMS = 25;
 
@@ -26,28 +29,36 @@ export function tangent(angle: number): number {
   return angle / below;
 }
 
-/** Whether some of each box may be in the picture, a margin about it included: none of its sides keeps it out. */
-export function inPicture({ middle, half }: Boxes, camera: Camera): boolean[] {
+/**
+ * (n) which part of each box is in the picture, of 64 places in it that are looked at.
+ * @param camera to look with, from where it will be
+ */
+export function shareInPicture({ middle, half }: Boxes, camera: Camera): Float64Array {
   const forward = unit(camera.forward);
   const right = unit(cross(forward, camera.up));
   const up = cross(right, forward);
   const tall = MARGIN * tangent(camera.fovY / 2);
   const wide = tall * (camera.width / camera.height);
-  const side = (s: Point, sign: number, slope: number): Point => [
-    sign * s[0] + slope * forward[0],
-    sign * s[1] + slope * forward[1],
-    sign * s[2] + slope * forward[2],
-  ];
-  const sides = [forward, side(right, 1, wide), side(right, -1, wide), side(up, 1, tall), side(up, -1, tall)];
   const eye = soon(camera);
-  return Array.from({ length: half.length / 3 }, (_, tile) => {
-    const h = half.subarray(3 * tile, 3 * tile + 3);
-    const away = difference(middle.subarray(3 * tile, 3 * tile + 3), eye);
-    return sides.every((s) => {
-      const most = away[0] * s[0] + away[1] * s[1] + away[2] * s[2];
-      return most + (h[0] * Math.abs(s[0]) + h[1] * Math.abs(s[1]) + h[2] * Math.abs(s[2])) >= 0;
-    });
-  });
+  const seen = new Float64Array(half.length / 3);
+  for (let tile = 0; tile < seen.length; tile++) {
+    const at = 3 * tile;
+    const away = difference(middle.subarray(at, at + 3), eye);
+    for (const place of PLACES) {
+      const p: Point = [
+        away[0] + place[0] * half[at],
+        away[1] + place[1] * half[at + 1],
+        away[2] + place[2] * half[at + 2],
+      ];
+      const deep = along(p, forward);
+      if (deep > 0 && Math.abs(along(p, right)) <= wide * deep && Math.abs(along(p, up)) <= tall * deep) seen[tile]++;
+    }
+  }
+  return seen.map((count) => count / PLACES.length);
+}
+
+function along(a: Point, b: Point): number {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
 function unit([x, y, z]: Point): Point {

@@ -1,0 +1,179 @@
+"""`scarfmt stream`: a file fetched for a view, what comes first, and what it looks like meanwhile."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from scarfmt.cli.failures import requires_extra
+from scarfmt.cli.files import check_stdout, open_input, print_json, timeout_option
+from scarfmt.cli.views import parse_size
+
+if TYPE_CHECKING:
+    from scarfmt.scene.gaussians import GaussianScene
+    from scarfmt.streaming.client import StreamClient
+    from scarfmt.streaming.view import Camera
+
+_SIZE = (640, 480)
+_FIELD_DEG = 60.0
+_EVERY = 100_000
+_AWAY = 1.2
+"""Of a scene without a view to begin with: distance of the eye, in diagonals of its boxes."""
+
+
+def parse_point(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+    """Three numbers with commas between them.
+
+    Raises:
+        click.BadParameter: the text has another shape.
+    """
+    if value is None:
+        return None
+    try:
+        x, y, z = map(float, value.split(","))
+    except ValueError as error:
+        raise click.BadParameter(f"{value!r} is not X,Y,Z") from error
+    return x, y, z
+
+
+@click.command(short_help="Fetch a file for a view, what it needs most first.")
+@click.argument("file")
+@click.argument("output", required=False, type=click.Path(file_okay=False))
+@click.option("--plan", "plan_only", is_flag=True, help="Fetch nothing: print the order, with bytes and gains.")
+@click.option("--camera", callback=parse_point, metavar="X,Y,Z", help="Where to look from [default: the file's view].")
+@click.option("--target", callback=parse_point, metavar="X,Y,Z", help="What to look at [default: the file's view].")
+@click.option("--up", callback=parse_point, metavar="X,Y,Z", help="The direction that is up [default: the file's].")
+@click.option("--fov", type=click.FloatRange(1, 170), metavar="DEGREES", help="Vertical field [default: the file's].")
+@click.option("--velocity", callback=parse_point, metavar="X,Y,Z", help="World lengths a second that the eye moves.")
+@click.option("--size", callback=parse_size, metavar="WxH", help="Pixels of a picture [default: 640x480].")
+@click.option("--budget", type=click.IntRange(min=1), metavar="BYTES", help="Tiles and models to fetch at most.")
+@click.option("--splats", type=click.IntRange(min=1), metavar="N", help="Gaussians to show at most.")
+@click.option("--every", type=click.IntRange(min=1), default=_EVERY, show_default=True, metavar="BYTES",
+              help="Draw after so many bytes, again and again.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
+@timeout_option
+@requires_extra("render")
+def stream(file: str, output: str | None, plan_only: bool, as_json: bool, every: int, **said: Any) -> None:
+    """Fetch FILE (a path or a URL) in the order in which a view needs it, and draw what it shows meanwhile into OUTPUT.
+
+    First come the front, the models and layer 1 of all tiles in the picture, then what takes away most error a byte: a
+    file that was encoded with --viewpoints tells that. Only explicit files are drawn.
+
+    \b
+    Examples:
+      scarfmt stream scene.scar --plan
+      scarfmt stream https://example.org/scene.scar pictures/ --every 200000
+      scarfmt stream scene.scar --plan --camera 0,1,4 --target 0,0,0 --up 0,1,0 --budget 1000000 --json
+    """
+    from scarfmt.streaming.client import StreamClient
+    from scarfmt.streaming.plan import affordable
+
+    if not plan_only and output is None:
+        raise click.UsageError("give OUTPUT, a folder for pictures, or --plan")
+    check_stdout()
+    with open_input(file) as source:
+        client = StreamClient(source)
+        camera = _camera(client, said)
+        steps = affordable(
+            client.index, client.plan(camera), size=said["budget"] or math.inf, splats=said["splats"] or math.inf
+        )
+        if plan_only:
+            _print_plan(client, camera, steps, as_json)
+            return
+        assert output is not None
+        shown = list(_fetched(client, camera, steps, every, Path(output)))
+    if as_json:
+        print_json(shown)
+    for row in () if as_json else shown:
+        tiles = f"{row['tiles']:,} tiles, {row['gaussians']:,} Gaussians"
+        click.echo(f"{row['bytes']:>12,} bytes in {row['requests']:>4} requests: {tiles}, {row['picture']}")
+
+
+def _camera(client: StreamClient, said: dict[str, Any]) -> Camera:
+    """The view that was asked for; what is not said is that of the file, or one of all of it from outside."""
+    import numpy as np
+
+    from scarfmt.streaming.boxes import tight_boxes
+    from scarfmt.streaming.view import Camera
+
+    view = None if client.told is None else client.told.view
+    boxes = tight_boxes(client.index.cubes, client.told)
+    low, high = boxes.low.min(axis=0, initial=np.inf), boxes.high.max(axis=0, initial=-np.inf)
+    middle = (low + high) / 2 if len(boxes.low) else np.zeros(3)
+    away = _AWAY * float(np.linalg.norm(high - low)) if len(boxes.low) else 1.0
+    up = np.array(said["up"] or (view.up if view else (0.0, -1.0, 0.0)))
+    target = np.array(said["target"] or (view.target if view else middle))
+    position = np.array(said["camera"] or (view.position if view else middle - away * np.array([0.0, 0.0, 1.0])))
+    field = math.radians(said["fov"]) if said["fov"] else view.fov if view else math.radians(_FIELD_DEG)
+    velocity = None if said["velocity"] is None else np.array(said["velocity"])
+    if not np.linalg.norm(np.cross(target - position, up)) > 0:
+        raise click.UsageError("--camera, --target and --up say no view: the eye looks along what is up, or nowhere")
+    width, height = said["size"] or _SIZE
+    return Camera(position, target - position, up, field, width, height, velocity)
+
+
+def _print_plan(client: StreamClient, camera: Camera, steps: Any, as_json: bool) -> None:
+    from scarfmt.streaming.plan import weighed
+
+    gains, _, share = weighed(client.index, client.told, camera, client.have)
+    rows, total, models = [], client.transfer.size, 0
+    for tile, layer in steps:
+        more = client.index.bytes[tile, layer - 1] + client.index.model_bytes[models:layer].sum()
+        total, models = total + int(more), max(models, layer)
+        rows.append({"tile": tile, "layer": layer, "bytes": int(more), "total": total,
+                     "gain": float(gains[tile, layer - 1]), "in_picture": float(share[tile])})  # fmt: skip
+    if as_json:
+        print_json({"told": client.told is not None, "front": client.transfer.size, "steps": rows})
+        return
+    whose = "as the file tells" if client.told else "as is usual"
+    click.echo(f"{client.transfer.size:,} bytes before models and tiles; gains {whose}")
+    click.echo(f"{'step':>6}  {'tile':>6}  {'layer':>5}  {'bytes':>10}  {'total':>12}  {'gain':>9}  in picture")
+    for number, row in enumerate(rows, start=1):
+        click.echo(
+            f"{number:>6}  {row['tile']:>6}  {row['layer']:>5}  {row['bytes']:>10,}  {row['total']:>12,}"
+            f"  {row['gain']:>9.2e}  {100 * row['in_picture']:>8.0f} %"
+        )
+
+
+def _fetched(client: StreamClient, camera: Camera, steps: Any, every: int, folder: Path) -> Any:
+    """What has come after each picture: bytes, requests, tiles, Gaussians, name of the picture."""
+    from scarfmt.render.camera import look_at
+    from scarfmt.render.images import write_png
+    from scarfmt.render.rasterise import render
+
+    folder.mkdir(parents=True, exist_ok=True)
+    horizontal = 2 * math.atan(math.tan(camera.fov_y / 2) * camera.width / camera.height)
+    view = look_at(camera.position, camera.position + camera.forward, camera.up, int(camera.width), int(camera.height),
+                   math.degrees(horizontal))  # fmt: skip
+    left = list(steps)
+    while left:
+        left = left[client.fetch(left, every) :]
+        scene = _scene(client)
+        name = f"{client.transfer.size:012d}.png"
+        write_png(folder / name, render(scene, view))
+        shown = sum(k > 0 for k in client.have)
+        yield {"bytes": client.transfer.size, "requests": client.transfer.requests, "tiles": shown,
+               "gaussians": len(scene), "picture": name}  # fmt: skip
+
+
+def _scene(client: StreamClient) -> GaussianScene:
+    """All tiles, each after the layers that have come of it."""
+    import numpy as np
+
+    from reference_decoder.decode import decode
+    from scarfmt.errors import InvalidInput
+    from scarfmt.scene.gaussians import GaussianScene
+
+    parts = []
+    for layer in range(1, max(client.have) + 1):
+        tiles = [tile for tile, have in enumerate(client.have) if have == layer]
+        if tiles:
+            found = decode(client.copy, layers=layer, tiles=tiles).scene
+            if not isinstance(found, GaussianScene):
+                raise InvalidInput("input-attributes", "an anchor model: only explicit files are drawn here")
+            parts.append(found)
+    names = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
+    return GaussianScene(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
