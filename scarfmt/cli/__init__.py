@@ -68,7 +68,7 @@ def cli() -> None:
 for _command in (
     *(encode, train, view, stream, decode, inspect, truncate),
     *(validate, dump, compare, render, conformance, completion),
-):  # fmt: skip
+):
     cli.add_command(_command)
 
 
