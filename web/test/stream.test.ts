@@ -2,11 +2,13 @@
 
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
+import { inlineChannel } from "../src/decoder/channel.js";
+import { createWasmDecoder } from "../src/decoder/wasm.js";
 import type { Camera, Planner } from "../src/plan/types.js";
 import { openScar } from "../../conformance/decoders/js/decoder.js";
 import { fileOrder } from "../src/plan/file_order.js";
 import { parseFront } from "../src/stream/front.js";
-import { toys, vector } from "./files.js";
+import { compiledModule, toys, vector } from "./files.js";
 import { serving } from "./server.js";
 import { threadChannel } from "./threads.js";
 import { assertComplete, assertShown, watching } from "./watching.js";
@@ -51,6 +53,16 @@ describe("a stream", () => {
       await watching(url, { workers: 3, channel: threadChannel }, async (watched) => {
         await watched.end();
         await assertComplete(watched, bytes);
+      });
+    });
+  });
+
+  it("decodes in WebAssembly, to what a direct decode in it gives", async () => {
+    const wasm = async () => createWasmDecoder(compiledModule());
+    await serving(bytes, async (url) => {
+      await watching(url, { channel: inlineChannel(wasm) }, async (watched) => {
+        await watched.end();
+        await assertComplete(watched, bytes, wasm);
       });
     });
   });

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { createJsDecoder } from "../src/decoder/js.js";
-import type { TileValues } from "../src/decoder/types.js";
+import type { MakeDecoder, TileValues } from "../src/decoder/types.js";
 import type { StreamError } from "../src/stream/errors.js";
 import { ScarStream, type Stats, type StreamOptions, type TileEvent } from "../src/stream/scar_stream.js";
 import type { SourceLike } from "../src/stream/source.js";
@@ -66,28 +66,33 @@ export async function watching(
 
 const NAMES = ["centres", "scales", "quats", "opacity", "sh"] as const;
 
-/** Direct decodes by file, then tile and layer. */
+/** Direct decodes by file, then decoder, tile and layer. */
 const decodes = new Map<Uint8Array, Map<string, TileValues>>();
 
-async function direct(bytes: Uint8Array, tile: number, layer: number): Promise<TileValues> {
+async function direct(bytes: Uint8Array, tile: number, layer: number, make: MakeDecoder): Promise<TileValues> {
   const ofFile = decodes.get(bytes) ?? new Map<string, TileValues>();
   decodes.set(bytes, ofFile);
-  if (!ofFile.has(`${tile} ${layer}`)) {
-    const feeder = new Feeder(await createJsDecoder(), bytes);
+  const name = (one: number) => `${make.name} ${one} ${layer}`;
+  if (!ofFile.has(name(tile))) {
+    const feeder = new Feeder(await make(), bytes);
     for (let k = 1; k <= feeder.layers; k++) feeder.addModels(k);
     for (let t = 0; t < feeder.tiles; t++) {
       for (let k = 1; k <= layer; k++) feeder.advance(t, k);
-      ofFile.set(`${t} ${layer}`, feeder.decoder.values(t));
+      ofFile.set(name(t), feeder.decoder.values(t));
       feeder.decoder.release(t);
     }
   }
-  return ofFile.get(`${tile} ${layer}`)!;
+  return ofFile.get(name(tile))!;
 }
 
 /** What is shown of each tile is, bit for bit, a direct decode to its layer. */
-export async function assertShown(shown: Map<number, TileEvent>, bytes: Uint8Array): Promise<void> {
+export async function assertShown(
+  shown: Map<number, TileEvent>,
+  bytes: Uint8Array,
+  make: MakeDecoder = createJsDecoder,
+): Promise<void> {
   for (const [tile, { layer, count, output }] of shown) {
-    const wanted = await direct(bytes, tile, layer);
+    const wanted = await direct(bytes, tile, layer, make);
     assert.equal(count, wanted.count);
     for (const name of NAMES) {
       const same = Buffer.compare(bytesOf((output as TileValues)[name]), bytesOf(wanted[name])) === 0;
@@ -101,9 +106,13 @@ function bytesOf({ buffer, byteOffset, byteLength }: Float32Array): Uint8Array {
 }
 
 /** Every tile that has anchors is shown after the last layer, as a direct decode gives it. */
-export async function assertComplete({ shown, stream }: Watched, bytes: Uint8Array): Promise<void> {
+export async function assertComplete(
+  { shown, stream }: Watched,
+  bytes: Uint8Array,
+  make: MakeDecoder = createJsDecoder,
+): Promise<void> {
   const { index } = stream.front!;
   assert.equal(shown.size, index.tiles);
   for (const { layer } of shown.values()) assert.equal(layer, index.layers);
-  await assertShown(shown, bytes);
+  await assertShown(shown, bytes, make);
 }

@@ -35,6 +35,17 @@ export class Deadline {
     clearTimeout(this.#timer);
   }
 
+  /** A promise that no longer waits once the signal aborts, whether or not who made it listens to the signal. */
+  race<T>(promise: Promise<T>): Promise<T> {
+    const { signal } = this;
+    return new Promise((resolve, reject) => {
+      const stop = () => reject(signal.reason);
+      if (signal.aborted) stop();
+      signal.addEventListener("abort", stop, { once: true });
+      promise.then(resolve, reject).finally(() => signal.removeEventListener("abort", stop));
+    });
+  }
+
   end(): void {
     this.pause();
     this.outer.removeEventListener("abort", this.#follow);

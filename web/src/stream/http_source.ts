@@ -126,7 +126,8 @@ export class HttpSource implements ByteSource {
     try {
       while (reader !== undefined) {
         deadline.start();
-        const { done, value } = await reader.read();
+        // Not every fetch ends a read that waits when it is aborted.
+        const { done, value } = await deadline.race(reader.read());
         deadline.pause();
         if (done) return;
         yield value;

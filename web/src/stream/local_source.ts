@@ -77,7 +77,7 @@ export class FunctionSource implements ByteSource {
     let bytes: Uint8Array;
     try {
       deadline.start();
-      bytes = new Uint8Array(await abortable(this.reader.read(offset, length, deadline.signal), deadline.signal));
+      bytes = new Uint8Array(await deadline.race(this.reader.read(offset, length, deadline.signal)));
     } catch (error) {
       const reason = deadline.reason(error);
       throw signal.aborted ? reason : asStreamError(reason, { source, offset });
@@ -89,14 +89,4 @@ export class FunctionSource implements ByteSource {
     }
     yield bytes;
   }
-}
-
-/** A promise that no longer waits once the signal aborts, whether or not who made it listens to the signal. */
-function abortable<T>(promise: Promise<T>, signal: AbortSignal): Promise<T> {
-  return new Promise((resolve, reject) => {
-    const stop = () => reject(signal.reason);
-    if (signal.aborted) stop();
-    signal.addEventListener("abort", stop, { once: true });
-    promise.then(resolve, reject).finally(() => signal.removeEventListener("abort", stop));
-  });
 }

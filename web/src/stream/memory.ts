@@ -5,8 +5,18 @@ import type { Cost } from "./budget.js";
 import type { Tiles } from "./tiles.js";
 
 const FLOAT = 4;
-/** Bytes of an anchor in a decoder, before any was measured. */
-const FIRST_GUESS = 128;
+/** Bytes of an anchor in a decoder, before they were measured. */
+const FIRST_GUESS = 256;
+const LEAST = 16;
+/** Reports that are learnt from. */
+const KEPT = 16;
+/** Anchors by which reports must differ for what one takes to be seen from them. */
+const LEAST_SPREAD = 100;
+
+interface Report {
+  anchors: number;
+  bytes: number;
+}
 
 /** Bytes of one delivered Gaussian. */
 function splatBytes(output: Output, degree: number): number {
@@ -17,7 +27,9 @@ function splatBytes(output: Output, degree: number): number {
 export class MemoryModel implements Cost {
   readonly #splatBytes: number;
   #anchorBytes = FIRST_GUESS;
-  #modelBytes = 0;
+  readonly #reports: Report[] = [];
+  #models = 0;
+  #scratch = 0;
 
   constructor(
     readonly tiles: Tiles,
@@ -26,18 +38,33 @@ export class MemoryModel implements Cost {
     this.#splatBytes = splatBytes(output, tiles.front.header.sh_degree);
   }
 
-  /** Bytes that decoders hold for models. */
-  get modelBytes(): number {
-    return this.#modelBytes;
+  /** Bytes that decoders hold whatever tiles they have: models, and room to work in. */
+  get fixed(): number {
+    return this.#models + this.#scratch;
+  }
+
+  /** Bytes of an anchor in a decoder. */
+  get anchorBytes(): number {
+    return this.#anchorBytes;
   }
 
   addModels(bytes: number): void {
-    this.#modelBytes += Math.max(bytes, 0);
+    this.#models += Math.max(bytes, 0);
   }
 
-  /** Learns from what all decoders hold with these many anchors in them. */
+  /** Learns from what all decoders hold with these many anchors in them: a straight line through the last reports. */
   observe(memory: number, anchors: number): void {
-    if (anchors > 0) this.#anchorBytes = Math.max(this.#anchorBytes, (memory - this.#modelBytes) / anchors);
+    const reports = this.#reports;
+    reports.push({ anchors, bytes: memory - this.#models });
+    if (reports.length > KEPT) reports.shift();
+    const mean = (of: (report: Report) => number) => reports.reduce((sum, one) => sum + of(one), 0) / reports.length;
+    const a = mean((one) => one.anchors);
+    const b = mean((one) => one.bytes);
+    const spread = mean((one) => (one.anchors - a) ** 2);
+    if (spread > LEAST_SPREAD ** 2) {
+      this.#anchorBytes = Math.max(mean((one) => (one.anchors - a) * (one.bytes - b)) / spread, LEAST);
+    }
+    this.#scratch = Math.max(0, ...reports.map((one) => one.bytes - one.anchors * this.#anchorBytes));
   }
 
   splats(tile: number, layer: number): number {

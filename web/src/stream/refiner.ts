@@ -48,6 +48,8 @@ const MOST_WAITING = 4 << 20;
 /** Share of the budget that is left to data under way, and its largest value, bytes. */
 const UNDER_WAY_SHARE = 1 / 8;
 const MOST_UNDER_WAY = 2 << 20;
+/** By how much of itself the cost of an anchor may change before goals are set anew. */
+const OUTDATED = 0.1;
 
 export class Refiner {
   readonly tiles: Tiles;
@@ -64,6 +66,8 @@ export class Refiner {
   #budgets: Budgets;
   #ideal: Step[] = [];
   #victims: number[] = [];
+  /** What goals were set with. */
+  #anchorBytes = 0;
   #loadingModels = false;
   #done = false;
   /** Whether a plan is about to be made. */
@@ -147,6 +151,7 @@ export class Refiner {
     queueMicrotask(() => {
       this.#planning = false;
       this.replan();
+      this.#makeRoom(0, 0);
       this.#blocked = blocked;
       this.#dispatch();
     });
@@ -171,7 +176,8 @@ export class Refiner {
     this.#ready.setPlan(this.#ideal);
     const { splats, bytes } = this.#budgets;
     const underWay = Math.min(bytes * UNDER_WAY_SHARE, MOST_UNDER_WAY);
-    const room = { splats, bytes: bytes - this.memory.modelBytes - underWay };
+    this.#anchorBytes = this.memory.anchorBytes;
+    const room = { splats, bytes: bytes - this.memory.fixed - underWay };
     this.tiles.setGoals(goals(this.#ideal, index.tiles, this.memory, room));
     const held = this.tiles.shown.map((layer, tile) => Math.max(layer, this.tiles.decoded[tile]));
     this.#victims = evictionOrder(this.#ideal, held, goal).reverse();
@@ -286,7 +292,7 @@ export class Refiner {
   #makeRoom(bytes: number, splats: number): boolean {
     const most = this.#budgets;
     const fits = () => {
-      const besides = this.memory.modelBytes + this.tiles.waitingBytes + this.transfers.underWay;
+      const besides = this.memory.fixed + this.tiles.waitingBytes + this.transfers.underWay;
       return this.#ledger.bytes + besides + bytes <= most.bytes && this.#ledger.splats + splats <= most.splats;
     };
     while (!fits()) {
@@ -339,6 +345,8 @@ export class Refiner {
       this.#deliver(tile, layer, output, took, layers.length === 0);
     }
     this.#ledger.charge(tile, this.#now(tile), this.#target(tile));
+    // Decoders make tables of a layer when they first need them, which nobody knew of before.
+    if (this.used > this.#budgets.bytes) this.#replanSoon();
     this.#touch(tile);
     this.#dispatch();
   }
@@ -396,6 +404,13 @@ export class Refiner {
     this.#report(failure, {}, true);
   }
 
+  /** Whether budgets stop some tile, but tiles cost another amount than was thought. */
+  #goalsAreOutdated(): boolean {
+    const { goal, limit } = this.tiles;
+    const change = Math.abs(this.memory.anchorBytes / this.#anchorBytes - 1);
+    return change > OUTDATED && goal.some((layer, tile) => layer < limit[tile]);
+  }
+
   /** Holds transfers back while decoders are behind. Bodies that wait for other blocks do not count. */
   #pace(): void {
     const most = Math.min(MOST_WAITING, this.#budgets.bytes * UNDER_WAY_SHARE);
@@ -407,6 +422,7 @@ export class Refiner {
     const working = this.#busy.size > 0 || this.#loadingModels || this.#planning;
     if (this.#done || working || !this.transfers.idle) return;
     if (this.#ready.size > 0 && !this.#blocked) return;
+    if (this.#goalsAreOutdated()) return this.#replanSoon();
     this.#done = true;
     this.parts.events.onDone();
   }

@@ -110,8 +110,9 @@ export class Transfers {
     this.#pump();
   }
 
-  /** A block is let go, so that it may be wanted again. */
+  /** A block is let go. It is fetched again once it is wanted anew. */
   forget(entry: number): void {
+    this.#isWanted[entry] = 0;
     if (this.#state[entry] === ARRIVED) this.#state[entry] = IDLE;
   }
 
@@ -152,8 +153,10 @@ export class Transfers {
   /** Entries wanted that are not under way, in order. */
   *#idle(): Generator<number, void, void> {
     while (this.#cursor < this.#wanted.length && this.#state[this.#wanted[this.#cursor]] >= ARRIVED) this.#cursor++;
-    for (let i = this.#cursor; i < this.#wanted.length; i++)
-      if (this.#state[this.#wanted[i]] === IDLE) yield this.#wanted[i];
+    for (let i = this.#cursor; i < this.#wanted.length; i++) {
+      const entry = this.#wanted[i];
+      if (this.#state[entry] === IDLE && this.#isWanted[entry] === 1) yield entry;
+    }
   }
 
   #pump(): void {

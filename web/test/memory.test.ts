@@ -1,0 +1,49 @@
+/** What tiles cost is learnt from what decoders report. */
+
+import assert from "node:assert/strict";
+import { describe, it } from "node:test";
+import { parseFront } from "../src/stream/front.js";
+import { Ledger } from "../src/stream/ledger.js";
+import { MemoryModel } from "../src/stream/memory.js";
+import { Tiles } from "../src/stream/tiles.js";
+import { toys } from "./files.js";
+
+const bytes = toys();
+const made = (output: "values" | "spark" = "values") =>
+  new MemoryModel(new Tiles(parseFront(bytes, bytes.length), false), output);
+
+describe("memory", () => {
+  it("of anchors and of room to work in are told apart", () => {
+    const model = made();
+    model.addModels(50_000);
+    model.observe(50_000 + 1_000_000 + 300 * 1000, 1000);
+    assert.ok(model.anchorBytes < 1000, "one report does not make an anchor pay for the room");
+    for (const anchors of [4000, 2500, 0, 700]) model.observe(50_000 + 1_000_000 + 300 * anchors, anchors);
+    assert.ok(Math.abs(model.anchorBytes - 300) < 1e-6);
+    assert.ok(Math.abs(model.fixed - 1_050_000) < 1e-3);
+  });
+
+  it("is what was delivered, and what a decoder keeps unless the tile is complete", () => {
+    const model = made();
+    const n = model.splats(4, 3);
+    assert.equal(model.bytes(4, 3), n * (4 * 59 + 256));
+    assert.equal(model.bytes(4, 5), model.splats(4, 5) * 4 * 59);
+    assert.equal(made("spark").bytes(4, 5), model.splats(4, 5) * 56);
+    assert.equal(model.bytes(4, 0), 0);
+  });
+
+  it("is charged for the dearest layer on the way to the goal, and for what is there once it is reached", () => {
+    const model = made();
+    const ledger = new Ledger(24, model);
+    const dearest = Math.max(...[1, 2, 3, 4, 5].map((layer) => model.bytes(4, layer)));
+    assert.deepEqual(ledger.growth(4, 0, 5), { bytes: dearest, splats: model.splats(4, 5) });
+    ledger.charge(4, 0, 5);
+    assert.equal(ledger.bytes, dearest);
+    assert.equal(ledger.isOnItsWay(4, 0), true);
+    ledger.charge(4, 5, 5);
+    assert.deepEqual([ledger.bytes, ledger.splats], [model.bytes(4, 5), model.splats(4, 5)]);
+    assert.equal(ledger.isOnItsWay(4, 5), false);
+    ledger.charge(4, 0, 0);
+    assert.deepEqual([ledger.bytes, ledger.splats], [0, 0]);
+  });
+});

@@ -1,0 +1,176 @@
+/** Transfers against a source that waits to be told: how much is under way, and when nothing is. */
+
+import assert from "node:assert/strict";
+import { describe, it } from "node:test";
+import { parseFront } from "../src/stream/front.js";
+import { Meter } from "../src/stream/meter.js";
+import { requestSizes } from "../src/stream/requests.js";
+import type { Body, ByteSource } from "../src/stream/source.js";
+import { Transfers } from "../src/stream/transfers.js";
+import { toys } from "./files.js";
+
+const bytes = toys();
+const front = parseFront(bytes, bytes.length);
+const all = [...front.entries.kind.keys()];
+const CHUNK = 1000;
+
+/** Gives a chunk of each body whenever `step` is called. */
+class SteppedSource implements ByteSource {
+  readonly name = "steps";
+  readonly size = bytes.length;
+  readonly signals: AbortSignal[] = [];
+  readonly asked: [number, number][] = [];
+  opened = 0;
+  pulled = 0;
+  #gates: (() => void)[] = [];
+
+  constructor(readonly ranged: boolean) {}
+
+  async open(offset: number, length: number, signal: AbortSignal): Promise<Body> {
+    const [start, end] = this.ranged ? [offset, offset + length] : [0, bytes.length];
+    this.asked.push([start, end]);
+    this.signals.push(signal);
+    return { offset: start, chunks: this.#chunks(start, end, signal) };
+  }
+
+  /** Lets every body give its next chunk. */
+  async step(): Promise<void> {
+    for (const open of this.#gates.splice(0)) open();
+    await new Promise((resolve) => setImmediate(resolve));
+  }
+
+  async *#chunks(start: number, end: number, signal: AbortSignal): AsyncGenerator<Uint8Array, void, void> {
+    this.opened++;
+    let open = () => undefined as void;
+    signal.addEventListener("abort", () => open());
+    try {
+      for (let at = start; at < end; at += CHUNK) {
+        await new Promise<void>((resolve) => {
+          open = resolve;
+          this.#gates.push(resolve);
+        });
+        signal.throwIfAborted();
+        this.pulled++;
+        yield bytes.subarray(at, Math.min(at + CHUNK, end));
+      }
+    } finally {
+      this.opened--;
+    }
+  }
+}
+
+function transfersOf(source: SteppedSource) {
+  const taken: number[] = [];
+  const failures: string[] = [];
+  const meter = new Meter(() => 0);
+  const events = {
+    onBlock: (entry: number) => void taken.push(entry),
+    onDamaged: (entry: number) => void failures.push(`damaged ${entry}`),
+    onFailure: ({ id }: { id: string }) => void failures.push(id),
+    onRetry: ({ id }: { id: string }) => void failures.push(id),
+    onIdle: () => undefined,
+  };
+  const transfers = new Transfers(source, front, meter, events, { retries: 3, firstMs: 1, mostMs: 1 });
+  return { transfers, taken, failures, meter };
+}
+
+describe("transfers", () => {
+  it("have no more under way than a quarter of a second brings, in at most four requests", async () => {
+    const source = new SteppedSource(true);
+    const { transfers, taken, failures, meter } = transfersOf(source);
+    // As slow as 100 kbit/s, so that the file is many times what may be under way.
+    meter.begin();
+    Object.defineProperty(meter, "rate", { get: () => 12_500 });
+    const { underWay, most } = requestSizes(12_500, 0);
+    transfers.want(all);
+    let largest = 0;
+    while (taken.length < all.length) {
+      assert.ok(source.opened <= 4);
+      largest = Math.max(largest, transfers.underWay);
+      await source.step();
+    }
+    const block = Math.max(...front.entries.length);
+    assert.ok(largest > underWay / 2 && largest < underWay + Math.max(most, block), `${largest} bytes under way`);
+    assert.deepEqual(failures, []);
+    assert.deepEqual(
+      taken.toSorted((a, b) => a - b),
+      all,
+    );
+  });
+
+  it("go on in the order of the plan", async () => {
+    const source = new SteppedSource(true);
+    const { transfers, taken, meter } = transfersOf(source);
+    Object.defineProperty(meter, "rate", { get: () => 1 });
+    const last = all.slice(-3);
+    transfers.want([...last, ...all.slice(0, -3)]);
+    for (let i = 0; i < 200 && taken.length < 3; i++) await source.step();
+    assert.ok(last.every((entry) => taken.slice(0, 20).includes(entry)));
+    assert.ok(source.asked[0][0] >= front.entries.offset[last[0]] - 32 * 1024);
+    transfers.close();
+  });
+
+  it("stop reading a whole file while they are held, and go on afterwards", async () => {
+    const source = new SteppedSource(false);
+    const { transfers, taken } = transfersOf(source);
+    transfers.want(all);
+    for (let i = 0; i < 20; i++) await source.step();
+    transfers.hold(true);
+    await source.step();
+    const pulled = source.pulled;
+    for (let i = 0; i < 20; i++) await source.step();
+    assert.equal(source.pulled, pulled);
+    transfers.hold(false);
+    while (taken.length < all.length) await source.step();
+    assert.equal(source.asked.length, 1);
+  });
+
+  it("ask for nothing more while they are held", async () => {
+    const source = new SteppedSource(true);
+    const { transfers } = transfersOf(source);
+    transfers.hold(true);
+    transfers.want(all);
+    await source.step();
+    assert.equal(source.asked.length, 0);
+    transfers.hold(false);
+    await source.step();
+    assert.ok(source.asked.length > 0);
+    transfers.close();
+  });
+
+  for (const ranged of [true, false]) {
+    it(`end with everything that is under way when they are closed${ranged ? "" : ", held or not"}`, async () => {
+      const source = new SteppedSource(ranged);
+      const { transfers, failures } = transfersOf(source);
+      transfers.want(all);
+      await source.step();
+      await source.step();
+      if (!ranged) transfers.hold(true);
+      await source.step();
+      assert.ok(source.opened > 0);
+      transfers.close();
+      await source.step();
+      await source.step();
+      assert.equal(source.opened, 0);
+      assert.ok(source.signals.every(({ aborted }) => aborted));
+      assert.deepEqual(failures, []);
+    });
+  }
+
+  it("fetch again what is let go, and only that", async () => {
+    const source = new SteppedSource(true);
+    const { transfers, taken } = transfersOf(source);
+    transfers.want(all);
+    while (taken.length < all.length) await source.step();
+    const asked = source.asked.length;
+    transfers.forget(5);
+    await source.step();
+    assert.equal(transfers.idle, true, "what was let go is not wanted");
+    transfers.want(all);
+    while (taken.length < all.length + 1) await source.step();
+    assert.equal(taken.at(-1), 5);
+    assert.deepEqual(source.asked.slice(asked), [
+      [front.entries.offset[5], front.entries.offset[5] + front.entries.length[5]],
+    ]);
+  });
+});
