@@ -1,8 +1,7 @@
 /** The decoder in WebAssembly: the C kernel of scarfmt, with SIMD. */
 
-import { BLOCK } from "../../../conformance/decoders/js/constants.js";
+import { BLOCK, DEFAULT_LIMITS } from "../../../conformance/decoders/js/constants.js";
 import { type Container, findBlock, readContainer } from "../../../conformance/decoders/js/container.js";
-import { DEFAULT_LIMITS } from "../../../conformance/decoders/js/decoder.js";
 import { SparseSource } from "./sparse.js";
 import type { Block, PackedTile, PackTarget, Point, TileDecoder, TileValues } from "./types.js";
 import { type Address, WasmModule } from "./wasm_module.js";
