@@ -15,6 +15,7 @@ export async function browsing(run: (page: Page) => Promise<void>, size = { widt
   try {
     const page = await browser.newPage();
     await page.setViewport(size);
+    page.setDefaultTimeout(PATIENCE_MS);
     const errors: string[] = [];
     page.on("pageerror", (error) => errors.push(String(error)));
     await run(page);

@@ -1,7 +1,7 @@
 /** The viewer page in a real browser: it draws, refines, obeys its keys, and keeps the picture when a server fails. */
 
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
+import { existsSync, readFileSync } from "node:fs";
 import { createServer, get } from "node:http";
 import type { AddressInfo } from "node:net";
 import { describe, it } from "node:test";
@@ -81,6 +81,8 @@ describe("the viewer page", () => {
   it("draws a scene, all layers of it, and asks no one else for anything", async () => {
     await viewing(async (page, server) => {
       await untilComplete(page, 5);
+      const sum = await page.$eval(".sum", (told) => told.textContent ?? "");
+      assert.equal(sum.includes("in JavaScript"), !existsSync(new URL("scar.wasm", PAGE)), "what decodes is told");
       assert.ok((await lit(page)) > 0.3);
       const read = server.asked.reduce((sum, { range }) => sum + (range === null ? 0 : Math.min(range[1], bytes.length - 1) - range[0] + 1), 0);
       assert.ok(read < 1.1 * bytes.length + 65_536, `${read} bytes were read of ${bytes.length}`);

@@ -43,6 +43,7 @@ describe("a stream", () => {
         assert.deepEqual(watched.errors, []);
         assert.deepEqual(stats.tilesAtLayer, [24, 24, 24, 24, 24]);
         assert.equal(stats.splatsShown, 10914);
+        assert.equal(stats.engine, "js");
         assert.ok(stats.layerAt.every((at) => at !== null));
       });
     });
@@ -63,6 +64,7 @@ describe("a stream", () => {
       await watching(url, { channel: inlineChannel(wasm) }, async (watched) => {
         await watched.end();
         await assertComplete(watched, bytes, wasm);
+        assert.equal(watched.stream.stats().engine, "wasm");
       });
     });
   });

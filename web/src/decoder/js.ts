@@ -23,6 +23,7 @@ export async function createJsDecoder(): Promise<TileDecoder> {
 }
 
 class JsDecoder implements TileDecoder {
+  readonly engine = "js";
   #scar: Scar | null = null;
   #source = new SparseSource(0);
   #models: Models | null = null;

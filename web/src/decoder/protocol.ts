@@ -1,6 +1,6 @@
 /** Messages between a stream and its decoders, which run in workers. Each request has one reply, in order. */
 
-import type { Block, PackedTile, PackTarget, Point, TileDecoder, TileValues } from "./types.js";
+import type { Block, Engine, PackedTile, PackTarget, Point, TileDecoder, TileValues } from "./types.js";
 
 /** "values", or a viewer's words. */
 export type Output = "values" | PackTarget;
@@ -34,6 +34,8 @@ export interface Failure {
 
 export interface Reply {
   id: number;
+  /** What decodes; null where none could be loaded. */
+  engine: Engine | null;
   /** Bytes that the decoder holds now. */
   memory: number;
   /** Time the task took, milliseconds. */
@@ -60,7 +62,7 @@ export async function answer(decoder: Promise<TileDecoder>, request: Request): P
       offset: null,
       layer: null,
     };
-    return { reply: { id: request.id, memory: 0, took: 0, result: null, failure }, transfer: [] };
+    return { reply: { id: request.id, engine: null, memory: 0, took: 0, result: null, failure }, transfer: [] };
   }
   return perform(loaded, request);
 }
@@ -75,7 +77,8 @@ function perform(decoder: TileDecoder, request: Request): Answer {
     const { message, id, offset, layer } = error as Partial<Failure>;
     failure = { message: message ?? String(error), id: id ?? null, offset: offset ?? null, layer: layer ?? null };
   }
-  const reply = { id: request.id, memory: decoder.memory(), took: performance.now() - started, result, failure };
+  const took = performance.now() - started;
+  const reply = { id: request.id, engine: decoder.engine, memory: decoder.memory(), took, result, failure };
   return { reply, transfer: result === null ? [] : buffersOf(result) };
 }
 

@@ -65,7 +65,11 @@ export interface Refusal extends Error {
   offset: number | null;
 }
 
+/** What decodes. */
+export type Engine = "wasm" | "js";
+
 export interface TileDecoder {
+  readonly engine: Engine;
   /**
    * Reads header, tile table and directory, checked by §5.
    * @param front the first bytes of the file, up to the end of the directory or beyond

@@ -66,6 +66,7 @@ export function advanceTile(module: WasmModule, tile: Address, body: Uint8Array,
 }
 
 class WasmDecoder implements TileDecoder {
+  readonly engine = "wasm";
   #container: Container | null = null;
   #layers = 0;
   readonly #tiles = new Map<number, Address>();

@@ -104,8 +104,17 @@ export function readTold(block: Uint8Array | null, { tiles, layers }: SceneIndex
   }
 }
 
+/** What was read of a block: plans are made many times a second. */
+const readBefore = new WeakMap<Uint8Array, Streaming | null>();
+
+function readOnce(block: Uint8Array | null, index: SceneIndex): Streaming | null {
+  if (block === null) return null;
+  if (!readBefore.has(block)) readBefore.set(block, readTold(block, index));
+  return readBefore.get(block) ?? null;
+}
+
 /** Plans for the view, by what the file tells of its tiles. What does not fit the budgets, its caller leaves out. */
 export const byView: Planner = {
   annotation: BLOCK.STREAMING,
-  plan: (index, annotation, camera, have) => planByView(index, readTold(annotation, index), camera, have),
+  plan: (index, annotation, camera, have) => planByView(index, readOnce(annotation, index), camera, have),
 };

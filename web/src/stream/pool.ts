@@ -2,7 +2,7 @@
 
 import type { Channel, MakeChannel } from "../decoder/channel.js";
 import type { Failure, Output, Reply, Request, Task, TileOutput } from "../decoder/protocol.js";
-import type { Block, Point } from "../decoder/types.js";
+import type { Block, Engine, Point } from "../decoder/types.js";
 import { StreamError } from "./errors.js";
 
 interface Lane {
@@ -34,6 +34,8 @@ export class Pool {
   readonly #lanes: Lane[];
   readonly #laneOf = new Map<number, Lane>();
   #ids = 0;
+  /** What decodes; null before the first reply. */
+  engine: Engine | null = null;
 
   /** @param onFailure gets what ends the whole pool: a worker that cannot be loaded, or died */
   constructor(count: number, make: MakeChannel, onFailure: (error: StreamError) => void) {
@@ -42,6 +44,7 @@ export class Pool {
       lane.channel = make({
         onReply: (reply) => {
           lane.memory = reply.memory;
+          this.engine = reply.engine ?? this.engine;
           const answer = lane.waiting.get(reply.id);
           lane.waiting.delete(reply.id);
           answer?.(reply);

@@ -2,6 +2,7 @@
 
 import { inlineChannel, type MakeChannel, workerChannel } from "../decoder/channel.js";
 import type { Output, TileOutput } from "../decoder/protocol.js";
+import type { Engine } from "../decoder/types.js";
 import { byView } from "../plan/by_view.js";
 import type { Budgets, Camera, Planner } from "../plan/types.js";
 import { Backoff, type RetryOptions } from "./backoff.js";
@@ -75,6 +76,8 @@ export interface Stats extends Progress {
   /** Bytes: delivered and shown, decoders, data under way. */
   memory: number;
   evictions: number;
+  /** What decodes, null before it is known: WebAssembly, or JavaScript where that is not to be had. */
+  engine: Engine | null;
   /** Milliseconds that decoders were busy, all together. */
   decodeMs: number;
   /** Milliseconds since the stream was made: front, first tile; null before. */
@@ -195,6 +198,7 @@ export class ScarStream {
       splatsShown: refiner?.tiles.shownSplats ?? 0,
       memory: refiner?.used ?? 0,
       evictions: refiner?.evictions ?? 0,
+      engine: this.#pool?.engine ?? null,
       decodeMs: this.#decodeMs,
       ...this.#marks,
       layerAt: [...this.#marks.layerAt],
