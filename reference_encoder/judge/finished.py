@@ -28,7 +28,7 @@ _NETWORKS = ("opacity", "cov", "color")
 def finished_gaussians(scene: QuantisedScene) -> GaussianScene:
     """The Gaussians of an explicit file, in file order."""
     classes = joined_classes(scene)
-    values, count = channel_values(scene, classes), len(classes)
+    values, count = values_by_stream(scene, classes), len(classes)
     rotations, logits, colours = activated(values, count, np.float32)
     sh = np.zeros((count, (scene.fields.sh_degree + 1) ** 2, 3), np.float32)
     sh[:, 0] = colours
@@ -48,7 +48,7 @@ def finished_gaussians(scene: QuantisedScene) -> GaussianScene:
 def finished_anchors(scene: QuantisedScene) -> AnchorModel:
     """The model of an anchor file, in file order."""
     classes = joined_classes(scene)
-    values = channel_values(scene, classes)
+    values = values_by_stream(scene, classes)
     return AnchorModel(
         anchor_positions(scene, values.get(Stream.POSITION_RESIDUAL)),
         network_outputs(scene, values, classes),
@@ -59,7 +59,7 @@ def finished_anchors(scene: QuantisedScene) -> AnchorModel:
     )
 
 
-def channel_values(scene: QuantisedScene, classes: I64) -> Mapping[Stream, F32]:
+def values_by_stream(scene: QuantisedScene, classes: I64) -> Mapping[Stream, F32]:
     """(N, components) of every channel; of OFFSETS (N, K, 3)."""
     model, found = scene.model, {}
     for index, channel in enumerate(model.channels):

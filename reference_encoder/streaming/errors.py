@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reference_encoder.decide.targets import joined_classes
-from reference_encoder.judge.finished import channel_values, network_outputs
+from reference_encoder.judge.finished import network_outputs, values_by_stream
 from reference_encoder.measure.attributes import from_scene
 from reference_encoder.measure.sensitivity import SH_C0, measure
 from reference_encoder.measure.weights import KindWeights, Weights
@@ -61,7 +61,7 @@ def states(scene: QuantisedScene) -> Iterator[State]:
     for layer, row in enumerate(scene.model.layers, start=1):
         part = keep_layers(scene, layer)
         classes = joined_classes(part)
-        values = channel_values(part, classes)
+        values = values_by_stream(part, classes)
         received = max(row.stages) > 0 or (latent is not None and any(steps[latent] for steps in row.steps))
         if scene.decoder is not None and received:
             outputs = network_outputs(part, values, classes)

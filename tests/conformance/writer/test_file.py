@@ -70,7 +70,7 @@ OPTIONS = {
     "grid-ones": WriteOptions(grid_ones=255),
     "metadata": WriteOptions(metadata=b' { "b" : 1 , "a" : [ ] , "a" : {} } '),
     "blocks": WriteOptions(
-        blocks=(Block(9, 1, b"x", flags=1), Block(65, 1, b"y"), Block(130, 1, b"z", tile=0, flags=2, count=7))
+        blocks=(Block(9, 1, b"x", flags=1), Block(66, 1, b"y"), Block(130, 1, b"z", tile=0, flags=2, count=7))
     ),
 }
 
