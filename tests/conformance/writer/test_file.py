@@ -182,7 +182,7 @@ def test_blocks_of_any_kind_can_be_added() -> None:
     data = write_file(scene_of("annotations"), OPTIONS["blocks"])
     container = Container.open(BytesSource(data), readable_kinds=range(256)).load()
     found = {(e.kind, e.tile, e.flags, e.count) for e in container.entries}
-    assert {(9, None, 1, 0), (65, None, 0, 0), (130, 0, 2, 7)} <= found
+    assert {(9, None, 1, 0), (66, None, 0, 0), (130, 0, 2, 7)} <= found
     with pytest.raises(Exception, match="kind"):
         Container.open(BytesSource(data)).load()
 
