@@ -33,7 +33,7 @@ def view(ctx: click.Context, scenes: tuple[str, ...], port: int, host: str, no_b
       scarfmt view https://example.org/scene.scar
       scarfmt view scene.scar --no-browser --port 8080
     """
-    from scarfmt.container.source import TIMEOUT_SECONDS
+    from scarfmt.tools.inspection import inspect
     from scarfmt.viewer.offered import page_offers, scene_offer
     from scarfmt.viewer.server import ViewerServer, page_address, serve
 
@@ -42,8 +42,10 @@ def view(ctx: click.Context, scenes: tuple[str, ...], port: int, host: str, no_b
     offers = page_offers()
     paths = []
     for number, origin in enumerate(scenes):
-        _check(origin)
-        path, offer = scene_offer(origin, number, ctx.meta.get("scarfmt.timeout", TIMEOUT_SECONDS))
+        source = open_input(origin)
+        # Says at once what else the page would say: that a file is missing, or is no .scar file.
+        inspect(source)
+        path, offer = scene_offer(origin, number, source)
         offers[path] = offer
         paths.append(path)
     try:
@@ -56,11 +58,3 @@ def view(ctx: click.Context, scenes: tuple[str, ...], port: int, host: str, no_b
     if not no_browser:
         click.launch(address)
     serve(server)
-
-
-def _check(origin: str) -> None:
-    """Says at once what else the page would say: that a file is missing, or is no .scar file."""
-    from scarfmt.tools.inspection import inspect
-
-    with open_input(origin) as source:
-        inspect(source)

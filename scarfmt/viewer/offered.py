@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from typing import Protocol
 from urllib.parse import quote, urlsplit
 
-from scarfmt.container.source import ByteSource, FileSource, open_source
+from scarfmt.container.source import ByteSource, FileSource
 from scarfmt.errors import InvalidInput, Truncated
 
 _PIECE_BYTES = 1 << 18
@@ -73,7 +73,7 @@ class FileOffer:
 
 @dataclass
 class SourceOffer:
-    """A scene behind a URL, read through this server: a page may then show it, whatever its own server permits."""
+    """A scene that is open: of a URL, which a page may then show whatever its own server permits, or of a pipe."""
 
     source: ByteSource
     name: str
@@ -130,17 +130,19 @@ def page_offers() -> dict[str, Offer]:
     return offers
 
 
-def scene_offer(origin: str, number: int, timeout: float) -> tuple[str, Offer]:
+def scene_offer(origin: str, number: int, source: ByteSource) -> tuple[str, Offer]:
     """The path at which a scene is offered, and the scene.
 
-    Raises:
-        InvalidInput: ``input-source`` when it cannot be opened.
+    Args:
+        origin: path or URL, as typed.
+        number: of the scene; two may have one name.
+        source: what was opened for it. That of a file is closed: the file is opened again for each request.
     """
-    if "://" in origin:
-        source = open_source(origin, timeout=timeout)
-        return _scene_path(number, PurePosixPath(urlsplit(origin).path).name), SourceOffer(source, origin)
-    FileSource(origin).close()
-    return _scene_path(number, Path(origin).name), FileOffer(Path(origin).resolve())
+    name = PurePosixPath(urlsplit(origin).path).name if "://" in origin else Path(origin).name
+    if isinstance(source, FileSource):
+        source.close()
+        return _scene_path(number, name), FileOffer(Path(origin).resolve())
+    return _scene_path(number, name), SourceOffer(source, origin)
 
 
 def _scene_path(number: int, name: str) -> str:

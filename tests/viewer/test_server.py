@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 import pytest
 
-from scarfmt.container.source import BytesSource
+from scarfmt.container.source import BytesSource, FileSource
 from scarfmt.viewer.offered import AssetOffer, FileOffer, SourceOffer, page_offers, scene_offer
 from scarfmt.viewer.server import ViewerServer, page_address, serve
 
@@ -119,9 +119,13 @@ def test_a_query_is_for_the_page(server: ViewerServer) -> None:
 
 
 def test_scenes_are_named_after_their_files(scene: Path) -> None:
-    path, offer = scene_offer(str(scene), 3, timeout=1.0)
+    path, offer = scene_offer(str(scene), 3, FileSource(scene))
     assert path == "/scenes/3/a%20scene.scar"
     assert offer.version().size == len(CONTENT)
+    path, offer = scene_offer("https://example.org/a/b.scar?key=1", 0, BytesSource(CONTENT))
+    assert path == "/scenes/0/b.scar"
+    version = offer.version()
+    assert b"".join(offer.pieces(version, 3, 9)) == CONTENT[3:9]
 
 
 def test_a_missing_page_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

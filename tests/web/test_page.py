@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from scarfmt.arrays import F64
+from scarfmt.container.source import FileSource
 from scarfmt.render.camera import Camera
 from scarfmt.render.capture import load_cameras
 from scarfmt.viewer.offered import page_offers, scene_offer
@@ -48,7 +49,7 @@ def test_the_page_in_a_browser(web: Path, chromium: str) -> None:
 @pytest.fixture
 def address(web: Path) -> Iterator[str]:
     """Of the page with the scene, served as `scarfmt view` does."""
-    path, offer = scene_offer(str(SCENE), 0, timeout=10.0)
+    path, offer = scene_offer(str(SCENE), 0, FileSource(SCENE))
     with ViewerServer({**page_offers(), path: offer}) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()

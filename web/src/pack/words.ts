@@ -44,7 +44,7 @@ function smallestThree(quats: Float32Array, at: number, out: Int32Array): void {
   }
 }
 
-/** Words of a tile. Runs in a worker: about a microsecond a Gaussian without harmonics, three with. */
+/** Words of a tile; a worker's task. */
 export function packWords(values: TileValues): PackedTile {
   const { tile, layer, count, shDegree } = values;
   const geometry = new Uint32Array(8 * count);
