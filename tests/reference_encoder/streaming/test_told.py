@@ -135,6 +135,18 @@ def test_the_encoder_tells_it_and_the_scene_stays(source: GaussianScene) -> None
         assert truncate(BytesSource(whole), kept) == write_scene(keep_layers(plain, kept))
 
 
+def test_a_single_tile_is_told_where_to_begin_if_cameras_are_known(source: GaussianScene) -> None:
+    """Else a viewer would show what was photographed from within from outside. A choice there is none."""
+    options = replace(OPTIONS, tile_anchors=4096)
+    streaming = read_streaming(Container.open(BytesSource(encode(source, options))))
+    assert streaming is not None
+    assert (streaming.tiles, streaming.gains.shape) == (1, (0, 3, 1))
+    assert streaming.view is not None
+    assert any(np.allclose(streaming.view.position, camera.centre) for camera in (NEAR_LEFT, NEAR_RIGHT))
+    for silent in (replace(options, viewpoints=0), replace(options, cameras=None)):
+        assert read_streaming(Container.open(BytesSource(encode(source, silent)))) is None
+
+
 def test_how_many_viewpoints_unless_somebody_says(scene: QuantisedScene) -> None:
     """A five-hundredth of the file, at most 8, at least one; none where there is nothing to choose."""
     numbers = len(scene.tiles) * len(scene.model.layers)
