@@ -50,7 +50,7 @@ def _of(name: str, page: str, *sections: str, parts: bool = False) -> list[Shown
 
 _TRAINED = tuple(one for name in ("trained", "trained-ablations", "poses") for one in _of(name, "docs/trained.md"))
 _PORTABILITY = _of("portability", "docs/stability.md")
-_STREAMING = _of("streaming", "docs/streaming.md")
+_STREAMING = (*_of("streaming", "docs/streaming.md"), *_of("streaming-browser", "docs/viewing.md"))
 _PICTURES = _of("time-to-picture", "docs/time-to-picture.md", "picture-crossings", "picture-times", "picture-start-up")
 SHOWN: tuple[Shown, ...] = (
     *_of("quality", "README.md", "results"),

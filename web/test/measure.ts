@@ -1,11 +1,12 @@
 /**
- * What a page does with a scene that comes over a slow network: `node measure.mjs '{"page": "http://…/", …}'` prints the
- * `PageLog` as JSON. benchmarks/streaming_browser.py reads it.
+ * What a page does with a scene that comes over a slow network: `node measure.mjs WISH`, a `Wish` in JSON, prints a
+ * `PageLog` and tasks of the main thread. benchmarks/streaming_browser.py reads it.
  */
 
 import { browsing } from "./chromium.js";
 import { ShapedNetwork } from "./shaped.js";
-import { type PageLog, watchPage } from "./watched_page.js";
+import { longTasks } from "./trace.js";
+import { MARK, type PageLog, watchPage } from "./watched_page.js";
 
 interface Wish {
   /** Port of the server, path of the scene. */
@@ -21,7 +22,7 @@ interface Wish {
   open: boolean;
   /** Whether WebGL draws. */
   draws: boolean;
-  /** Press of a key after the scene is there, and how long to look on. */
+  /** A key that is pressed when the scene is there. */
   key?: string;
   patienceMs: number;
 }
@@ -39,7 +40,8 @@ function slowDown(): void {
 
 await browsing(
   async (page) => {
-    await page.evaluateOnNewDocument(watchPage, wish.draws);
+    await page.tracing.start({ categories: ["toplevel", "blink.user_timing"] });
+    await page.evaluateOnNewDocument(watchPage, wish.draws, MARK);
     if (wish.open) {
       await page.goto(`${address}?${wish.query}`, { waitUntil: "networkidle0" });
       slowDown();
@@ -48,7 +50,6 @@ await browsing(
         const dropped = new DataTransfer();
         dropped.setData("text/uri-list", new URL(scene, location.href).href);
         const { pageLog } = window as unknown as { pageLog: PageLog };
-        pageLog.long.length = pageLog.waits.length = 0;
         pageLog.click = performance.now();
         document.dispatchEvent(new DragEvent("drop", { dataTransfer: dropped, cancelable: true }));
       }, wish.scene);
@@ -63,12 +64,13 @@ await browsing(
     await page.waitForFunction(isDone, { timeout: wish.patienceMs, polling: 50 });
     await new Promise((resolve) => setTimeout(resolve, AFTERWARDS_MS));
     if (wish.key !== undefined) {
-      await page.evaluate("pageLog.long.length = pageLog.waits.length = 0");
+      await page.evaluate("pageLog.click = performance.now()");
       await page.keyboard.press(wish.key as "c");
       await new Promise((resolve) => setTimeout(resolve, 4 * AFTERWARDS_MS));
     }
-    const log = await page.evaluate("pageLog");
-    process.stdout.write(`${JSON.stringify({ ...(log as PageLog), delivered: network.delivered })}\n`);
+    const log = (await page.evaluate("pageLog")) as PageLog;
+    const tasks = longTasks((await page.tracing.stop()) ?? new Uint8Array(0), MARK, log.marked);
+    process.stdout.write(`${JSON.stringify({ ...log, tasks, delivered: network.delivered })}\n`);
   },
   { width, height },
 );

@@ -11,10 +11,8 @@ export interface PageLog {
   evicted: [number, number][];
   /** [when, bytes of the file that have come]. */
   bytes: [number, number][];
-  /** [start, milliseconds]: tasks over 50 ms. */
-  long: [number, number][];
-  /** [start, milliseconds, name]: calls of WebGL that took more than a millisecond. */
-  waits: [number, number, string][];
+  /** When the mark of the trace was made. */
+  marked: number;
   mostMemory: number;
   frames: number;
   done: number | null;
@@ -27,10 +25,16 @@ interface Stream {
   stats(): { memory: number; bytesRead: number };
 }
 
-/** @param draws whether WebGL draws: in software that takes the time that it is to be measured without */
-export function watchPage(draws: boolean): void {
+/** In traces, so that their times can be told in the page's. */
+export const MARK = "page-log";
+
+/**
+ * @param draws whether WebGL draws: in software that takes the time that it is to be measured without
+ * @param mark name of a mark in the trace
+ */
+export function watchPage(draws: boolean, mark: string): void {
   const log: PageLog = {
-    ...{ click: 0, fronts: [], tiles: [], drawn: [], evicted: [], bytes: [], long: [], waits: [], errors: [] },
+    ...{ click: 0, marked: 0, fronts: [], tiles: [], drawn: [], evicted: [], bytes: [], errors: [] },
     ...{ mostMemory: 0, frames: 0, done: null, stats: null },
   };
   Object.assign(window, { pageLog: log });
@@ -59,28 +63,20 @@ export function watchPage(draws: boolean): void {
     const { tile, layer } = (event as CustomEvent<{ tile: number; layer: number }>).detail;
     log.drawn.push([now(), tile, layer]);
   });
-  new PerformanceObserver((list) => {
-    for (const { startTime, duration } of list.getEntries()) log.long.push([startTime, duration]);
-  }).observe({ type: "longtask", buffered: true });
+  log.marked = performance.mark(mark).startTime;
   const each = () => {
     log.frames++;
     requestAnimationFrame(each);
   };
   requestAnimationFrame(each);
 
+  if (draws) return;
   const context = WebGL2RenderingContext.prototype as unknown as Record<string, unknown>;
   for (const name of Object.getOwnPropertyNames(context)) {
-    const found = Object.getOwnPropertyDescriptor(context, name)?.value as unknown;
-    if (typeof found !== "function" || name === "constructor") continue;
-    const call = found as (...given: unknown[]) => unknown;
-    const isDraw = /^draw(Arrays|Elements|RangeElements)/.test(name);
-    context[name] = function (...given: unknown[]) {
-      if (isDraw && !draws) return undefined;
-      const started = now();
-      const result = call.apply(this, given);
-      const took = now() - started;
-      if (took > 1) log.waits.push([started, took, name]);
-      return result;
-    };
+    if (/^(draw(Arrays|Elements|RangeElements)|clear$)/.test(name)) context[name] = () => undefined;
   }
+  // Nor is what is not there put together with the rest of the page, which is done in software, too.
+  document.addEventListener("DOMContentLoaded", () => {
+    document.head.append(Object.assign(document.createElement("style"), { textContent: "body { visibility: hidden }" }));
+  });
 }
