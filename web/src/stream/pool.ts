@@ -7,8 +7,8 @@ import { StreamError } from "./errors.js";
 
 interface Lane {
   channel: Channel;
-  /** Whether it decodes a tile. */
-  busy: boolean;
+  /** Tiles that it decodes, or will without being asked again. */
+  underWay: number;
   tiles: number;
   memory: number;
   waiting: Map<number, (reply: Reply) => void>;
@@ -37,10 +37,19 @@ export class Pool {
   /** What decodes; null before the first reply. */
   engine: Engine | null = null;
 
-  /** @param onFailure gets what ends the whole pool: a worker that cannot be loaded, or died */
-  constructor(count: number, make: MakeChannel, onFailure: (error: StreamError) => void) {
+  /**
+   * @param ahead tiles that a decoder may be given at once: with two it has the next one while the answer to the last
+   *   is on its way
+   * @param onFailure gets what ends the whole pool: a worker that cannot be loaded, or died
+   */
+  constructor(
+    count: number,
+    make: MakeChannel,
+    onFailure: (error: StreamError) => void,
+    readonly ahead = 1,
+  ) {
     this.#lanes = Array.from({ length: count }, () => {
-      const lane: Lane = { channel: undefined as never, busy: false, tiles: 0, memory: 0, waiting: new Map() };
+      const lane: Lane = { channel: undefined as never, underWay: 0, tiles: 0, memory: 0, waiting: new Map() };
       lane.channel = make({
         onReply: (reply) => {
           lane.memory = reply.memory;
@@ -76,12 +85,16 @@ export class Pool {
   /** Whether a tile could be decoded at once. */
   isFree(tile: number): boolean {
     const lane = this.#laneOf.get(tile);
-    return lane === undefined ? this.#lanes.some(({ busy }) => !busy) : !lane.busy;
+    return lane === undefined ? this.hasFree : this.#isFree(lane);
   }
 
-  /** Whether some decoder has nothing to do. */
+  /** Whether some decoder can be given a tile. */
   get hasFree(): boolean {
-    return this.#lanes.some(({ busy }) => !busy);
+    return this.#lanes.some((lane) => this.#isFree(lane));
+  }
+
+  #isFree({ underWay }: Lane): boolean {
+    return underWay < this.ahead;
   }
 
   /** Decodes; the bodies are transferred. `isFree` must hold. */
@@ -91,9 +104,9 @@ export class Pool {
       this.#laneOf.set(task.tile, lane);
       lane.tiles++;
     }
-    lane.busy = true;
+    lane.underWay++;
     const { result, failure, took } = await this.#post(lane, { kind: "tile", ...task }, transferable(task.layers));
-    lane.busy = false;
+    lane.underWay--;
     if (task.last || failure !== null) this.#unpin(task.tile);
     return { output: result, failure, took };
   }
@@ -121,7 +134,9 @@ export class Pool {
   }
 
   #leastLoaded(): Lane {
-    return this.#lanes.filter(({ busy }) => !busy).reduce((best, lane) => (lane.tiles < best.tiles ? lane : best));
+    const load = ({ underWay, tiles }: Lane) => [underWay, tiles];
+    const isLess = ([a, b]: number[], [c, d]: number[]) => a < c || (a === c && b < d);
+    return this.#lanes.reduce((best, lane) => (isLess(load(lane), load(best)) ? lane : best));
   }
 
   async #all(task: Task): Promise<Failure | null> {

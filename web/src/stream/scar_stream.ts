@@ -109,6 +109,8 @@ const RETRY: RetryOptions = { retries: 6, firstMs: 250, mostMs: 8000 };
 const STALL_MS = 10_000;
 const REPLAN_MS = 100;
 const MOST_WORKERS = 4;
+/** Tiles that a worker is given before it has answered. */
+const MOST_AHEAD = 2;
 
 export class ScarStream {
   /** Resolves when the front is read; rejects with the error that the "error" event has, too. */
@@ -290,7 +292,8 @@ export class ScarStream {
   #makePool(): Pool {
     const { channel, workers = defaultWorkers() } = this.#options;
     const make = channel ?? (workers === 0 ? inlineChannel() : workerChannel);
-    return new Pool(Math.max(workers, 1), make, (error) => this.#fail(error));
+    // On the calling thread tiles would only be decoded at one go, and keep that thread the longer.
+    return new Pool(Math.max(workers, 1), make, (error) => this.#fail(error), workers === 0 ? 1 : MOST_AHEAD);
   }
 
   #handlers(front: Front): RefinerEvents {
