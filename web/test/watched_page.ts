@@ -14,6 +14,8 @@ export interface PageLog {
   /** When the mark of the trace was made. */
   marked: number;
   mostMemory: number;
+  /** Tiles that are decoded further than they are on the GPU. */
+  waiting: number;
   frames: number;
   done: number | null;
   stats: Record<string, unknown> | null;
@@ -35,10 +37,11 @@ export const MARK = "page-log";
 export function watchPage(draws: boolean, mark: string): void {
   const log: PageLog = {
     ...{ click: 0, marked: 0, fronts: [], tiles: [], drawn: [], evicted: [], bytes: [], errors: [] },
-    ...{ mostMemory: 0, frames: 0, done: null, stats: null },
+    ...{ mostMemory: 0, waiting: 0, frames: 0, done: null, stats: null },
   };
   Object.assign(window, { pageLog: log });
   const now = () => performance.now();
+  const behind = new Map<number, number>();
   document.addEventListener("scar-stream", (event) => {
     const stream = (event as CustomEvent<Stream>).detail;
     const look = () => {
@@ -49,9 +52,14 @@ export function watchPage(draws: boolean, mark: string): void {
     stream.on("front", () => log.fronts.push(now()));
     stream.on("tile", ({ tile, layer }: { tile: number; layer: number }) => {
       log.tiles.push([now(), tile, layer]);
+      log.waiting = behind.set(tile, layer).size;
       look();
     });
-    stream.on("evict", ({ tile }: { tile: number }) => log.evicted.push([now(), tile]));
+    stream.on("evict", ({ tile }: { tile: number }) => {
+      log.evicted.push([now(), tile]);
+      behind.delete(tile);
+      log.waiting = behind.size;
+    });
     stream.on("progress", look);
     stream.on("error", ({ message }: { message: string }) => log.errors.push(message));
     stream.on("done", () => {
@@ -62,6 +70,8 @@ export function watchPage(draws: boolean, mark: string): void {
   document.addEventListener("scar-drawn", (event) => {
     const { tile, layer } = (event as CustomEvent<{ tile: number; layer: number }>).detail;
     log.drawn.push([now(), tile, layer]);
+    if (behind.get(tile) === layer) behind.delete(tile);
+    log.waiting = behind.size;
   });
   log.marked = performance.mark(mark).startTime;
   const each = () => {
