@@ -7,8 +7,8 @@
 Chromium without a window or a GPU opens the page that `make web` built, as `scarfmt view` serves it, through a network
 of 10 Mbit/s that all connections share, with a round trip of 50 ms (web/test/shaped.ts). The page notes when which
 layer of which tile is on the GPU; what that looks like is drawn afterwards by our renderer, for the view that the file
-begins with, and compared with the whole file. WebGL draws nothing meanwhile, but in the run that says so: in software
-that takes the processors from everything else. Results are kept in benchmarks/results/streaming-browser.json.
+begins with, and compared with the whole file. WebGL draws nothing meanwhile: in software that takes the processors from
+everything else. Results are kept in benchmarks/results/streaming-browser.json.
 """
 
 from __future__ import annotations
@@ -51,7 +51,6 @@ QUALITIES = {"plush-on-bed, poses": 41.0, "flowers": 41.0, "plush-toys": 42.0}
 TIMED, BOUNDED = "plush-on-bed, poses", "flowers"
 CONDITIONS: dict[str, dict[str, Any]] = {
     "page open": {"open": True, "draws": False},
-    "page open, drawn in software": {"open": True, "draws": True},
     "page not there yet": {"open": False, "draws": False},
 }
 BUDGETS_MB = (24, 48)
