@@ -163,8 +163,8 @@ class ScarStream:
 
     @property
     def done(self) -> bool:
-        """Whether all tiles have come."""
-        return self._front and all(entry.offset in self._arrived for entry in self._file.tiles.values())
+        """Whether all layers of all tiles have come."""
+        return bool((self.have == self._shape[1]).all())
 
     def look(self, now: float, camera: Camera) -> None:
         """Plan anew."""

@@ -53,9 +53,10 @@ def next_request(wanted: Iterable[Entry], sizes: Sizes) -> list[Entry]:
     low = high = soon.index(first)
     while True:
         start, end = soon[low].offset, soon[high].end
-        if high + 1 < len(soon) and soon[high + 1].offset - end <= sizes.gap and soon[high + 1].end - start <= sizes.most:
+        after, before = soon[high + 1 : high + 2], soon[low - 1 : low]
+        if after and after[0].offset - end <= sizes.gap and after[0].end - start <= sizes.most:
             high += 1
-        elif low > 0 and start - soon[low - 1].end <= sizes.gap and end - soon[low - 1].offset <= sizes.most:
+        elif before and start - before[0].end <= sizes.gap and end - before[0].offset <= sizes.most:
             low -= 1
         else:
             return soon[low : high + 1]

@@ -1,7 +1,7 @@
 """What streaming is set against: whole SOG, whole SPZ, and SOG in levels of detail ("streamed SOG").
 
 All are written by splat-transform (`benchmarks.rivals_tools`) and kept beside the other rivals' files. Spherical
-harmonics of SOG take 3 iterations of k-means in place of 10: without a GPU ten take an hour, and the bytes stay as many.
+harmonics of SOG take 3 iterations of k-means in place of 10: without a GPU ten take an hour, and bytes stay the same.
 
 Streamed SOG has two levels here: all Gaussians, and an eighth of them, made by the same program. Its viewer shows the
 coarsest level first and then goes for the finest, so that levels between them would not be loaded. Each level is one

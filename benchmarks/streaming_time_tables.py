@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.plots import line, new_plot, save_plot
+from benchmarks.plots import COLOURS, new_plot, save_plot
 from benchmarks.report import dated, replace_section, table
 from benchmarks.scenes import REPOSITORY
 from benchmarks.streaming_times import LEVELS_DB, MOMENTS, WATCHED_S
@@ -174,7 +174,8 @@ def plot(scene: str, record: Record, keep: bool = True) -> Path | None:
     figure, axes = new_plot("s", "dB in view", log_x=True, title=f"{scene}, {NETWORK}")
     for number, name in enumerate(name for name in PLOTTED if name in curves):
         curve = curves[name]
-        line(axes, MOMENTS[: len(curve)].tolist(), curve, name, number, dashed=name == ORACLE)
+        style = "--" if name == ORACLE else "-"
+        axes.plot(MOMENTS[: len(curve)], curve, style, color=COLOURS[number % len(COLOURS)], label=name)
     axes.set_xticks([0.1, 0.2, 0.5, 1, 2, 5, 10], ["0.1", "0.2", "0.5", "1", "2", "5", "10"])
     axes.minorticks_off()
     return save_plot(figure, image(scene), keep)
