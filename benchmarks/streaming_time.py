@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,15 +35,9 @@ from benchmarks.streaming_levels import NOTHING, LevelStream
 from benchmarks.streaming_motion import Motion, motions, starts, view_at
 from benchmarks.streaming_network import Link, Trace, traces
 from benchmarks.streaming_orders import Film, drawn, planned_for
-from benchmarks.streaming_policies import (
-    Oracle,
-    Order,
-    file_order,
-    in_view_first,
-    nearest_first,
-    planned,
-)
+from benchmarks.streaming_policies import Oracle, Order, file_order, in_view_first, nearest_first, planned
 from benchmarks.streaming_rivals import Levels, Whole, levels, wholes
+from benchmarks.streaming_time_tables import BASE, NAME, ORACLE, OURS, tables, write_page
 from benchmarks.streaming_times import HORIZON_S, MOMENTS, WATCHED_S, figures_of
 from scarfmt.arrays import F64
 from scarfmt.cli.scenes import load_subject
@@ -53,9 +47,8 @@ from scarfmt.render.metrics import psnr
 from scarfmt.render.viewpoints import Surroundings
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.streaming.boxes import tight_boxes
-from scarfmt.streaming.view import share_in_picture
+from scarfmt.streaming.view import Camera, share_in_picture
 
-NAME = "streaming-time"
 QUALITIES = {"plush-on-bed, poses": 45.0, "flowers": 43.0, "biker": 45.0, "plush-dog": 45.0, "plush-toys": 42.0}
 SCENES = ("plush-on-bed, poses", "flowers", "biker", "plush-dog")
 EFFORT = 2
@@ -63,16 +56,15 @@ RECORDINGS = ("room-user101", "truck-user101")
 BEGUN = 0.25
 """Part of a recording after which the click is."""
 ROUND_TRIPS_S = (0.02, 0.1)
-FILE_ORDER, GAINS = "file order", "planned by gains"
 POLICIES: dict[str, tuple[Order, bool]] = {
-    FILE_ORDER: (file_order, False),
+    BASE: (file_order, False),
     "in view first": (in_view_first, False),
     "nearest first": (nearest_first, False),
     "planned, nothing told": (planned, False),
-    GAINS: (planned, True),
+    OURS: (planned, True),
 }
 """By name: the policy, and whether it wants the STREAMING block."""
-ORACLE, STREAMED = "oracle", "streamed SOG"
+STREAMED = "streamed SOG"
 _ORACLE_S = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
 _LOOKS_S = 0.5
 MOST_DB = 100.0
@@ -91,6 +83,10 @@ class Walk:
         """The view of a moment."""
         return view_at(self.motion, self.start, self.around, BEGUN * float(self.motion.seconds[-1]) + seconds)
 
+    def planned(self, seconds: float) -> Camera:
+        """The same as planners have it."""
+        return planned_for(self.at(seconds))
+
 
 class Pictures:
     """How good pictures are, and remembers it.
@@ -105,7 +101,7 @@ class Pictures:
         self._known: dict[str, float] = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
         self._wanted: dict[tuple[str, int], F64] = {}
 
-    def decibels(self, walk: Walk, moment: int, what: str, draw: Any) -> float:
+    def decibels(self, walk: Walk, moment: int, what: str, draw: Callable[[drawing.Camera], F64]) -> float:
         """Of what `draw` makes of the view at a moment; `what` names what is drawn."""
         key = f"{walk.motion.name} {moment} {what}"
         if key not in self._known:
@@ -181,15 +177,15 @@ class Parties:
 
     def unseen(self, name: str, walk: Walk) -> Mapping[Hashable, float]:
         """Of what comes, the part that no view of the first seconds has in its picture: by tile, or at None."""
-        views = [planned_for(walk.at(float(seconds))) for seconds in np.arange(0, WATCHED_S, _LOOKS_S)]
+        views = [walk.planned(float(seconds)) for seconds in np.arange(0, WATCHED_S, _LOOKS_S)]
         if name in self.wholes:
             return {None: 1 - _share_of_centres(self.wholes[name].scene, walk)}
         if name == STREAMED:
             assert self.levels is not None
             return {None: 1 - _share_of_centres(self.levels.scenes[-1], walk)}
         boxes = tight_boxes(self.file.index.cubes, self.file.streaming)
-        hidden = sum(share_in_picture(boxes, view, 1.0) for view in views) == 0
-        return {tile: float(unseen) for tile, unseen in enumerate(hidden)}
+        hidden = np.all([share_in_picture(boxes, view, 1.0) == 0 for view in views], axis=0)
+        return {tile: float(unseen) for tile, unseen in enumerate(hidden.tolist())}
 
 
 def _share_of_centres(scene: GaussianScene, walk: Walk) -> float:
@@ -215,16 +211,10 @@ def measure(scene: Scene, conditions: Sequence[tuple[Trace, float]], recordings:
         for trace, round_trip in conditions:
             condition = f"{trace.name}, {1000 * round_trip:.0f} ms, {walk.motion.name}"
             print(f"{scene.name}: {condition}", file=sys.stderr, flush=True)
-            runs[condition] = {}
-            for name in parties.names():
-                client = parties.client(name, walk)
-                run(client, Link(trace, round_trip), lambda now, walk=walk: planned_for(walk.at(now)), HORIZON_S)  # type: ignore[misc]
-
-                def decibels(moment: int, state: Hashable, name: str = name, walk: Walk = walk) -> float:
-                    draw = lambda view: parties.picture(name, state, view)  # noqa: E731
-                    return pictures.decibels(walk, moment, parties.label(name, state), draw)
-
-                runs[condition][name] = figures_of(client, decibels, unseen[name])
+            runs[condition] = {
+                name: _figures(parties, name, walk, Link(trace, round_trip), pictures, unseen[name])
+                for name in parties.names()
+            }
             pictures.keep()
     sizes = {name: whole.size for name, whole in parties.wholes.items()}
     sizes |= {} if parties.levels is None else {STREAMED: parties.levels.size}
@@ -239,6 +229,20 @@ def measure(scene: Scene, conditions: Sequence[tuple[Trace, float]], recordings:
             for condition, row in runs.items()
         },
     }
+
+
+def _figures(
+    parties: Parties, name: str, walk: Walk, link: Link, pictures: Pictures, unseen: Mapping[Hashable, float]
+) -> dict[str, Any]:
+    """Of one party in one condition."""
+    client = parties.client(name, walk)
+    run(client, link, walk.planned, HORIZON_S)
+
+    def decibels(moment: int, state: Hashable) -> float:
+        what = parties.label(name, state)
+        return pictures.decibels(walk, moment, what, lambda view: parties.picture(name, state, view))
+
+    return figures_of(client, decibels, unseen)
 
 
 def _mean_curves(runs: dict[str, dict[str, Any]], network: str, names: Sequence[str]) -> dict[str, list[float]]:
@@ -257,8 +261,6 @@ def _walks(scene: Scene, original: GaussianScene, recordings: Sequence[str]) -> 
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    from benchmarks.streaming_time_tables import tables, write_page
-
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
     parser.add_argument("--report", action="store_true", help="only rewrite docs/streaming.md")

@@ -12,7 +12,8 @@ from benchmarks.streaming_network import Flow, Link, Trace
 
 def ended(link: Link, until: float = 100.0) -> dict[object, float]:
     """When each answer that is under way is over, by what was asked for."""
-    now, found = 0.0, {}
+    now = 0.0
+    found: dict[object, float] = {}
     while link.flows and now < until:
         flows, now_before = list(link.flows), now
         now = link.next_event(now, until)

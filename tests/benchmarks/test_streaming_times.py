@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import pytest
@@ -53,7 +54,7 @@ def test_figures_of_a_whole_file() -> None:
     assert found["db"][-1] == 36
 
 
-def row(seconds: list[float | None], came: int = 100, unseen: int = 10) -> dict[str, Any]:
+def row(seconds: Sequence[float | None], came: int = 100, unseen: int = 10) -> dict[str, Any]:
     """Figures of one client in one condition."""
     return {"to": seconds, "mean": 33.0, "requests": 3, "bytes": came, "unseen": unseen}
 
