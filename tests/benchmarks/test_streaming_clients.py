@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+import re
+from itertools import takewhile
+
 import numpy as np
 import pytest
 
+from benchmarks import streaming_requests as requests
+from benchmarks.scaling_scenes import read_scene, recut
+from benchmarks.scenes import REPOSITORY
 from benchmarks.streaming_clients import ScarFile, ScarStream, WholeFile, run
 from benchmarks.streaming_levels import LevelStream
 from benchmarks.streaming_network import Link, Trace
-from benchmarks.streaming_policies import Moment, distances, file_order, in_view_first, nearest_first, planned
+from benchmarks.streaming_orders import Film, planned_for
+from benchmarks.streaming_policies import (
+    Moment,
+    Oracle,
+    distances,
+    file_order,
+    in_view_first,
+    nearest_first,
+    planned,
+)
 from benchmarks.streaming_requests import Meter, Sizes, next_request
 from benchmarks.streaming_rivals import Levels
 from scarfmt.container.directory import Entry
+from scarfmt.render.viewpoints import Surroundings
 from scarfmt.streaming.boxes import tight_boxes
 from scarfmt.streaming.plan import Step
 from scarfmt.streaming.view import Camera, share_in_picture
@@ -136,3 +152,33 @@ def test_the_meter_counts_while_something_is_under_way() -> None:
     meter.add(1.5, 499_000)
     assert meter.sizes == Sizes.of(1e6, 0.1)
     assert meter.sizes.under_way == pytest.approx(325_000)
+
+
+def test_requests_are_sized_as_the_browser_package_sizes_them() -> None:
+    """The numbers of its modules."""
+    stream = REPOSITORY / "web" / "src" / "stream"
+    text = "".join((stream / name).read_text(encoding="utf-8") for name in ("requests.ts", "meter.ts", "open_front.ts"))
+    named = dict(re.findall(r"const ([A-Z_]+) = ([^;]+);", text))
+    for name, value in named.items():
+        ours = getattr(requests, name, None) or getattr(requests, f"_{name}")
+        assert ours == eval(value), name
+    assert len(named) == 11
+
+
+def test_the_oracle_plans_every_step_once_and_first_layers_first(file: ScarFile) -> None:
+    """Layer 1 of tiles in the picture, then the rest, those of a tile by layer; of what is there, nothing."""
+    scene = recut(read_scene(TOYS), 65536)
+    around = Surroundings.of(Film(scene).layers[-1], "-y")
+    view = around.camera(around.middle + 0.8 * around.radius * around.direction(0.2, 20), around.middle, "one")
+    order = Oracle(scene, file.index, [(0.0, view), (2.0, view)])
+    tiles, layers = file.index.bytes.shape
+    steps = order(Moment(file.index, None, planned_for(view), 1.5, [0] * tiles))
+    assert sorted(steps) == [(tile, layer) for tile in range(tiles) for layer in range(1, layers + 1)]
+    behind = share_in_picture(tight_boxes(file.index.cubes, None), planned_for(view), 3.0) == 0
+    leading = list(takewhile(lambda step: step.layer == 1, steps))
+    assert len(leading) > 2
+    assert not any(behind[step.tile] for step in leading[:3])
+    for tile in range(tiles):
+        assert [step.layer for step in steps if step.tile == tile] == list(range(1, layers + 1))
+    rest = order(Moment(file.index, None, planned_for(view), 0.0, [layers - 1] * tiles))
+    assert sorted(rest) == [(tile, layers) for tile in range(tiles)]
