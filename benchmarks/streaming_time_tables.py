@@ -99,9 +99,10 @@ def _times(share: float | None) -> str:
 
 def times(results: Mapping[str, Record]) -> str:
     """Seconds to `AIM_DB` on each network, and what the files are."""
-    networks = next(iter(results.values()))["networks"]
+    means = next(iter(results.values()))["networks"]
+    networks = sorted(means, key=means.__getitem__)
     head = ["scene", "what", "MB", "dB once all is there"]
-    head += [name if name == NETWORK else f"{name}, {mbits:g} Mbit/s" for name, mbits in networks.items()]
+    head += [f"s at {means[name]:.3g} Mbit/s" for name in networks]
     head += ["requests", "never looked at"]
     rows = []
     for scene, record in results.items():

@@ -94,8 +94,8 @@ def test_rivals_are_compared_in_each_condition(record: dict[str, Any]) -> None:
 def test_times_are_means_on_each_network(record: dict[str, Any]) -> None:
     """With what files are, and what of them is never looked at."""
     text = times({"scene": record})
-    assert "| scene | planned by gains | 2.00 | 40.0 | 0.20 | 1.00 | 3 | 5 % |" in text
-    assert "| scene | whole SOG | 6.00 | 40.0 | 1.00 | 2.00 | 3 | 10 % |" in text
+    assert "| scene | planned by gains | 2.00 | 40.0 | 1.00 | 0.20 | 3 | 5 % |" in text
+    assert "| scene | whole SOG | 6.00 | 40.0 | 2.00 | 1.00 | 3 | 10 % |" in text
 
 
 def test_policies_are_set_against_file_order(record: dict[str, Any]) -> None:
