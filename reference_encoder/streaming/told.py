@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,9 +34,9 @@ from scarfmt.streaming.plan import BEHIND
 from scarfmt.streaming.view import share_in_picture
 from scarfmt.tools.annotate import with_streaming
 
-USUAL_VIEWPOINTS = 8
-GAIN_SHARE = 0.002
-"""Part of a file that gains take up at most, where nobody says how many viewpoints."""
+USUAL_VIEWPOINTS, LEAST_VIEWPOINTS = 8, 4
+GAIN_SHARE = 0.005
+"""Part of a file that gains take up, where nobody says how many viewpoints."""
 _BULK = 0.9
 """Of what a tile shows, the part that sticks out of its box no further than its reach."""
 _DEVIATIONS = 2.0
@@ -54,19 +54,22 @@ def usual_viewpoints(scene: QuantisedScene, size: int) -> int:
         size: of the file, bytes.
     """
     tiles, layers = len(scene.tiles), len(scene.model.layers)
-    return 0 if tiles < 2 else min(max(int(GAIN_SHARE * size / (tiles * layers)), 1), USUAL_VIEWPOINTS)
+    return 0 if tiles < 2 else min(max(int(GAIN_SHARE * size / (tiles * layers)), LEAST_VIEWPOINTS), USUAL_VIEWPOINTS)
 
 
 def streamed(data: bytes, scene: QuantisedScene, options: EncodeOptions) -> bytes:
     """The file, with what `options` want clients to be told.
+
+    A single tile, of which there is no choice, has its box and a view to begin with told where cameras are known.
 
     Args:
         data: of `scene`.
         scene: all integers of it.
         options: what it was encoded with.
     """
+    usual = options.viewpoints is None
     count = usual_viewpoints(scene, len(data)) if options.viewpoints is None else options.viewpoints
-    return with_streaming(data, told(scene, options, count)) if count else data
+    return with_streaming(data, told(scene, options, count)) if count or (usual and options.cameras) else data
 
 
 def told(scene: QuantisedScene, options: EncodeOptions, count: int) -> Streaming:
@@ -75,21 +78,23 @@ def told(scene: QuantisedScene, options: EncodeOptions, count: int) -> Streaming
     Args:
         scene: all integers of it.
         options: what it was encoded with: its cameras, or those that stand for anywhere, give viewpoints and view.
-        count: most viewpoints.
+        count: most viewpoints; with 0, only boxes and the view.
     """
     drawn = _drawn(scene)
     shell = drawn if isinstance(drawn, GaussianScene) else _shell(drawn)
     views = survey(shell, options)
     given = views.views.get(GIVEN)
-    places = eyes(given or views.cameras, count)
+    matter = given or views.cameras
+    places = eyes(matter, max(count, 1))
     seen = _seen(scene, drawn, places, options.seed)
     tile = np.repeat(np.arange(len(scene.tiles)), [len(content) for content in scene.contents])
     low, high, reach = _boxes(scene, shell, tile, seen.shape.sum(axis=0), _extents(drawn))
     viewpoints = np.array([eye.centre for eye in places]).astype(np.float32)
     gains = np.zeros((len(places), len(scene.model.layers), len(scene.tiles)), np.uint8)
-    streaming = Streaming(low, high, reach, viewpoints, gains, _view(shell, options, places, given is not None))
+    first = eyes(matter, USUAL_VIEWPOINTS)[0].cameras[0] if given else None
+    streaming = Streaming(low, high, reach, viewpoints, gains, _view(shell, options, first))
     gains[:] = _levels(_filled(_tile_gains(seen, tile, len(scene.tiles)), scene, streaming, places))
-    return streaming
+    return streaming if count else replace(streaming, viewpoints=viewpoints[:0], gains=gains[:0])
 
 
 @dataclass(frozen=True)
@@ -213,12 +218,10 @@ def _quantile(values: F64, weights: F64) -> float:
     return float(values[order][min(int(np.searchsorted(total, _BULK * total[-1])), len(order) - 1)])
 
 
-def _view(shell: GaussianScene, options: EncodeOptions, places: Sequence[Eye], given: bool) -> View:
-    """A view to begin with: of the given cameras the one amid most, else from outside and a little above."""
+def _view(shell: GaussianScene, options: EncodeOptions, camera: Camera | None) -> View:
+    """A view to begin with: that of the camera amid most of those given, else from outside and a little above."""
     around = Surroundings.of(shell, options.frame)
-    if given:
-        camera = places[0].cameras[0]
-    else:
+    if camera is None:
         eye = around.middle + _FIRST_DISTANCE * around.radius * around.direction(0.5, _FIRST_ELEVATION)
         camera = around.camera(eye, around.middle, "first")
     forward, down = camera.world_to_camera[2, :3], camera.world_to_camera[1, :3]

@@ -7,6 +7,7 @@ import type { AddressInfo } from "node:net";
 import { describe, it } from "node:test";
 import type { Page } from "puppeteer-core";
 import { bare, browsing, message, until } from "./chromium.js";
+import type { ScarStream } from "../src/stream/scar_stream.js";
 import { toys } from "./files.js";
 import { type FileServer, serving } from "./server.js";
 
@@ -14,9 +15,15 @@ const PAGE = new URL("../../../scarfmt/viewer/page/", import.meta.url);
 const TYPES: Record<string, string> = { html: "text/html", js: "text/javascript", css: "text/css", wasm: "application/wasm" };
 const bytes = toys();
 
+/** Of the files of the page that were asked for, by name; what is awaited before one is sent. */
+interface Host {
+  asked: string[];
+  before?: (name: string) => Promise<void>;
+}
+
 /** The page and, as /scene.scar, what another server answers; both from one origin. Runs with the page's address. */
-async function hosting(scene: string, run: (address: string) => Promise<void>): Promise<void> {
-  const server = createServer((request, response) => {
+async function hosting(scene: string, host: Host, run: (address: string) => Promise<void>): Promise<void> {
+  const server = createServer(async (request, response) => {
     const { pathname } = new URL(request.url ?? "/", "http://host/");
     if (pathname === "/scene.scar") {
       const { host: _, ...headers } = request.headers;
@@ -27,26 +34,43 @@ async function hosting(scene: string, run: (address: string) => Promise<void>): 
       return;
     }
     const name = pathname === "/" ? "index.html" : pathname.slice(1);
+    host.asked.push(name);
+    await host.before?.(name);
     response.writeHead(200, { "Content-Type": TYPES[name.split(".").pop() ?? ""] ?? "text/plain" });
     response.end(readFileSync(new URL(name, PAGE)));
   });
   await new Promise<void>((resolve) => server.listen(0, "127.0.0.1", resolve));
   try {
-    await run(`http://127.0.0.1:${(server.address() as AddressInfo).port}/?url=/scene.scar`);
+    await run(`http://127.0.0.1:${(server.address() as AddressInfo).port}/`);
   } finally {
     server.closeAllConnections();
     server.close();
   }
 }
 
+interface Setting {
+  /** Of the page's address. */
+  query?: string;
+  scene?: Uint8Array;
+  /** Misbehaviour of the scene's server. */
+  prepare?: (server: FileServer, host: Host) => void;
+  /** Runs in the page before its scripts. */
+  before?: () => void;
+}
+
 /** Runs in a browser with the page open on a scene whose server can be told to misbehave. */
-async function viewing(run: (page: Page, server: FileServer) => Promise<void>, prepare?: (server: FileServer) => void) {
-  await serving(bytes, async (url, server) => {
-    prepare?.(server);
-    await hosting(url, (address) =>
+async function viewing(
+  run: (page: Page, server: FileServer, host: Host) => Promise<void>,
+  { query = "url=/scene.scar", scene = bytes, prepare, before }: Setting = {},
+): Promise<void> {
+  await serving(scene, async (url, server) => {
+    const host: Host = { asked: [] };
+    prepare?.(server, host);
+    await hosting(url, host, (address) =>
       browsing(async (page) => {
-        await page.goto(address);
-        await run(page, server);
+        if (before !== undefined) await page.evaluateOnNewDocument(before);
+        await page.goto(`${address}?${query}`);
+        await run(page, server, host);
       }),
     );
   });
@@ -98,14 +122,16 @@ describe("the viewer page", () => {
         release();
         await untilComplete(page, 5);
       },
-      (server) => {
-        server.ranges = false;
-        server.trick = (_, response) => {
-          response.writeHead(200, { "Content-Length": String(bytes.length) });
-          response.write(bytes.subarray(0, 60_000));
-          release = () => response.end(bytes.subarray(60_000));
-          return true;
-        };
+      {
+        prepare: (server) => {
+          server.ranges = false;
+          server.trick = (_, response) => {
+            response.writeHead(200, { "Content-Length": String(bytes.length) });
+            response.write(bytes.subarray(0, 60_000));
+            release = () => response.end(bytes.subarray(60_000));
+            return true;
+          };
+        },
       },
     );
   });
@@ -129,13 +155,15 @@ describe("the viewer page", () => {
         await untilComplete(page, 5);
         assert.ok(server.asked.length > 1);
       },
-      (server) => {
-        server.trick = ({ range }, response, number) => {
-          if (number !== 2 || range === null) return false;
-          response.writeHead(206, server.rangeHeaders(range));
-          response.write(server.bytes.subarray(range[0], range[0] + 1000), () => response.destroy());
-          return true;
-        };
+      {
+        prepare: (server) => {
+          server.trick = ({ range }, response, number) => {
+            if (number !== 2 || range === null) return false;
+            response.writeHead(206, server.rangeHeaders(range));
+            response.write(server.bytes.subarray(range[0], range[0] + 1000), () => response.destroy());
+            return true;
+          };
+        },
       },
     );
   });
@@ -147,11 +175,13 @@ describe("the viewer page", () => {
         await until(page, "still");
         assert.ok((await lit(page)) > 0.1);
       },
-      (server) => {
-        server.trick = (_, __, number) => {
-          if (number > 1) server.etag = '"two"';
-          return false;
-        };
+      {
+        prepare: (server) => {
+          server.trick = (_, __, number) => {
+            if (number > 1) server.etag = '"two"';
+            return false;
+          };
+        },
       },
     );
   });
@@ -163,9 +193,11 @@ describe("the viewer page", () => {
         await until(page, "still");
         assert.ok((await lit(page)) > 0.1);
       },
-      (server) => {
-        server.bytes = server.bytes.slice();
-        server.bytes[bytes.length - 3000] ^= 0xff;
+      {
+        prepare: (server) => {
+          server.bytes = server.bytes.slice();
+          server.bytes[bytes.length - 3000] ^= 0xff;
+        },
       },
     );
   });
@@ -173,9 +205,82 @@ describe("the viewer page", () => {
   it("says what is no scene", async () => {
     await viewing(
       async (page) => assert.match(await message(page), /signature|not a .scar/),
-      (server) => {
-        server.bytes = new Uint8Array(5000).fill(7);
+      { scene: new Uint8Array(5000).fill(7) },
+    );
+  });
+
+  it("shows a link that is dropped on it", async () => {
+    await viewing(
+      async (page) => {
+        await page.evaluate(() => {
+          const dropped = new DataTransfer();
+          dropped.setData("text/uri-list", `# a remark\r\n${location.origin}/scene.scar`);
+          document.dispatchEvent(new DragEvent("drop", { dataTransfer: dropped, cancelable: true }));
+        });
+        await untilComplete(page, 5);
       },
+      { query: "" },
+    );
+  });
+});
+
+describe("a page that loads", () => {
+  it("asks for the scene before the largest script has come", async () => {
+    let asked: () => void;
+    const scene = new Promise<void>((resolve) => (asked = resolve));
+    await viewing(async (page) => untilComplete(page, 5), {
+      prepare: (server, host) => {
+        host.before = async (name) => (name.startsWith("drawing-") ? scene : undefined);
+        server.trick = () => {
+          asked();
+          return false;
+        };
+      },
+    });
+  });
+
+  const without = existsSync(new URL("scar.wasm", PAGE)) ? false : "scar.wasm is not built";
+  it("fetches and compiles the decoder once for all workers and scenes", { skip: without }, async () => {
+    await viewing(async (page, _, { asked }) => {
+      await untilComplete(page, 5);
+      await page.keyboard.press("c");
+      await page.waitForFunction("document.querySelectorAll('canvas').length === 2", { polling: 100 });
+      await until(page, "still");
+      const told = await page.$$eval(".sum", (sums) => sums.map(({ textContent }) => textContent ?? ""));
+      assert.deepEqual(told.map((text) => text.includes("in JavaScript")), [false, false]);
+      assert.equal(asked.filter((name) => name === "scar.wasm").length, 1);
+    });
+  });
+});
+
+describe("what a page takes", () => {
+  /** Notes the most memory that streams have said they use. */
+  const watchMemory = () => {
+    const seen = { most: 0, evicted: 0 };
+    Object.assign(window, { seen });
+    document.addEventListener("scar-stream", (event) => {
+      const stream = (event as CustomEvent<ScarStream>).detail;
+      const look = () => (seen.most = Math.max(seen.most, stream.stats().memory));
+      stream.on("tile", look);
+      stream.on("progress", look);
+      stream.on("evict", () => seen.evicted++);
+    });
+  };
+
+  it("keeps within the memory that its address says, and draws", async () => {
+    const megabytes = 6;
+    await viewing(
+      async (page) => {
+        await until(page, "still");
+        await page.keyboard.press("u");
+        await page.keyboard.press("u");
+        await until(page, "still");
+        const { most } = (await page.evaluate("seen")) as { most: number };
+        // What WebAssembly takes for tables of a layer when it first needs them is learnt when it has them.
+        assert.ok(most <= 1.05e6 * megabytes, `${most} bytes`);
+        assert.ok((await lit(page)) > 0.02);
+      },
+      { query: `url=/scene.scar&memory=${megabytes}`, before: watchMemory },
     );
   });
 });
