@@ -182,20 +182,22 @@ class ScarStream:
             self._start(now, link, (0, size), inside)
         if not self._front:
             return
-        while not link.flows or self._may_ask(link):
+        while not link.flows or self._may_ask(now, link):
             self._plan()
             idle = self._idle()
             first = next(idle, None)
             if first is None:
                 return
-            chosen = next_request(chain([first], idle), self._meter.sizes)
-            start = chosen[0].offset + self._partial.pop(chosen[0].offset, 0)
-            self._start(now, link, (start, chosen[-1].end), chosen)
+            chosen = next_request(chain([first], idle), self._meter.sizes(now))
+            start, end = chosen[0].offset, chosen[-1].end
+            # A gap may hold blocks that are wanted later.
+            along = sorted((e for e in self._idle() if start <= e.offset and e.end <= end), key=lambda e: e.offset)
+            self._start(now, link, (start + self._partial.pop(start, 0), end), along)
             self._meter.begin(now)
 
-    def _may_ask(self, link: Link) -> bool:
+    def _may_ask(self, now: float, link: Link) -> bool:
         left = sum(flow.size - flow.got for flow in link.flows)
-        return len(link.flows) < MOST_PARALLEL and left < self._meter.sizes.under_way
+        return len(link.flows) < MOST_PARALLEL and left < self._meter.sizes(now).under_way
 
     def _start(self, now: float, link: Link, span: tuple[int, int], entries: list[Entry]) -> None:
         start, end = span

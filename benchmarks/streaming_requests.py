@@ -15,6 +15,7 @@ _LEAST_GAP, _MOST_GAP = 4 << 10, 16 << 10
 _UNDER_WAY_S = 0.225
 _FIRST_GUESS = 1.25e6
 _MEMORY_S, _LEAST_SAMPLE_S, _KEPT_DELAYS = 1.0, 0.02, 8
+_STRETCH_MS, _KEPT_STRETCHES_MS = 100, 2000
 
 
 @dataclass(frozen=True)
@@ -70,12 +71,14 @@ class Meter:
         self._under_way = 0
         self._since = self._bytes = 0.0
         self._delays: list[float] = []
+        self._arrivals: list[tuple[float, float]] = []
+        self._best: list[tuple[float, float]] = []
 
-    @property
-    def sizes(self) -> Sizes:
-        """What to ask for now."""
+    def sizes(self, now: float) -> Sizes:
+        """What to ask for: as fast as bytes come, or came in the best stretch of the last seconds."""
         rate = _FIRST_GUESS if self._rate is None else self._rate
-        return Sizes.of(rate, min(self._delays, default=0.0))
+        recent = (speed for when, speed in self._best if when > now - _KEPT_STRETCHES_MS / 1000)
+        return Sizes.of(max(rate, next(recent, 0.0)), min(self._delays, default=0.0))
 
     def begin(self, now: float) -> None:
         """Something is asked for."""
@@ -89,6 +92,7 @@ class Meter:
 
     def add(self, now: float, size: float) -> None:
         """Bytes came."""
+        self._add_to_stretch(now, size)
         self._bytes += size
         elapsed = now - self._since
         if elapsed < _LEAST_SAMPLE_S:
@@ -96,6 +100,13 @@ class Meter:
         kept = 0.0 if self._rate is None else math.exp(-elapsed / _MEMORY_S)
         self._rate = kept * (self._rate or 0.0) + (1 - kept) * self._bytes / elapsed
         self._since, self._bytes = now, 0.0
+
+    def _add_to_stretch(self, now: float, size: float) -> None:
+        stretch, kept = _STRETCH_MS / 1000, _KEPT_STRETCHES_MS / 1000
+        self._arrivals = [(when, part) for when, part in [*self._arrivals, (now, size)] if when > now - stretch]
+        speed = sum(part for _, part in self._arrivals) / stretch
+        self._best = [(when, other) for when, other in self._best if other > speed and when > now - kept]
+        self._best.append((now, speed))
 
     def end(self) -> None:
         """An answer is over."""

@@ -143,15 +143,17 @@ def test_a_request_takes_neighbours_that_are_wanted_soon() -> None:
 def test_the_meter_counts_while_something_is_under_way() -> None:
     """10 Mbit/s before; then what came in the time, the least delay of the last ones."""
     meter = Meter()
-    assert meter.sizes == Sizes.of(1.25e6, 0)
+    assert meter.sizes(0.0) == Sizes.of(1.25e6, 0)
     meter.begin(1.0)
     meter.first_byte(0.2)
     meter.first_byte(0.1)
     meter.add(1.01, 1000)
-    assert meter.sizes == Sizes.of(1.25e6, 0.1)
+    assert meter.sizes(1.01) == Sizes.of(1.25e6, 0.1)
     meter.add(1.5, 499_000)
-    assert meter.sizes == Sizes.of(1e6, 0.1)
-    assert meter.sizes.under_way == pytest.approx(325_000)
+    # A million a second on the whole, and five while bytes came.
+    assert meter.sizes(1.5) == Sizes.of(4.99e6, 0.1)
+    assert meter.sizes(3.6) == Sizes.of(1e6, 0.1)
+    assert meter.sizes(3.6).under_way == pytest.approx(325_000)
 
 
 def test_requests_are_sized_as_the_browser_package_sizes_them() -> None:
@@ -162,7 +164,7 @@ def test_requests_are_sized_as_the_browser_package_sizes_them() -> None:
     for name, value in named.items():
         ours = getattr(requests, name, None) or getattr(requests, f"_{name}")
         assert ours == eval(value), name
-    assert len(named) == 11
+    assert len(named) == 13
 
 
 def test_the_oracle_plans_every_step_once_and_first_layers_first(file: ScarFile) -> None:
