@@ -69,7 +69,7 @@ def record() -> dict[str, Any]:
     curve = [10.0] * 18 + [40.0] * 7
     return {
         "sizes": {"`.scar`": 2_000_000, "whole SOG": 6_000_000},
-        "networks": {"10 Mbit/s": 10.0, "slow": 1.0},
+        "networks": {"10 Mbit/s": 200.0, "slow": 1.0},
         "curves": {network: dict.fromkeys(names, curve) for network in ("10 Mbit/s", "slow")},
         "runs": {
             "10 Mbit/s, 20 ms, walk": {"file order": row(base), "planned by gains": row(ours, 100, 0),
@@ -82,13 +82,16 @@ def record() -> dict[str, Any]:
 def test_ratios_count_what_only_one_gets_to(record: dict[str, Any]) -> None:
     """As nothing, or as never."""
     level = LEVELS_DB.index(41.0)
+    assert list(ratios(record, "planned by gains", "whole SOG", level, True)) == [0]
+    assert list(ratios(record, "planned by gains", "whole SOG", level, False)) == [2]
     assert list(ratios(record, "planned by gains", "whole SOG", level)) == [0, 2]
     assert list(ratios(record, "whole SOG", "planned by gains", level)) == [float("inf"), 0.5]
 
 
 def test_rivals_are_compared_in_each_condition(record: dict[str, Any]) -> None:
     """Five times sooner and twice: a geometric mean of 3.2, once within a quarter of the time."""
-    assert "| scene | whole SOG | 4.5× | 3.2× | 1.6× | – | 2.0× | 1 of 2 |" in against({"scene": record})
+    cells = "4.5× | 3.2× | 1.6× | – | 2.0× | 2.0× | 1 of 2 | 0 of 1"
+    assert f"| scene | whole SOG | {cells} |" in against({"scene": record})
 
 
 def test_times_are_means_on_each_network(record: dict[str, Any]) -> None:
@@ -100,9 +103,8 @@ def test_times_are_means_on_each_network(record: dict[str, Any]) -> None:
 
 def test_policies_are_set_against_file_order(record: dict[str, Any]) -> None:
     """Mean and worst."""
-    assert "| scene | planned by gains | -50 % | -50 % | +0 % | +41 % | +0 % | 33.0 | 3 | 5 % |" in policies(
-        {"scene": record}
-    )
+    text = policies({"scene": record})
+    assert "| scene | planned by gains | -50 % | -50 % | +0 % | +300 % | +0 % | +0 % | 33.0 | 3 | 5 % |" in text
 
 
 def test_images_are_named_by_scenes() -> None:
