@@ -283,6 +283,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             rivals = not said.short and missing is None
             results[scene.name] = measure(scene, conditions, RECORDINGS[: 1 if said.short else None], rivals)
             save_results(NAME, results, keep, [scene.name])
+    results = {name: results[name] for name in (*SCENES, *results) if name in results}
     print(tables(results))
     if keep:
         write_page(results)
