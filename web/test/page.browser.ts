@@ -1,51 +1,24 @@
 /** The viewer page in a real browser: it draws, refines, obeys its keys, and keeps the picture when a server fails. */
 
 import assert from "node:assert/strict";
-import { existsSync, readFileSync } from "node:fs";
-import { createServer, get } from "node:http";
-import type { AddressInfo } from "node:net";
+import { existsSync } from "node:fs";
 import { describe, it } from "node:test";
 import type { Page } from "puppeteer-core";
-import { bare, browsing, message, until } from "./chromium.js";
+import { browsing, lit, message, until } from "./chromium.js";
 import { toys } from "./files.js";
+import { hosting } from "./hosting.js";
 import { type FileServer, serving } from "./server.js";
 
 const PAGE = new URL("../../../scarfmt/viewer/page/", import.meta.url);
-const TYPES: Record<string, string> = { html: "text/html", js: "text/javascript", css: "text/css", wasm: "application/wasm" };
 const bytes = toys();
-
-/** The page and, as /scene.scar, what another server answers; both from one origin. Runs with the page's address. */
-async function hosting(scene: string, run: (address: string) => Promise<void>): Promise<void> {
-  const server = createServer((request, response) => {
-    const { pathname } = new URL(request.url ?? "/", "http://host/");
-    if (pathname === "/scene.scar") {
-      const { host: _, ...headers } = request.headers;
-      get(scene, { headers }, (answer) => {
-        response.writeHead(answer.statusCode ?? 502, answer.headers);
-        answer.on("error", () => response.destroy()).pipe(response);
-      }).on("error", () => response.destroy());
-      return;
-    }
-    const name = pathname === "/" ? "index.html" : pathname.slice(1);
-    response.writeHead(200, { "Content-Type": TYPES[name.split(".").pop() ?? ""] ?? "text/plain" });
-    response.end(readFileSync(new URL(name, PAGE)));
-  });
-  await new Promise<void>((resolve) => server.listen(0, "127.0.0.1", resolve));
-  try {
-    await run(`http://127.0.0.1:${(server.address() as AddressInfo).port}/?url=/scene.scar`);
-  } finally {
-    server.closeAllConnections();
-    server.close();
-  }
-}
 
 /** Runs in a browser with the page open on a scene whose server can be told to misbehave. */
 async function viewing(run: (page: Page, server: FileServer) => Promise<void>, prepare?: (server: FileServer) => void) {
   await serving(bytes, async (url, server) => {
     prepare?.(server);
-    await hosting(url, (address) =>
+    await hosting(PAGE, url, (address) =>
       browsing(async (page) => {
-        await page.goto(address);
+        await page.goto(`${address}?url=/scene.scar`);
         await run(page, server);
       }),
     );
@@ -60,21 +33,6 @@ async function untilComplete(page: Page, layers: number): Promise<void> {
   const wanted = `document.querySelectorAll(".panel:first-child tr.complete").length === ${layers}`;
   await page.waitForFunction(wanted, { timeout: 120_000, polling: 100 });
   await until(page, "still");
-}
-
-/** Share of the pixels that are brighter than black. */
-async function lit(page: Page): Promise<number> {
-  await bare(page);
-  const png = await page.screenshot({ encoding: "base64" });
-  return page.evaluate(async (data) => {
-    const picture = await createImageBitmap(await (await fetch(`data:image/png;base64,${data}`)).blob());
-    const context = new OffscreenCanvas(picture.width, picture.height).getContext("2d")!;
-    context.drawImage(picture, 0, 0);
-    const { data: rgba } = context.getImageData(0, 0, picture.width, picture.height);
-    let count = 0;
-    for (let i = 0; i < rgba.length; i += 4) count += rgba[i] + rgba[i + 1] + rgba[i + 2] > 60 ? 1 : 0;
-    return (4 * count) / rgba.length;
-  }, png);
 }
 
 describe("the viewer page", () => {

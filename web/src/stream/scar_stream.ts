@@ -259,6 +259,8 @@ export class ScarStream {
     this.#layers = new Uint8Array(front.index.tiles);
     this.#pool = this.#makePool();
     this.#emitter.emit("front", front);
+    // Who sees the front may close the stream there and then.
+    this.#controller.signal.throwIfAborted();
     this.#refiner = new Refiner({
       source: this.#source,
       opened,
