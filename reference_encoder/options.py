@@ -53,7 +53,7 @@ class EncodeOptions:
         tile_anchors: most anchors of a tile, 1024..65536; None for 32768, and 16384 in scenes of more than 262,144.
             With smaller tiles the file is larger, decoding a region of it cheaper, and decoding all of it slower.
         viewpoints: from how many places clients are told what layers of tiles gain (SPEC §7.13), 0..64; 0 for no such
-            block. None for up to 8, as many as take a five-hundredth of the file. Of a single tile only its box and,
+            block. None for 4 to 8, as many as take a two-hundredth of the file. Of a single tile only its box and,
             where cameras are given, a view to begin with are then told.
         seed: of everything random. The same scene, options, seed, versions of packages and BLAS kernel give the same
             bytes, with any number of threads. Another BLAS kernel, which OpenBLAS chooses by the processor, can change

@@ -1,14 +1,72 @@
 /** Builds the page of `scarfmt view` into the Python package. `node build_viewer.mjs` */
 
 import { copyFileSync, existsSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { brotliCompressSync, constants, gzipSync } from "node:zlib";
 import { build } from "esbuild";
 
 const ROOT = import.meta.dirname;
 const PAGE = `${ROOT}/../scarfmt/viewer/page`;
+const SPARK_MODULE = "spark.wasm";
+/** What servers send compressed; smaller files are not worth a file beside them. */
+const COMPRESSED = /\.(js|css|wasm|html)$/;
+const LEAST_COMPRESSED = 1000;
+
+/**
+ * Spark has its WebAssembly as a string of 2 MB in its script. As a file of its own it is a third smaller on its way, is
+ * fetched beside the script, and compiled while it is read. Where Spark is built in another way, it stays as it is.
+ */
+const sparkModule = {
+  name: "spark-module",
+  setup({ onLoad }) {
+    onLoad({ filter: /spark\.module(\.min)?\.js$/ }, ({ path }) => {
+      const script = readFileSync(path, "utf8");
+      const inlined = /const WASM = decode64\("([A-Za-z0-9+/=]+)"\)(?:\.buffer)?;\s*const WASM_MODULE = WebAssembly\.compile\(WASM\);/;
+      const found = inlined.exec(script);
+      if (found === null) return { contents: script };
+      writeFileSync(`${PAGE}/${SPARK_MODULE}`, Buffer.from(found[1], "base64"));
+      const fetched = `fetch(new URL("./${SPARK_MODULE}", import.meta.url)).then((answer) => answer.arrayBuffer())`;
+      const compiled = `const WASM_MODULE = ${fetched}.then((bytes) => WebAssembly.compile(bytes));`;
+      return { contents: script.replace(found[0], compiled) };
+    });
+  },
+};
+
+/** Scripts that one imports, itself first; `later` with those that it imports only when it needs them. */
+function imported(outputs, path, later) {
+  const found = new Set([path]);
+  for (const one of found) {
+    for (const { path: other, kind } of outputs[one].imports) {
+      if (kind === "import-statement" || (later && kind === "dynamic-import")) found.add(other);
+    }
+  }
+  return [...found];
+}
+
+/** The page, which names all that the first picture needs, so that nothing waits for the script that asks for it. */
+function writePage({ outputs }) {
+  const named = (name) => Object.keys(outputs).find((path) => path.endsWith(`/${name}`));
+  const drawing = Object.keys(outputs).find((path) => /\/drawing-\w+\.js$/.test(path));
+  const scripts = new Set([...imported(outputs, named("viewer.js")), ...imported(outputs, drawing)]);
+  const links = [...scripts].map((path) => `<link rel="modulepreload" href="${path.split("/").pop()}" />`);
+  if (existsSync(`${PAGE}/${SPARK_MODULE}`)) {
+    links.push(`<link rel="preload" as="fetch" type="application/wasm" crossorigin href="${SPARK_MODULE}" />`);
+  }
+  const page = readFileSync(`${ROOT}/viewer/index.html`, "utf8");
+  writeFileSync(`${PAGE}/index.html`, page.replace("  </head>", `${links.map((link) => `    ${link}\n`).join("")}  </head>`));
+}
+
+/** Beside each file itself compressed, for servers that send that to browsers that take it. */
+function compress(name) {
+  const bytes = readFileSync(`${PAGE}/${name}`);
+  if (bytes.length < LEAST_COMPRESSED) return;
+  const params = { [constants.BROTLI_PARAM_SIZE_HINT]: bytes.length, [constants.BROTLI_PARAM_LGWIN]: 22 };
+  writeFileSync(`${PAGE}/${name}.br`, brotliCompressSync(bytes, { params }));
+  writeFileSync(`${PAGE}/${name}.gz`, gzipSync(bytes, { level: 9 }));
+}
 
 mkdirSync(PAGE, { recursive: true });
 for (const name of readdirSync(PAGE)) rmSync(`${PAGE}/${name}`, { recursive: true });
-await build({
+const { metafile } = await build({
   absWorkingDir: ROOT,
   bundle: true,
   format: "esm",
@@ -20,11 +78,15 @@ await build({
   outdir: PAGE,
   splitting: true,
   minify: true,
+  metafile: true,
+  plugins: [sparkModule],
 });
-for (const name of ["index.html", "viewer.css"]) copyFileSync(`${ROOT}/viewer/${name}`, `${PAGE}/${name}`);
+writePage(metafile);
+copyFileSync(`${ROOT}/viewer/viewer.css`, `${PAGE}/viewer.css`);
 // Without a compiler for it there is none, and the page decodes in JavaScript.
 const module = `${ROOT}/dist/scar.wasm`;
 if (existsSync(module)) copyFileSync(module, `${PAGE}/scar.wasm`);
 const bundled = ["three", "@sparkjsdev/spark"];
 const licences = bundled.map((name) => `${name}\n\n${readFileSync(`${ROOT}/node_modules/${name}/LICENSE`, "utf8")}`);
 writeFileSync(`${PAGE}/licences.txt`, licences.join("\n\n"));
+for (const name of readdirSync(PAGE)) if (COMPRESSED.test(name)) compress(name);

@@ -34,9 +34,9 @@ from scarfmt.streaming.plan import BEHIND
 from scarfmt.streaming.view import share_in_picture
 from scarfmt.tools.annotate import with_streaming
 
-USUAL_VIEWPOINTS = 8
-GAIN_SHARE = 0.002
-"""Part of a file that gains take up at most, where nobody says how many viewpoints."""
+USUAL_VIEWPOINTS, LEAST_VIEWPOINTS = 8, 4
+GAIN_SHARE = 0.005
+"""Part of a file that gains take up, where nobody says how many viewpoints."""
 _BULK = 0.9
 """Of what a tile shows, the part that sticks out of its box no further than its reach."""
 _DEVIATIONS = 2.0
@@ -54,7 +54,7 @@ def usual_viewpoints(scene: QuantisedScene, size: int) -> int:
         size: of the file, bytes.
     """
     tiles, layers = len(scene.tiles), len(scene.model.layers)
-    return 0 if tiles < 2 else min(max(int(GAIN_SHARE * size / (tiles * layers)), 1), USUAL_VIEWPOINTS)
+    return 0 if tiles < 2 else min(max(int(GAIN_SHARE * size / (tiles * layers)), LEAST_VIEWPOINTS), USUAL_VIEWPOINTS)
 
 
 def streamed(data: bytes, scene: QuantisedScene, options: EncodeOptions) -> bytes:

@@ -160,7 +160,7 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
     type=click.IntRange(0, MAX_VIEWPOINTS),
     metavar="N",
     help="Number of places from which to tell streaming clients what each layer of a tile gains: they then fetch what"
-    " a view needs most. 0: tell nothing [default: up to 8, as many as take 0.2 % of the file. A single tile, of which"
+    " a view needs most. 0: tell nothing [default: 4 to 8, as many as take 0.5 % of the file. A single tile, of which"
     " there is no choice, has none; with --cameras it is told where to begin looking].",
 )
 @click.option(

@@ -14,6 +14,8 @@ from scarfmt.container.morton import deinterleave
 
 ALL_ROUND = 12.566370614359172
 """The solid angle of everything."""
+SHOWN_OF_REACH = 0.5
+"""How far splats count as sticking out of a tight box, of what the file says: where they are faint they show little."""
 _ROOTS = (1.0, 1.189207115002721, 1.4142135623730951, 1.681792830507429)
 
 
@@ -23,12 +25,10 @@ class Boxes:
 
     Attributes:
         low, high: (T, 3) float64.
-        reach: (T,) float64, how far splats stick out.
     """
 
     low: F64
     high: F64
-    reach: F64
 
     @property
     def middle(self) -> F64:
@@ -67,7 +67,7 @@ def cubes(fields: HeaderFields, tiles: Table) -> F64:
 
 
 def tight_boxes(cubes: F64, streaming: Streaming | None) -> Boxes:
-    """What a file says of where the content of its tiles is; the cubes where it has no STREAMING block.
+    """What a file says of where the content of its tiles shows; the cubes where it has no STREAMING block.
 
     Args:
         cubes: (T, 6) of the tiles.
@@ -75,11 +75,12 @@ def tight_boxes(cubes: F64, streaming: Streaming | None) -> Boxes:
     """
     low, high = cubes[:, :3], cubes[:, 3:]
     if streaming is None:
-        return Boxes(low, high, np.zeros(len(cubes)))
+        return Boxes(low, high)
     side = high - low
     part = side / 256
     reach = np.where(streaming.reach > 0, side[:, 0] * _REACHES[streaming.reach], 0.0)
-    return Boxes(low + part * streaming.low, low + part * (streaming.high.astype(np.float64) + 1), reach)
+    out = (SHOWN_OF_REACH * reach)[:, None]
+    return Boxes(low + part * streaming.low - out, low + part * (streaming.high.astype(np.float64) + 1) + out)
 
 
 def coverage(boxes: Boxes, eye: F64) -> F64:

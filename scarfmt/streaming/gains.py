@@ -13,14 +13,17 @@ MOST_RATIO = 100.0
 USUAL_FALL = 0.5
 """What a byte of a layer is worth of what one of the layer before was, as is usual."""
 
+USUAL_WEIGHT = 3.0
+"""What is usual weighs as much as this many viewpoints that are as far from the eye as the tile is."""
+
 _GAINS = octaves(-GAIN_OF_ONE - 1, 257)[1:]
 
 
 def gains_from(eye: F64, boxes: Boxes, streaming: Streaming | None, costs: F64) -> F64:
     """(L, T) float64 what each layer of each tile takes away of the squared error of a picture that has it in it.
 
-    Half of it is what the file tells, half what is usual, so that neither is wrong alone: what is told is of other
-    places. Where the file tells nothing, all is as usual, in some unit.
+    What the file tells is of other places, and what is usual of no place: the nearer the viewpoints, beside how far the
+    tile is, the more counts what is told. Where the file tells nothing, all is as usual, in some unit.
 
     Args:
         eye: (3,) world units.
@@ -33,7 +36,29 @@ def gains_from(eye: F64, boxes: Boxes, streaming: Streaming | None, costs: F64) 
         return usual
     told = told_gains(eye, boxes, streaming, len(costs))
     whole, all_usual = _total(told), _total(usual)
-    return told + usual * (whole / all_usual) if whole > 0 and all_usual > 0 else usual
+    if not (whole > 0 and all_usual > 0):
+        return usual
+    told_part = trust(eye, boxes, streaming.viewpoints.astype(np.float64))
+    return told_part * told + (1 - told_part) * (usual * (whole / all_usual))
+
+
+def trust(eye: F64, boxes: Boxes, viewpoints: F64) -> F64:
+    """(T,) float64 part of a gain that is what viewpoints tell; the rest is what is usual.
+
+    Args:
+        eye: (3,) world units.
+        boxes: of the T tiles.
+        viewpoints: (V, 3), one at least.
+    """
+    away = boxes.middle - eye
+    squared = away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1] + away[:, 2] * away[:, 2]
+    near = viewpoints - eye
+    least = float((near[:, 0] * near[:, 0] + near[:, 1] * near[:, 1] + near[:, 2] * near[:, 2]).min())
+    total = 0.0
+    for weight in _weights(eye, viewpoints):
+        total += weight
+    far = USUAL_WEIGHT * (least / total)
+    return np.where(squared + far > 0, squared / np.where(squared + far > 0, squared + far, 1.0), 1.0)
 
 
 def _total(gains: F64) -> float:

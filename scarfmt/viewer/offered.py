@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path, PurePosixPath
@@ -14,6 +14,7 @@ from urllib.parse import quote, urlsplit
 
 from scarfmt.container.source import ByteSource, FileSource
 from scarfmt.errors import InvalidInput, Truncated
+from scarfmt.viewer.encodings import SUFFIXES
 
 _PIECE_BYTES = 1 << 18
 PAGE = files("scarfmt.viewer").joinpath("page")
@@ -37,11 +38,13 @@ class Version:
         size: bytes.
         tag: strong validator, with quotes, as `ETag` has it: another one when the file is another.
         kind: media type.
+        coding: of its bytes, as `Content-Encoding` has it; None for none.
     """
 
     size: int
     tag: str
     kind: str
+    coding: str | None = None
 
 
 class Offer(Protocol):
@@ -91,13 +94,23 @@ class SourceOffer:
 
 @dataclass(frozen=True)
 class AssetOffer:
-    """A file of the page, held in memory."""
+    """A file of the page, held in memory.
+
+    Attributes:
+        data: its bytes, coded where there is a `coding`.
+        kind: media type of what they decode to.
+        coding: as `Content-Encoding` has it.
+        compressed: the same file by coding.
+    """
 
     data: bytes
     kind: str
+    coding: str | None = None
+    compressed: Mapping[str, AssetOffer] = field(default_factory=dict)
 
     def version(self) -> Version:
-        return Version(len(self.data), f'"{hashlib.sha256(self.data).hexdigest()[:16]}"', self.kind)
+        digest = hashlib.sha256(self.data).hexdigest()
+        return Version(len(self.data), f'"{digest[:16]}"', self.kind, self.coding)
 
     def pieces(self, version: Version, first: int, end: int) -> Iterator[bytes]:
         yield self.data[first:end]
@@ -122,12 +135,19 @@ def page_offers() -> dict[str, Offer]:
         raise InvalidInput(
             "input-dependency", "the viewer page is not in this installation: `make web` builds it, and wheels have it"
         )
-    offers: dict[str, Offer] = {}
-    for asset in PAGE.iterdir():
-        if asset.is_file():
-            offers[f"/{asset.name}"] = AssetOffer(asset.read_bytes(), _TYPES.get(Path(asset.name).suffix, BINARY))
+    files = {asset.name: asset.read_bytes() for asset in PAGE.iterdir() if asset.is_file()}
+    plain = [name for name in files if Path(name).suffix not in SUFFIXES.values()]
+    offers: dict[str, Offer] = {f"/{name}": _asset(name, files) for name in plain}
     offers["/"] = offers["/index.html"]
     return offers
+
+
+def _asset(name: str, files: Mapping[str, bytes]) -> AssetOffer:
+    """A file of the page, with those that `make web` put beside it compressed."""
+    kind = _TYPES.get(Path(name).suffix, BINARY)
+    beside = {coding: files.get(name + suffix) for coding, suffix in SUFFIXES.items()}
+    compressed = {coding: AssetOffer(data, kind, coding) for coding, data in beside.items() if data is not None}
+    return AssetOffer(files[name], kind, compressed=compressed)
 
 
 def scene_offer(origin: str, number: int, source: ByteSource) -> tuple[str, Offer]:

@@ -9,7 +9,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from urllib.parse import urlencode, urlsplit
 
 from scarfmt.errors import ScarError
-from scarfmt.viewer.offered import Offer, Version
+from scarfmt.viewer.encodings import accepted
+from scarfmt.viewer.offered import AssetOffer, Offer, Version
 from scarfmt.viewer.ranges import Unsatisfiable, wanted
 
 LOOPBACK = "127.0.0.1"
@@ -65,13 +66,20 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
         else:
             try:
-                self._offer(offer, with_body)
+                self._offer(self._coded(offer), with_body)
             except (ScarError, OSError):
                 # Once bytes are on their way, a connection that ends early is the only way left to say so.
                 self.close_connection = True
 
     def _is_for_us(self) -> bool:
         return self.server.hosts is None or urlsplit(f"//{self.headers.get('Host', '')}").hostname in self.server.hosts
+
+    def _coded(self, offer: Offer) -> Offer:
+        """The offer as the browser takes it; ranges are always of the file itself."""
+        if not isinstance(offer, AssetOffer) or "Range" in self.headers:
+            return offer
+        coding = accepted(self.headers.get("Accept-Encoding"), offer.compressed)
+        return offer if coding is None else offer.compressed[coding]
 
     def _offer(self, offer: Offer, with_body: bool) -> None:
         try:
@@ -105,6 +113,9 @@ class _Handler(BaseHTTPRequestHandler):
     def _head(self, status: HTTPStatus, version: Version, about: Mapping[str, str] | None = None) -> None:
         self.send_response(status)
         headers = {"Accept-Ranges": "bytes", "ETag": version.tag, "Cache-Control": "no-cache", **(about or {})}
+        headers["Vary"] = "Accept-Encoding"
+        if version.coding is not None:
+            headers["Content-Encoding"] = version.coding
         for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()

@@ -16,8 +16,8 @@ FIELDS = HeaderFields(
 )  # fmt: skip
 
 
-def box(low: tuple[float, float, float], high: tuple[float, float, float], reach: float = 0.0) -> Boxes:
-    return Boxes(np.array([low]), np.array([high]), np.array([reach]))
+def box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Boxes:
+    return Boxes(np.array([low]), np.array([high]))
 
 
 def test_octaves_are_powers_of_two() -> None:
@@ -34,7 +34,7 @@ def test_cubes_are_those_of_the_tile_table() -> None:
 
 
 def test_boxes_are_in_256ths_and_reaches_in_quarter_octaves() -> None:
-    """And whole cubes where nothing is told."""
+    """Half of a reach counts; and whole cubes where nothing is told."""
     tiles = cubes(FIELDS, tile_table([Tile(1, 0, 0)]))
     told = Streaming(
         np.array([[0, 64, 255]], np.uint8),
@@ -44,11 +44,12 @@ def test_boxes_are_in_256ths_and_reaches_in_quarter_octaves() -> None:
         np.zeros((0, 1, 1), np.uint8),
     )
     found = tight_boxes(tiles, told)
+    assert found.low.tolist() == [[1.0 - 8, 18.0 - 8, 66.75 - 8]]
+    assert found.high.tolist() == [[65.0 + 8, 34.0 + 8, 67.0 + 8]]
+    told.reach[:] = 0
+    found = tight_boxes(tiles, told)
     assert found.low.tolist() == [[1.0, 18.0, 66.75]]
     assert found.high.tolist() == [[65.0, 34.0, 67.0]]
-    assert found.reach.tolist() == [16.0]
-    told.reach[:] = 0
-    assert tight_boxes(tiles, told).reach.tolist() == [0.0]
     whole = tight_boxes(tiles, None)
     assert (whole.high - whole.low).tolist() == [[64.0, 64.0, 64.0]]
 

@@ -9,9 +9,9 @@ import pytest
 
 from scarfmt.blocks.streaming import Streaming
 from scarfmt.streaming.boxes import Boxes, coverage
-from scarfmt.streaming.gains import MOST_RATIO, gains_from, told_gains, usual_gains
+from scarfmt.streaming.gains import MOST_RATIO, USUAL_WEIGHT, gains_from, told_gains, trust, usual_gains
 
-BOXES = Boxes(np.array([[-0.5, -0.5, 9.5]]), np.array([[0.5, 0.5, 10.5]]), np.zeros(1))
+BOXES = Boxes(np.array([[-0.5, -0.5, 9.5]]), np.array([[0.5, 0.5, 10.5]]))
 
 
 def told(places: list[list[float]], levels: list[int]) -> Streaming:
@@ -52,14 +52,28 @@ def test_usually_size_decides_and_later_layers_count_less() -> None:
     assert found[:, 0].tolist() == [50 * size, 25 * size, 125 * size]
 
 
-def test_half_is_what_is_told_and_half_what_is_usual() -> None:
-    """As much of either, all tiles and layers together; where nothing is told, what is usual alone."""
+def test_what_is_told_counts_by_how_near_it_is_told_from() -> None:
+    """A tile 10 away: of viewpoints at 10 it needs three to count as much as what is usual."""
+    eye = np.zeros(3)
+    ten, five = [10.0, 0, 0], [0, 5.0, 0]
+    assert trust(eye, BOXES, np.array([ten])) == pytest.approx([1 / (1 + USUAL_WEIGHT)])
+    assert trust(eye, BOXES, np.array([ten, ten, ten])) == pytest.approx([0.5])
+    assert trust(eye, BOXES, np.array([five, ten])) == pytest.approx([5 / (5 + USUAL_WEIGHT)])
+    assert trust(eye, BOXES, np.array([[0.0, 0, 0], ten])).tolist() == [1.0]
+    middle = np.array([0.0, 0, 10])
+    assert trust(middle, BOXES, np.array([ten])).tolist() == [0.0]
+    assert trust(middle, BOXES, np.array([middle])).tolist() == [1.0]
+
+
+def test_what_is_told_and_what_is_usual_are_of_one_size() -> None:
+    """So that trust alone decides between them; where nothing is told, what is usual alone."""
     eye, costs = np.zeros(3), np.array([[100.0], [100.0]])
     usual = usual_gains(eye, BOXES, costs)
     streaming = replace(told([[1, 0, 0]], [200]), gains=np.array([[[200], [220]]], np.uint8))
     told_alone, found = told_gains(eye, BOXES, streaming, 2), gains_from(eye, BOXES, streaming, costs)
-    assert (found - told_alone).sum() == pytest.approx(told_alone.sum())
-    assert (found - told_alone) / usual == pytest.approx(np.full((2, 1), told_alone.sum() / usual.sum()))
+    part = trust(eye, BOXES, np.array([[1.0, 0, 0]]))[0]
+    assert found == pytest.approx(part * told_alone + (1 - part) * usual * told_alone.sum() / usual.sum())
+    assert found.sum() == pytest.approx(told_alone.sum())
     for nothing in (None, told([], []), replace(streaming, gains=np.zeros((1, 2, 1), np.uint8))):
         assert np.array_equal(gains_from(eye, BOXES, nothing, costs), usual)
 

@@ -16,7 +16,7 @@ CAMERA = Camera(np.zeros(3), np.array([0.0, 0, 2]), np.array([0.0, 3, 1]), math.
 
 def point(x: float, y: float, z: float) -> Boxes:
     at = np.array([[x, y, z]])
-    return Boxes(at, at, np.zeros(1))
+    return Boxes(at, at)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.1, 0.5, 1.0, 1.4, 1.55])
@@ -38,11 +38,11 @@ def test_the_picture_has_four_sides_and_a_front() -> None:
 
 def test_a_box_is_in_it_by_its_part() -> None:
     """Half behind the eye is half; a box that is twice as high as the picture is half in it."""
-    half = Boxes(np.array([[-1e-3, -1e-3, -1.0]]), np.array([[1e-3, 1e-3, 1.0]]), np.zeros(1))
+    half = Boxes(np.array([[-1e-3, -1e-3, -1.0]]), np.array([[1e-3, 1e-3, 1.0]]))
     assert share_in_picture(half, CAMERA).tolist() == [0.5]
     high = math.tan(math.radians(30)) * 100
     for factor, part in ((1.3, 1.0), (2.0, 0.5)):
-        box = Boxes(np.array([[-1, -factor * high, 100.0]]), np.array([[1, factor * high, 100.0]]), np.zeros(1))
+        box = Boxes(np.array([[-1, -factor * high, 100.0]]), np.array([[1, factor * high, 100.0]]))
         assert share_in_picture(box, CAMERA, 1.0).tolist() == [part]
 
 

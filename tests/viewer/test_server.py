@@ -27,8 +27,10 @@ def scene(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def server(scene: Path) -> Iterator[ViewerServer]:
+    packed = AssetOffer(b"small", "text/javascript", "br")
     offers = {
         "/": AssetOffer(b"<!doctype html>", "text/html; charset=utf-8"),
+        "/page.js": AssetOffer(CONTENT, "text/javascript", compressed={"br": packed}),
         "/file": FileOffer(scene),
         "/remote": SourceOffer(BytesSource(CONTENT), "https://example.org/a.scar"),
     }
@@ -67,6 +69,22 @@ def test_a_range_is_sent_alone(server: ViewerServer, path: str) -> None:
 def test_without_a_range_all_is_sent(server: ViewerServer, path: str) -> None:
     status, headers, body = ask(server, path)
     assert (status, body, headers["Content-Length"]) == (200, CONTENT, str(len(CONTENT)))
+
+
+def test_the_page_is_sent_compressed_to_browsers_that_take_it(server: ViewerServer) -> None:
+    """It is three megabytes and one; what is cached of one form must not be taken for the other."""
+    status, packed, body = ask(server, "/page.js", Accept_Encoding="gzip, br")
+    assert (status, body, packed["Content-Encoding"], packed["Vary"]) == (200, b"small", "br", "Accept-Encoding")
+    status, plain, body = ask(server, "/page.js", Accept_Encoding="gzip")
+    assert (status, body) == (200, CONTENT)
+    assert "Content-Encoding" not in plain
+    assert plain["ETag"] != packed["ETag"]
+
+
+def test_ranges_and_scenes_are_never_compressed(server: ViewerServer) -> None:
+    """Offsets are of the file itself."""
+    assert ask(server, "/page.js", Accept_Encoding="br", Range="bytes=0-3")[2] == CONTENT[:4]
+    assert ask(server, "/file", Accept_Encoding="br, gzip")[2] == CONTENT
 
 
 def test_head_sends_no_body(server: ViewerServer) -> None:
@@ -135,13 +153,18 @@ def test_a_missing_page_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_every_file_of_the_page_is_offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("index.html", "viewer.js", "scar.wasm"):
+    for name in ("index.html", "viewer.js", "viewer.js.br", "scar.wasm"):
         (tmp_path / name).write_bytes(name.encode())
     monkeypatch.setattr("scarfmt.viewer.offered.PAGE", tmp_path)
     offers = page_offers()
     assert set(offers) == {"/", "/index.html", "/viewer.js", "/scar.wasm"}
     assert offers["/scar.wasm"].version().kind == "application/wasm"
-    assert offers["/viewer.js"].version().kind.startswith("text/javascript")
+    script = offers["/viewer.js"]
+    assert isinstance(script, AssetOffer)
+    assert script.kind.startswith("text/javascript")
+    assert {coding: (offer.data, offer.kind) for coding, offer in script.compressed.items()} == {
+        "br": (b"viewer.js.br", script.kind)
+    }
 
 
 def test_ctrl_c_ends_serving_and_frees_the_port(monkeypatch: pytest.MonkeyPatch) -> None:

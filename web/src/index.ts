@@ -1,5 +1,7 @@
 /** scar-stream: .scar scenes of 3D Gaussians in a page. */
 
+import { loadModule } from "./decoder/shared_module.js";
+
 export type * from "./decoder/types.js";
 export type { Output, TileOutput } from "./decoder/protocol.js";
 export { byView } from "./plan/by_view.js";
@@ -15,9 +17,9 @@ export type { SourceLike } from "./stream/source.js";
 export { ScarStream } from "./stream/scar_stream.js";
 export type { EvictEvent, Progress, Stats, StreamEvents, StreamOptions, TileEvent } from "./stream/scar_stream.js";
 
-/** The decoder in WebAssembly; see `loadModule` of src/decoder/wasm.ts. */
+/** The decoder in WebAssembly; see `loadModule` of src/decoder/shared_module.ts. */
 export async function createWasmDecoder(from?: string | URL): Promise<import("./decoder/types.js").TileDecoder> {
-  const { createWasmDecoder: create, loadModule } = await import("./decoder/wasm.js");
+  const { createWasmDecoder: create } = await import("./decoder/wasm.js");
   return create(await loadModule(from));
 }
 

@@ -14,7 +14,7 @@ export async function exampleOf(
   run: (page: Page) => Promise<void>,
   size?: { width: number; height: number },
 ): Promise<void> {
-  await hosting(WEB, scene, (address) =>
+  await hosting(WEB, scene, { asked: [] }, (address) =>
     browsing(async (page) => {
       await page.goto(`${address}examples/playcanvas.html?url=/scene.scar`);
       await page.waitForFunction("document.readyState === 'complete'");

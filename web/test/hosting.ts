@@ -12,13 +12,24 @@ const TYPES: Record<string, string> = {
   wasm: "application/wasm",
 };
 
+/** Of the files that were asked for, by name; what is awaited before one is sent. */
+export interface Host {
+  asked: string[];
+  before?: (name: string) => Promise<void>;
+}
+
 /**
  * Runs with the address of a server that is stopped whatever happens.
  * @param folder whose files are sent
  * @param scene address of another server, whose answers are sent as /scene.scar
  */
-export async function hosting(folder: URL, scene: string, run: (address: string) => Promise<void>): Promise<void> {
-  const server = createServer((request, response) => {
+export async function hosting(
+  folder: URL,
+  scene: string,
+  host: Host,
+  run: (address: string) => Promise<void>,
+): Promise<void> {
+  const server = createServer(async (request, response) => {
     const { pathname } = new URL(request.url ?? "/", "http://host/");
     if (pathname === "/scene.scar") {
       const { host: _, ...headers } = request.headers;
@@ -30,9 +41,12 @@ export async function hosting(folder: URL, scene: string, run: (address: string)
       response.on("close", () => asked.destroy());
       return;
     }
-    const file = new URL(pathname === "/" ? "index.html" : pathname.slice(1), folder);
+    const name = pathname === "/" ? "index.html" : pathname.slice(1);
+    host.asked.push(name);
+    await host.before?.(name);
+    const file = new URL(name, folder);
     const found = existsSync(file);
-    const type = TYPES[file.pathname.split(".").pop() ?? ""] ?? "text/plain";
+    const type = TYPES[name.split(".").pop() ?? ""] ?? "text/plain";
     response.writeHead(found ? 200 : 404, { "Content-Type": type }).end(found ? readFileSync(file) : "");
   });
   await new Promise<void>((resolve) => server.listen(0, "127.0.0.1", resolve));

@@ -5,21 +5,37 @@ import { existsSync } from "node:fs";
 import { describe, it } from "node:test";
 import type { Page } from "puppeteer-core";
 import { browsing, lit, message, until } from "./chromium.js";
+import type { ScarStream } from "../src/stream/scar_stream.js";
 import { toys } from "./files.js";
-import { hosting } from "./hosting.js";
+import { type Host, hosting } from "./hosting.js";
 import { type FileServer, serving } from "./server.js";
 
 const PAGE = new URL("../../../scarfmt/viewer/page/", import.meta.url);
 const bytes = toys();
 
+interface Setting {
+  /** Of the page's address. */
+  query?: string;
+  scene?: Uint8Array;
+  /** Misbehaviour of the scene's server. */
+  prepare?: (server: FileServer, host: Host) => void;
+  /** Runs in the page before its scripts. */
+  before?: () => void;
+}
+
 /** Runs in a browser with the page open on a scene whose server can be told to misbehave. */
-async function viewing(run: (page: Page, server: FileServer) => Promise<void>, prepare?: (server: FileServer) => void) {
-  await serving(bytes, async (url, server) => {
-    prepare?.(server);
-    await hosting(PAGE, url, (address) =>
+async function viewing(
+  run: (page: Page, server: FileServer, host: Host) => Promise<void>,
+  { query = "url=/scene.scar", scene = bytes, prepare, before }: Setting = {},
+): Promise<void> {
+  await serving(scene, async (url, server) => {
+    const host: Host = { asked: [] };
+    prepare?.(server, host);
+    await hosting(PAGE, url, host, (address) =>
       browsing(async (page) => {
-        await page.goto(`${address}?url=/scene.scar`);
-        await run(page, server);
+        if (before !== undefined) await page.evaluateOnNewDocument(before);
+        await page.goto(`${address}?${query}`);
+        await run(page, server, host);
       }),
     );
   });
@@ -56,14 +72,16 @@ describe("the viewer page", () => {
         release();
         await untilComplete(page, 5);
       },
-      (server) => {
-        server.ranges = false;
-        server.trick = (_, response) => {
-          response.writeHead(200, { "Content-Length": String(bytes.length) });
-          response.write(bytes.subarray(0, 60_000));
-          release = () => response.end(bytes.subarray(60_000));
-          return true;
-        };
+      {
+        prepare: (server) => {
+          server.ranges = false;
+          server.trick = (_, response) => {
+            response.writeHead(200, { "Content-Length": String(bytes.length) });
+            response.write(bytes.subarray(0, 60_000));
+            release = () => response.end(bytes.subarray(60_000));
+            return true;
+          };
+        },
       },
     );
   });
@@ -87,13 +105,15 @@ describe("the viewer page", () => {
         await untilComplete(page, 5);
         assert.ok(server.asked.length > 1);
       },
-      (server) => {
-        server.trick = ({ range }, response, number) => {
-          if (number !== 2 || range === null) return false;
-          response.writeHead(206, server.rangeHeaders(range));
-          response.write(server.bytes.subarray(range[0], range[0] + 1000), () => response.destroy());
-          return true;
-        };
+      {
+        prepare: (server) => {
+          server.trick = ({ range }, response, number) => {
+            if (number !== 2 || range === null) return false;
+            response.writeHead(206, server.rangeHeaders(range));
+            response.write(server.bytes.subarray(range[0], range[0] + 1000), () => response.destroy());
+            return true;
+          };
+        },
       },
     );
   });
@@ -105,11 +125,13 @@ describe("the viewer page", () => {
         await until(page, "still");
         assert.ok((await lit(page)) > 0.1);
       },
-      (server) => {
-        server.trick = (_, __, number) => {
-          if (number > 1) server.etag = '"two"';
-          return false;
-        };
+      {
+        prepare: (server) => {
+          server.trick = (_, __, number) => {
+            if (number > 1) server.etag = '"two"';
+            return false;
+          };
+        },
       },
     );
   });
@@ -121,9 +143,11 @@ describe("the viewer page", () => {
         await until(page, "still");
         assert.ok((await lit(page)) > 0.1);
       },
-      (server) => {
-        server.bytes = server.bytes.slice();
-        server.bytes[bytes.length - 3000] ^= 0xff;
+      {
+        prepare: (server) => {
+          server.bytes = server.bytes.slice();
+          server.bytes[bytes.length - 3000] ^= 0xff;
+        },
       },
     );
   });
@@ -131,9 +155,82 @@ describe("the viewer page", () => {
   it("says what is no scene", async () => {
     await viewing(
       async (page) => assert.match(await message(page), /signature|not a .scar/),
-      (server) => {
-        server.bytes = new Uint8Array(5000).fill(7);
+      { scene: new Uint8Array(5000).fill(7) },
+    );
+  });
+
+  it("shows a link that is dropped on it", async () => {
+    await viewing(
+      async (page) => {
+        await page.evaluate(() => {
+          const dropped = new DataTransfer();
+          dropped.setData("text/uri-list", `# a remark\r\n${location.origin}/scene.scar`);
+          document.dispatchEvent(new DragEvent("drop", { dataTransfer: dropped, cancelable: true }));
+        });
+        await untilComplete(page, 5);
       },
+      { query: "" },
+    );
+  });
+});
+
+describe("a page that loads", () => {
+  it("asks for the scene before the largest script has come", async () => {
+    let asked: () => void;
+    const scene = new Promise<void>((resolve) => (asked = resolve));
+    await viewing(async (page) => untilComplete(page, 5), {
+      prepare: (server, host) => {
+        host.before = async (name) => (name.startsWith("drawing-") ? scene : undefined);
+        server.trick = () => {
+          asked();
+          return false;
+        };
+      },
+    });
+  });
+
+  const without = existsSync(new URL("scar.wasm", PAGE)) ? false : "scar.wasm is not built";
+  it("fetches and compiles the decoder once for all workers and scenes", { skip: without }, async () => {
+    await viewing(async (page, _, { asked }) => {
+      await untilComplete(page, 5);
+      await page.keyboard.press("c");
+      await page.waitForFunction("document.querySelectorAll('canvas').length === 2", { polling: 100 });
+      await until(page, "still");
+      const told = await page.$$eval(".sum", (sums) => sums.map(({ textContent }) => textContent ?? ""));
+      assert.deepEqual(told.map((text) => text.includes("in JavaScript")), [false, false]);
+      assert.equal(asked.filter((name) => name === "scar.wasm").length, 1);
+    });
+  });
+});
+
+describe("what a page takes", () => {
+  /** Notes the most memory that streams have said they use. */
+  const watchMemory = () => {
+    const seen = { most: 0, evicted: 0 };
+    Object.assign(window, { seen });
+    document.addEventListener("scar-stream", (event) => {
+      const stream = (event as CustomEvent<ScarStream>).detail;
+      const look = () => (seen.most = Math.max(seen.most, stream.stats().memory));
+      stream.on("tile", look);
+      stream.on("progress", look);
+      stream.on("evict", () => seen.evicted++);
+    });
+  };
+
+  it("keeps within the memory that its address says, and draws", async () => {
+    const megabytes = 6;
+    await viewing(
+      async (page) => {
+        await until(page, "still");
+        await page.keyboard.press("u");
+        await page.keyboard.press("u");
+        await until(page, "still");
+        const { most } = (await page.evaluate("seen")) as { most: number };
+        // What WebAssembly takes for tables of a layer when it first needs them is learnt when it has them.
+        assert.ok(most <= 1.05e6 * megabytes, `${most} bytes`);
+        assert.ok((await lit(page)) > 0.02);
+      },
+      { query: `url=/scene.scar&memory=${megabytes}`, before: watchMemory },
     );
   });
 });

@@ -73,6 +73,28 @@ describe("throughput", () => {
     assert.ok(meter.rate < 15_000 && meter.rate >= 10_000, `${meter.rate} bytes a second`);
   });
 
+  it("knows what the link can bring while it mostly waits for questions", () => {
+    let now = 0;
+    const meter = new Meter(() => now);
+    for (let i = 0; i < 20; i++) {
+      meter.begin();
+      now += 300;
+      for (let j = 0; j < 10; j++) {
+        now += 10;
+        meter.add(10_000);
+      }
+      meter.end();
+    }
+    assert.ok(meter.rate < 300_000, `${meter.rate} bytes a second`);
+    assert.ok(Math.abs(meter.capacity - 1e6) < 1e5, `${meter.capacity} bytes a second`);
+    meter.begin();
+    for (let i = 0; i < 30; i++) {
+      now += 100;
+      meter.add(1000);
+    }
+    assert.ok(meter.capacity < 50_000, `${meter.capacity} bytes a second once the link has become slow`);
+  });
+
   it("knows the least of the last delays", () => {
     const meter = new Meter(() => 0);
     assert.equal(meter.delay, 0);

@@ -5,7 +5,7 @@
  */
 
 import { answer } from "../../conformance/decoders/js/answers.js";
-import { loadModule } from "../src/decoder/wasm.js";
+import { loadModule } from "../src/decoder/shared_module.js";
 import { STAGES, wasmOpener } from "./wasm_scar.js";
 
 type Arrays = Record<string, { sha256?: string }>;

@@ -75,6 +75,22 @@ function transfersOf(source: SteppedSource) {
 }
 
 describe("transfers", () => {
+  it("take what is wanted later where its bytes come anyway", async () => {
+    const source = new SteppedSource(true);
+    const { transfers, taken, meter } = transfersOf(source);
+    Object.defineProperty(meter, "capacity", { value: 1000 });
+    const { offset, length } = front.entries;
+    // Two with one between them that is wanted last of all, farther down the plan than one looks.
+    const near = all.findIndex((e) => e > 20 && length[e + 1] < 2000 && length[e] + length[e + 1] + length[e + 2] < 20_000);
+    const far = all.filter((e) => e < near || e > near + 2);
+    transfers.want([near, near + 2, ...far, near + 1]);
+    while (!transfers.idle) await source.step();
+    assert.deepEqual(taken.filter((e) => e >= near && e <= near + 2), [near, near + 1, near + 2]);
+    const asked = source.asked.filter(([start, end]) => start <= offset[near + 1] && end > offset[near + 1]);
+    assert.equal(asked.length, 1, "its bytes were asked for once");
+    transfers.close();
+  });
+
   it("have no more under way than a quarter of a second brings, in at most four requests", async () => {
     const source = new SteppedSource(true);
     const { transfers, taken, failures, meter } = transfersOf(source);

@@ -1,6 +1,7 @@
 /** Where to look from before anyone has moved: the view that the file names, or one that shows its middle. */
 
 import type { Streaming } from "../../conformance/decoders/js/streaming.js";
+import type { Camera } from "../src/plan/types.js";
 import type { Front } from "../src/stream/front.js";
 
 export interface Frame {
@@ -49,6 +50,24 @@ export function toldView(streaming: Streaming | null): Frame | null {
   if (!streaming?.view) return null;
   const [px, py, pz, tx, ty, tz, ux, uy, uz, fovY] = streaming.view;
   return { position: [px, py, pz], target: [tx, ty, tz], up: [ux, uy, uz], fovY };
+}
+
+/** Vertical field of view for a field across the shorter side: a picture higher than wide has it across. Radians. */
+export function verticalField(field: number, width: number, height: number): number {
+  return 2 * Math.atan(Math.tan(field / 2) / Math.min(width / Math.max(height, 1), 1));
+}
+
+/** A view as planners want it, for a picture of so many pixels, before there is anything that draws it. */
+export function cameraOf({ position, target, up, fovY }: Frame, width: number, height: number): Camera {
+  const forward = unit([0, 1, 2].map((i) => target[i] - position[i]));
+  const along = forward.reduce((sum, x, i) => sum + x * up[i], 0);
+  const upright = unit(up.map((x, i) => x - along * forward[i]));
+  return { position: [...position], forward, up: upright, fovY: verticalField(fovY, width, height), width, height };
+}
+
+function unit(vector: number[]): [number, number, number] {
+  const length = Math.hypot(...vector) || 1;
+  return vector.map((x) => x / length) as [number, number, number];
 }
 
 /** A view from outside onto the middle of the scene. */

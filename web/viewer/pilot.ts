@@ -4,7 +4,7 @@ import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 import type { Camera } from "../src/plan/types.js";
-import type { Frame } from "./framing.js";
+import { type Frame, verticalField } from "./framing.js";
 
 /** Directions of flight, in the axes of the camera: right, up, back. */
 const FLIGHT: Record<string, [number, number, number]> = {
@@ -81,10 +81,8 @@ export class Pilot {
 
   /** Fits the lens to a picture: one that is higher than wide has its field across, so that nothing is cut off. */
   fit(width: number, height: number): void {
-    const aspect = width / Math.max(height, 1);
-    const half = Math.tan(this.#field / 2) / Math.min(aspect, 1);
-    this.camera.aspect = aspect;
-    this.camera.fov = (2 * Math.atan(half) * 180) / Math.PI;
+    this.camera.aspect = width / Math.max(height, 1);
+    this.camera.fov = (verticalField(this.#field, width, height) * 180) / Math.PI;
     this.camera.updateProjectionMatrix();
   }
 

@@ -5,10 +5,10 @@ import type { Front } from "../src/stream/front.js";
 import type { StreamError } from "../src/stream/errors.js";
 import { ScarStream, type Stats, type TileEvent } from "../src/stream/scar_stream.js";
 import type { SourceLike } from "../src/stream/source.js";
-import type { Camera, Planner } from "../src/plan/types.js";
+import type { Budgets, Camera, Planner } from "../src/plan/types.js";
 import type { PackedTile } from "../src/decoder/types.js";
 import { type Frame, toldView } from "./framing.js";
-import { Stage } from "./stage.js";
+import type { Stage } from "./stage.js";
 
 export interface ShowingEvents {
   onFront(front: Front): void;
@@ -27,22 +27,39 @@ export interface Wish {
   degree: number;
 }
 
+/** Events of the document, for who looks at the page from outside: a stream that begins, and a tile on the GPU. */
+export const STREAM_BEGINS = "scar-stream";
+export const TILE_DRAWN = "scar-drawn";
+
 export class Showing {
-  readonly stage: Stage;
+  /** Null until what draws is there. */
+  stage: Stage | null = null;
   front: Front | null = null;
   done = false;
   error: StreamError | null = null;
   #stream: ScarStream;
   #camera: Camera | null = null;
+  /** What came before there was a stage, by tile. */
+  readonly #early = new Map<number, TileEvent>();
 
   constructor(
     readonly name: string,
     readonly origin: SourceLike,
     readonly wish: Wish,
     private readonly events: ShowingEvents,
+    private readonly budgets: Partial<Budgets>,
   ) {
-    this.stage = new Stage(() => this.restart());
     this.#stream = this.#open();
+  }
+
+  /** Draws on a stage from now on, and what has come already at once. */
+  drawOn(stage: Stage): void {
+    this.stage = stage;
+    stage.onLost = () => this.restart();
+    stage.onWritten = ({ tile, layer }) => tell(TILE_DRAWN, { tile, layer });
+    if (this.front !== null) this.#setUp(stage, this.front);
+    for (const event of this.#early.values()) this.#put(event);
+    this.#early.clear();
   }
 
   /** Asks for more or fewer layers. Fewer begin anew: what is refined cannot be made coarse again. */
@@ -58,7 +75,7 @@ export class Showing {
 
   wishDegree(degree: number): void {
     this.wish.degree = degree;
-    this.stage.showDegree(degree);
+    this.stage?.showDegree(degree);
     this.events.onChange();
   }
 
@@ -77,6 +94,7 @@ export class Showing {
 
   restart(): void {
     this.#stream.close();
+    this.#early.clear();
     this.#stream = this.#open();
   }
 
@@ -86,7 +104,7 @@ export class Showing {
 
   close(): void {
     this.#stream.close();
-    this.stage.dispose();
+    this.stage?.dispose();
   }
 
   /** Whether what is wrong is of the file: then it may be another one by now. */
@@ -98,16 +116,17 @@ export class Showing {
     this.done = false;
     this.error = null;
     const camera = this.#camera ?? undefined;
-    const stream = new ScarStream(this.origin, { output: "words", planner: this.#planner(), camera });
+    const options = { output: "words", planner: this.#planner(), camera, budgets: this.budgets } as const;
+    const stream = new ScarStream(this.origin, options);
     stream.on("front", (front) => {
       this.front = front;
-      this.stage.open(front.total, front.header.sh_degree);
-      this.stage.showDegree(this.wish.degree);
+      if (this.stage !== null) this.#setUp(this.stage, front);
       this.events.onFront(front);
     });
     stream.on("tile", (event) => this.#put(event));
     stream.on("evict", ({ tile, base }) => {
-      this.stage.remove(tile, base, this.front?.finalCounts[tile] ?? 0);
+      this.#early.delete(tile);
+      this.stage?.remove(tile, base, this.front?.finalCounts[tile] ?? 0);
       this.events.onChange();
     });
     stream.on("progress", () => this.events.onChange());
@@ -119,11 +138,18 @@ export class Showing {
       this.error = error;
       this.events.onError(error);
     });
+    tell(STREAM_BEGINS, stream);
     return stream;
   }
 
-  #put({ base, output }: TileEvent): void {
-    this.stage.put(base, output as PackedTile);
+  #setUp(stage: Stage, { total, header }: Front): void {
+    stage.open(total, header.sh_degree);
+    stage.showDegree(this.wish.degree);
+  }
+
+  #put(event: TileEvent): void {
+    if (this.stage === null) this.#early.set(event.tile, event);
+    else this.stage.put(event.base, event.output as PackedTile);
     this.events.onChange();
   }
 
@@ -141,4 +167,8 @@ export class Showing {
       },
     };
   }
+}
+
+function tell(name: string, detail: unknown): void {
+  document.dispatchEvent(new CustomEvent(name, { detail }));
 }

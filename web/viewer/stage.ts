@@ -8,17 +8,22 @@ import type { PackedTile } from "../src/decoder/types.js";
 
 /** Beyond twice as many pixels as the page has, nobody sees a difference, and each costs. */
 const MOST_PIXEL_RATIO = 2;
+/** Of harmonics: shaders differ by it. */
+const USUAL_DEGREE = 3;
 
 export class Stage {
   readonly canvas = document.createElement("canvas");
   readonly #renderer: THREE.WebGLRenderer;
   readonly #spark: SparkRenderer;
   readonly #scene = new THREE.Scene();
+  /** Called when all of a tile is on the GPU. */
+  onWritten: (words: PackedTile) => void = () => undefined;
+  /** Called when the GPU took the picture away and gave it back: everything has to be put again. */
+  onLost: () => void = () => undefined;
   #mesh: ScarMesh | null = null;
   #lost = false;
 
-  /** @param onLost called when the GPU took the picture away and gave it back: everything has to be put again */
-  constructor(onLost: () => void) {
+  constructor() {
     this.#renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: false });
     this.#renderer.setPixelRatio(Math.min(devicePixelRatio, MOST_PIXEL_RATIO));
     this.#spark = makeSpark(this.#renderer);
@@ -26,7 +31,7 @@ export class Stage {
     this.canvas.addEventListener("webglcontextlost", () => (this.#lost = true));
     this.canvas.addEventListener("webglcontextrestored", () => {
       this.#lost = false;
-      onLost();
+      this.onLost();
     });
   }
 
@@ -34,8 +39,16 @@ export class Stage {
   open(total: number, shDegree: number): void {
     this.clear();
     const source = new ScarSplats(this.#renderer, total, shDegree);
+    source.onWritten = (words) => this.onWritten(words);
     this.#mesh = new ScarMesh(this.#spark, source);
     this.#scene.add(this.#mesh.mesh);
+  }
+
+  /** Draws nothing once, so that shaders are there before a scene is. */
+  prepare(): void {
+    this.open(1, USUAL_DEGREE);
+    this.draw(new THREE.PerspectiveCamera());
+    this.clear();
   }
 
   put(base: number, words: PackedTile): void {

@@ -1,15 +1,22 @@
 /** The page: scenes by `?url=` and `&beside=`, or dropped; one camera for all that is shown. */
 
-import type { SourceLike } from "../src/stream/source.js";
+import type { Budgets } from "../src/plan/types.js";
 import type { StreamError } from "../src/stream/errors.js";
-import { type Frame, namedView, outsideView, UPWARD, viewName } from "./framing.js";
+import { ScarStream } from "../src/stream/scar_stream.js";
+import type { SourceLike } from "../src/stream/source.js";
+import { cameraOf, type Frame, namedView, outsideView, UPWARD, viewName } from "./framing.js";
 import { Panel } from "./panel.js";
-import { Pilot } from "./pilot.js";
+import type { Pilot } from "./pilot.js";
 import { Showing } from "./showing.js";
+import type { Stage } from "./stage.js";
 
 const ALL_DEGREES = 3;
 /** Controls move the camera by rounding errors for ever; smaller changes than this share are none. */
 const STILL = 1e-7;
+
+const MEGABYTE = 1e6;
+
+type Drawing = typeof import("./drawing.js");
 
 /** A scene that can be opened again. */
 interface Subject {
@@ -24,7 +31,11 @@ function element<Kind extends HTMLElement>(id: string): Kind {
 class Viewer {
   readonly #stages = element("stages");
   readonly #panels = element("panels");
-  readonly #pilot = new Pilot(this.#stages, () => this.#needFrame());
+  /** Null until they have come. */
+  #drawing: Drawing | null = null;
+  #pilot: Pilot | null = null;
+  /** Made before it is asked for: that takes as long as many frames. */
+  #spare: Stage | null = null;
   #shown: { showing: Showing; panel: Panel }[] = [];
   #home: Frame | null = null;
   #upward = 0;
@@ -33,9 +44,28 @@ class Viewer {
   /** What streams were last told of the view. */
   #told: number[] | null = null;
 
-  constructor() {
+  /** @param budgets of each scene */
+  constructor(private readonly budgets: Partial<Budgets>) {
     new ResizeObserver(() => this.#needFrame()).observe(this.#stages);
     this.#listen();
+  }
+
+  /** Makes what draws, also for scenes that have begun to come. */
+  begin(drawing: Drawing): void {
+    this.#drawing = drawing;
+    this.#pilot = new drawing.Pilot(this.#stages, () => this.#needFrame());
+    if (this.#home !== null) this.#pilot.place(this.#home);
+    this.#shown.forEach(({ showing }) => this.#setUp(drawing, showing));
+    if (this.#shown.length === 0) {
+      this.#spare = new drawing.Stage();
+      this.#spare.prepare();
+    }
+    this.#layOut();
+  }
+
+  #setUp(drawing: Drawing, showing: Showing): void {
+    showing.drawOn(this.#spare ?? new drawing.Stage());
+    this.#spare = null;
   }
 
   /** Shows scenes, one or two, in place of those shown. */
@@ -51,18 +81,20 @@ class Viewer {
 
   #add(subject: Subject, layers: number): void {
     const { name, source } = subject;
-    const showing: Showing = new Showing(name, source, { layers, degree: this.#degree }, {
+    const events = {
       onFront: () => this.#begin(showing, panel),
-      onView: (view) => this.#beginAt(showing, view),
+      onView: (view: Frame) => this.#beginAt(showing, view),
       onChange: () => this.#needFrame(),
-      onError: (error) => this.#tell(error),
-    });
+      onError: ({ message, fatal }: StreamError) => this.tell(message, fatal),
+    };
+    const showing: Showing = new Showing(name, source, { layers, degree: this.#degree }, events, this.budgets);
     const panel = new Panel(showing);
     this.#shown.push({ showing, panel });
+    if (this.#drawing !== null) this.#setUp(this.#drawing, showing);
   }
 
   #layOut(): void {
-    this.#stages.replaceChildren(...this.#shown.map(({ showing }) => showing.stage.canvas));
+    this.#stages.replaceChildren(...this.#shown.flatMap(({ showing }) => showing.stage?.canvas ?? []));
     this.#panels.replaceChildren(...this.#shown.map(({ panel }) => panel.element));
     element("beside").ariaPressed = String(this.#shown.length > 1);
     this.#told = null;
@@ -74,18 +106,20 @@ class Viewer {
     if (this.#home === null && showing.front !== null) {
       this.#home = namedView(location.hash) ?? outsideView(showing.front);
       this.#upward = UPWARD.findIndex((axis) => axis.every((x, i) => x === this.#home?.up[i]));
-      this.#pilot.place(this.#home);
+      this.#pilot?.place(this.#home);
     }
     this.#told = null;
+    this.#tellView();
     this.#needFrame();
   }
 
   /** Goes to the view that the first scene names, unless the address names one or someone has moved already. */
   #beginAt(showing: Showing, view: Frame): void {
-    if (showing !== this.#shown[0]?.showing || namedView(location.hash) !== null || this.#pilot.moved) return;
+    if (showing !== this.#shown[0]?.showing || namedView(location.hash) !== null || this.#pilot?.moved) return;
     this.#home = view;
     this.#upward = -1;
-    this.#pilot.place(view);
+    this.#pilot?.place(view);
+    this.#tellView();
   }
 
   /** Beside the scene, itself with its first layer alone; again: the scene alone. */
@@ -107,16 +141,18 @@ class Viewer {
     if (this.#home === null) return;
     this.#upward = (this.#upward + 1) % UPWARD.length;
     this.#home = { ...this.#home, up: [...UPWARD[this.#upward]] };
-    this.#pilot.place(this.#home);
+    this.#pilot?.place(this.#home);
   }
 
   goHome(): void {
-    if (this.#home !== null) this.#pilot.place(this.#home);
+    if (this.#home !== null) this.#pilot?.place(this.#home);
   }
 
   /** Puts the view into the address, and that on the clipboard. */
   async link(): Promise<void> {
-    history.replaceState(null, "", viewName(this.#pilot.frame()));
+    const frame = this.#pilot?.frame() ?? this.#home;
+    if (frame === null) return;
+    history.replaceState(null, "", viewName(frame));
     const button = element("link");
     // Where a page may not write to the clipboard, the address line has it.
     const copied = await navigator.clipboard?.writeText(location.href).then(() => true, () => false);
@@ -149,33 +185,43 @@ class Viewer {
 
   #draw(now: number): void {
     this.#frame = 0;
-    const moves = this.#pilot.advance(now);
-    const { clientWidth, clientHeight } = this.#shown[0]?.showing.stage.canvas ?? this.#stages;
-    this.#pilot.fit(clientWidth, clientHeight);
-    const more = this.#shown.map(({ showing }) => showing.stage.draw(this.#pilot.camera));
+    const moves = this.#pilot?.advance(now) ?? false;
+    this.#tellView();
+    const camera = this.#pilot?.camera;
+    const more = this.#shown.map(({ showing }) => camera !== undefined && showing.stage?.draw(camera));
     this.#shown.forEach(({ panel }) => panel.update());
-    this.#tellView(clientWidth, clientHeight);
-    const busy = moves || more.includes(true);
+    const busy = moves || more.includes(true) || this.#drawing === null;
     const done = this.#shown.every(({ showing }) => showing.done || showing.error !== null);
     document.body.dataset.state = this.#shown.length === 0 ? "empty" : !done ? "reading" : busy ? "drawing" : "still";
-    if (busy) this.#needFrame();
+    if (busy && this.#drawing !== null) this.#needFrame();
+  }
+
+  /** Of the picture of one scene. */
+  #size(): [number, number] {
+    const canvas = this.#shown[0]?.showing.stage?.canvas;
+    if (canvas !== undefined) return [canvas.clientWidth, canvas.clientHeight];
+    const { clientWidth, clientHeight } = this.#stages;
+    return [clientWidth / Math.max(this.#shown.length, 1), clientHeight];
   }
 
   /** Tells streams where the camera is, once for each place. */
-  #tellView(width: number, height: number): void {
+  #tellView(): void {
+    const [width, height] = this.#size();
     if (this.#home === null || height === 0) return;
-    const view = this.#pilot.view(width, height);
+    this.#pilot?.fit(width, height);
+    const view = this.#pilot?.view(width, height) ?? cameraOf(this.#home, width, height);
     const said = [...view.position, ...view.forward, view.fovY, width, height];
     if (this.#told !== null && said.every((x, i) => Math.abs(x - this.#told![i]) <= STILL * Math.abs(x))) return;
     this.#told = said;
     this.#shown.forEach(({ showing }) => showing.setView(view));
   }
 
-  #tell(error: StreamError): void {
+  /** @param lasting whether nothing more comes until someone tries again */
+  tell(text: string, lasting: boolean): void {
     const message = element("message");
-    message.querySelector("span")!.textContent = error.message;
+    message.querySelector("span")!.textContent = text;
     message.hidden = false;
-    element("again").hidden = !error.fatal;
+    element("again").hidden = !lasting;
     this.#needFrame();
   }
 
@@ -220,8 +266,10 @@ class Viewer {
     document.addEventListener("drop", (event) => {
       event.preventDefault();
       document.body.classList.remove("dragging");
-      const files = [...(event.dataTransfer?.files ?? [])].slice(0, 2);
-      if (files.length > 0) this.open(files.map(asSubject));
+      const files = [...(event.dataTransfer?.files ?? [])].map(asSubject);
+      const links = (event.dataTransfer?.getData("text/uri-list") ?? "").split(/\r?\n/);
+      const subjects = [...files, ...links.filter((line) => /^[^#]/.test(line)).map(linked)].slice(0, 2);
+      if (subjects.length > 0) this.open(subjects);
     });
   }
 }
@@ -230,16 +278,22 @@ function asSubject(file: File): Subject {
   return { name: file.name, source: file };
 }
 
-/** What the address of the page names. */
-function namedSubjects(address: URL): Subject[] {
-  const named = ["url", "beside"].flatMap((key) => address.searchParams.getAll(key)).slice(0, 2);
-  return named.map((text) => {
-    const url = new URL(text, address);
-    return { name: decodeURIComponent(url.pathname.split("/").pop() ?? "") || url.host, source: url.href };
-  });
+/** @param text a URL, relative to the page */
+function linked(text: string): Subject {
+  const url = new URL(text, location.href);
+  return { name: decodeURIComponent(url.pathname.split("/").pop() ?? "") || url.host, source: url.href };
 }
 
-const viewer = new Viewer();
-const named = namedSubjects(new URL(location.href));
-if (named.length > 0) viewer.open(named);
-document.getElementById("stages")?.focus();
+/** What the address of the page asks for: `url`, `beside`, and `memory`, megabytes for each. */
+const said = new URLSearchParams(location.search);
+const memory = Number(said.get("memory") ?? NaN) * MEGABYTE;
+const viewer = new Viewer(memory > 0 ? { bytes: memory } : {});
+const named = ["url", "beside"].flatMap((key) => said.getAll(key)).slice(0, 2);
+if (named.length > 0) viewer.open(named.map(linked));
+else ScarStream.prepare();
+element("stages").focus();
+// The first request is on its way before the largest script.
+import("./drawing.js").then(
+  (drawing) => viewer.begin(drawing),
+  (error: unknown) => viewer.tell(`the page could not be loaded: ${String(error)}`, false),
+);

@@ -130,6 +130,8 @@ interface Upload {
 
 /** Textures that a `SplatMesh` draws from: `new SplatMesh({ splats: source })`. */
 export class ScarSplats implements SplatSource {
+  /** Called when all of a tile is written: the next frame shows it. */
+  onWritten: (words: PackedTile) => void = () => undefined;
   private maxSh = 3;
   private readonly geometry: THREE.DataTexture;
   private readonly harmonics: THREE.DataTexture;
@@ -167,11 +169,13 @@ export class ScarSplats implements SplatSource {
     let left = bytes;
     const each = 16 * (GEOMETRY_TEXELS + this.shDegree);
     for (const [tile, part] of this.pending) {
-      if (left <= 0) break;
+      if (left < each && left < bytes) break;
       const count = Math.min(part.words.count - part.done, Math.max(1, Math.floor(left / each)));
       this.writePart(part, count);
       left -= count * each;
-      if (part.done === part.words.count) this.pending.delete(tile);
+      if (part.done < part.words.count) continue;
+      this.pending.delete(tile);
+      this.onWritten(part.words);
     }
     return left < bytes;
   }

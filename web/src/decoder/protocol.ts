@@ -23,6 +23,11 @@ export type Task =
 
 export type Request = Task & { id: number };
 
+/** What a worker gets beside requests, once: the module it decodes with, null where JavaScript has to do. */
+export interface Beginning {
+  module: WebAssembly.Module | null;
+}
+
 export interface Failure {
   message: string;
   /** Of a refusal, null for anything else. */

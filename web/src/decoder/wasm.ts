@@ -18,17 +18,6 @@ export function createWasmDecoder(module: WebAssembly.Module): TileDecoder {
   return new WasmDecoder(new WasmModule(module));
 }
 
-/**
- * The module, compiled; browsers keep what they have compiled.
- * @param from where scar.wasm lies: beside this script if nothing else is said
- * @throws where it cannot be fetched, or the browser knows no SIMD
- */
-export async function loadModule(from: string | URL = new URL("./scar.wasm", import.meta.url)): Promise<WebAssembly.Module> {
-  const response = await fetch(from);
-  if (!response.ok) throw new Error(`${from}: status ${response.status}`);
-  return WebAssembly.compile(await response.arrayBuffer());
-}
-
 /** What a front says, checked by §5. */
 export function readFront(front: Uint8Array): Container {
   const view = new DataView(front.buffer, front.byteOffset, front.byteLength);

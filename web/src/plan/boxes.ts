@@ -8,6 +8,10 @@ const ALL_ROUND = 12.566370614359172;
 const ROOTS = [1, 1.189207115002721, 1.4142135623730951, 1.681792830507429];
 /** Steps of a gain in an octave (SPEC §7.13). */
 const STEPS = 4;
+/** The reach that is as long as the side of its tile (SPEC §7.13). */
+const REACH_OF_SIDE = 128;
+/** How far splats count as sticking out of a tight box, of what the file says: where they are faint they show little. */
+const SHOWN_OF_REACH = 0.5;
 
 /** Boxes of n tiles, world units. */
 export interface Boxes {
@@ -26,22 +30,27 @@ export function octaves(first: number, steps: number): Float64Array {
   return out;
 }
 
+const REACHES = octaves(-REACH_OF_SIDE, 256);
+
 /**
- * What a file says of where the content of its tiles is; the cubes where it says nothing.
+ * What a file says of where the content of its tiles shows; the cubes where it says nothing.
  * @param cubes (n, 6) lowest and highest corners
  */
 export function tightBoxes(cubes: Float64Array, streaming: Streaming | null): Boxes {
   const tiles = cubes.length / 6;
   const boxes = { middle: new Float64Array(3 * tiles), half: new Float64Array(3 * tiles) };
   for (let tile = 0; tile < tiles; tile++) {
+    const level = streaming === null ? 0 : streaming.reach[tile];
+    const side = cubes[6 * tile + 3] - cubes[6 * tile];
+    const out = level > 0 ? SHOWN_OF_REACH * (side * REACHES[level]) : 0;
     for (let axis = 0; axis < 3; axis++) {
       let low = cubes[6 * tile + axis];
       let high = cubes[6 * tile + 3 + axis];
       const at = 3 * tile + axis;
       if (streaming !== null) {
         const part = (high - low) / 256;
-        high = low + part * (streaming.high[at] + 1);
-        low = low + part * streaming.low[at];
+        high = low + part * (streaming.high[at] + 1) + out;
+        low = low + part * streaming.low[at] - out;
       }
       boxes.middle[at] = (low + high) / 2;
       boxes.half[at] = (high - low) / 2;

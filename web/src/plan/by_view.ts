@@ -90,12 +90,23 @@ function steps({ tile, low, past }: Part): Step[] {
   return Array.from({ length: past - low + 1 }, (_, i) => ({ tile, layer: low + i }));
 }
 
+/** What was read of a block: plans are made many times a second. */
+const readBefore = new WeakMap<Uint8Array, Streaming | null>();
+
 /**
  * What a STREAMING block says that fits the file; null where there is none, or one that cannot be meant: who streams
- * then goes by what tiles look like.
+ * then goes by what tiles look like. A block is read once.
  */
-export function readTold(block: Uint8Array | null, { tiles, layers }: SceneIndex): Streaming | null {
+export function readTold(block: Uint8Array | null, index: SceneIndex): Streaming | null {
   if (block === null) return null;
+  const before = readBefore.get(block);
+  if (before !== undefined) return before;
+  const told = parsedTold(block, index);
+  readBefore.set(block, told);
+  return told;
+}
+
+function parsedTold(block: Uint8Array, { tiles, layers }: SceneIndex): Streaming | null {
   try {
     const told = parseStreaming(new Reader(block));
     return told.tiles === tiles && told.layers >= layers ? told : null;
@@ -104,17 +115,8 @@ export function readTold(block: Uint8Array | null, { tiles, layers }: SceneIndex
   }
 }
 
-/** What was read of a block: plans are made many times a second. */
-const readBefore = new WeakMap<Uint8Array, Streaming | null>();
-
-function readOnce(block: Uint8Array | null, index: SceneIndex): Streaming | null {
-  if (block === null) return null;
-  if (!readBefore.has(block)) readBefore.set(block, readTold(block, index));
-  return readBefore.get(block) ?? null;
-}
-
 /** Plans for the view, by what the file tells of its tiles. What does not fit the budgets, its caller leaves out. */
 export const byView: Planner = {
   annotation: BLOCK.STREAMING,
-  plan: (index, annotation, camera, have) => planByView(index, readOnce(annotation, index), camera, have),
+  plan: (index, annotation, camera, have) => planByView(index, readTold(annotation, index), camera, have),
 };

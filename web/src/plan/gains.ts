@@ -9,6 +9,8 @@ const GAIN_OF_ONE = 255;
 const MOST_RATIO = 100;
 /** What a byte of a layer is worth of what one of the layer before was, as is usual. */
 const USUAL_FALL = 0.5;
+/** What is usual weighs as much as this many viewpoints that are as far from the eye as the tile is. */
+const USUAL_WEIGHT = 3;
 
 const GAINS = octaves(-GAIN_OF_ONE - 1, GAIN_OF_ONE + 2).subarray(1);
 
@@ -16,9 +18,9 @@ const GAINS = octaves(-GAIN_OF_ONE - 1, GAIN_OF_ONE + 2).subarray(1);
 export type CostOf = (tile: number, layer: number) => number;
 
 /**
- * (layers, tiles): what each layer of each tile takes away of the squared error of a picture that has it in it. Half of
- * it is what the file tells, half what is usual, so that neither is wrong alone: what is told is of other places. Where
- * the file tells nothing, all is as usual, in some unit.
+ * (layers, tiles): what each layer of each tile takes away of the squared error of a picture that has it in it. What
+ * the file tells is of other places, and what is usual of no place: the nearer the viewpoints, beside how far the tile
+ * is, the more counts what is told. Where the file tells nothing, all is as usual, in some unit.
  * @param layers of the file; the file may tell of more
  */
 export function gainsFrom(
@@ -33,7 +35,21 @@ export function gainsFrom(
   const told = toldGains(eye, boxes, streaming, layers);
   const whole = sum(told);
   const allUsual = sum(usual);
-  return whole > 0 && allUsual > 0 ? told.map((gain, at) => gain + usual[at] * (whole / allUsual)) : usual;
+  if (!(whole > 0 && allUsual > 0)) return usual;
+  const part = trust(eye, boxes, streaming.viewpoints);
+  const tiles = part.length;
+  return told.map((gain, at) => part[at % tiles] * gain + (1 - part[at % tiles]) * (usual[at] * (whole / allUsual)));
+}
+
+/** (tiles): part of a gain that is what viewpoints tell; the rest is what is usual. */
+function trust(eye: Point, boxes: Boxes, viewpoints: Float32Array): Float64Array {
+  const least = Math.min(...squaredDistances(eye, viewpoints));
+  let total = 0;
+  for (const weight of weights(eye, viewpoints)) total = total + weight;
+  const far = USUAL_WEIGHT * (least / total);
+  return Float64Array.from(squaredDistances(eye, boxes.middle), (squared) =>
+    squared + far > 0 ? squared / (squared + far) : 1,
+  );
 }
 
 function sum(gains: Float64Array): number {
@@ -78,11 +94,15 @@ function usualGains(eye: Point, boxes: Boxes, layers: number, costOf: CostOf): F
 
 /** What each viewpoint counts; where the eye is at one of them, that one alone. */
 function weights(eye: Point, viewpoints: Float32Array): number[] {
-  const squared = Array.from({ length: viewpoints.length / 3 }, (_, i) => {
-    const [x, y, z] = difference(viewpoints.subarray(3 * i, 3 * i + 3), eye);
-    return x * x + y * y + z * z;
-  });
+  const squared = squaredDistances(eye, viewpoints);
   const least = Math.min(...squared);
   if (least === 0) return squared.map((_, i) => (i === squared.indexOf(0) ? 1 : 0));
   return squared.map((value) => least / value);
+}
+
+function squaredDistances(eye: Point, points: Float32Array | Float64Array): number[] {
+  return Array.from({ length: points.length / 3 }, (_, i) => {
+    const [x, y, z] = difference(points.subarray(3 * i, 3 * i + 3), eye);
+    return x * x + y * y + z * z;
+  });
 }

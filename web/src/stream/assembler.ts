@@ -86,7 +86,7 @@ export class Assembler {
 }
 
 /** The first block that begins at a byte or after it; offsets ascend (R-5.5-9). */
-function firstFrom(offset: Float64Array, start: number): number {
+export function firstFrom(offset: Float64Array, start: number): number {
   let low = 0;
   let high = offset.length;
   while (low < high) {

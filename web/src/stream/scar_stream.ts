@@ -1,6 +1,6 @@
 /** A scene that arrives: what a page works with. */
 
-import { inlineChannel, type MakeChannel, workerChannel } from "../decoder/channel.js";
+import { inlineChannel, type MakeChannel, prepareWorkers, workerChannel } from "../decoder/channel.js";
 import type { Output, TileOutput } from "../decoder/protocol.js";
 import type { Engine } from "../decoder/types.js";
 import { byView } from "../plan/by_view.js";
@@ -124,6 +124,8 @@ export class ScarStream {
   #pool: Pool | null = null;
   #refiner: Refiner | null = null;
   #front: Front | null = null;
+  /** What ended the decoders. */
+  #broken: StreamError | null = null;
   #planned = -Infinity;
   #timer: ReturnType<typeof setTimeout> | undefined;
   #read = { bytes: 0, requests: 0 };
@@ -150,6 +152,11 @@ export class ScarStream {
     const stream = new ScarStream(source, options);
     await stream.ready;
     return stream;
+  }
+
+  /** Loads decoders before a scene is asked for, so that the next stream has them at once. */
+  static prepare(workers = defaultWorkers()): void {
+    prepareWorkers(workers);
   }
 
   /** What the front says, null before it is read. */
@@ -219,10 +226,15 @@ export class ScarStream {
     try {
       // Handlers are added after the constructor.
       await Promise.resolve();
+      signal.throwIfAborted();
+      // Decoders load while the first bytes come.
+      this.#pool = this.#makePool();
       const opened = await this.#openRetrying();
       signal.throwIfAborted();
-      return this.#begin(opened);
+      if (this.#broken !== null) throw this.#broken;
+      return this.#begin(opened, this.#pool);
     } catch (cause) {
+      this.#pool?.close();
       if (signal.aborted) throw signal.reason;
       const error = asStreamError(cause, { source: this.#source.name });
       error.fatal = true;
@@ -249,7 +261,7 @@ export class ScarStream {
     }
   }
 
-  #begin(opened: OpenedFront): Front {
+  #begin(opened: OpenedFront, pool: Pool): Front {
     const { front } = opened;
     this.#front = front;
     this.#read = { bytes: opened.read, requests: opened.requests };
@@ -257,14 +269,13 @@ export class ScarStream {
     this.#marks.layerAt = Array.from({ length: front.index.layers }, () => null);
     this.#tilesAtLayer = Array.from({ length: front.index.layers }, () => 0);
     this.#layers = new Uint8Array(front.index.tiles);
-    this.#pool = this.#makePool();
     this.#emitter.emit("front", front);
     // Who sees the front may close the stream there and then.
     this.#controller.signal.throwIfAborted();
     this.#refiner = new Refiner({
       source: this.#source,
       opened,
-      pool: this.#pool,
+      pool,
       meter: this.#meter,
       planner: this.#options.planner ?? byView,
       output: this.#options.output ?? "values",
@@ -329,8 +340,11 @@ export class ScarStream {
 
   #fail(error: StreamError): void {
     if (this.#controller.signal.aborted) return;
+    this.#broken ??= error;
+    // Who waits for the front is told then.
+    if (this.#refiner === null) return;
     error.fatal = true;
-    this.#refiner?.close();
+    this.#refiner.close();
     this.#emitter.emit("error", error);
   }
 

@@ -1,6 +1,6 @@
 /** Blocks on their way: requests for what is wanted most, again where they fail. */
 
-import { Assembler, type Partial } from "./assembler.js";
+import { Assembler, firstFrom, type Partial } from "./assembler.js";
 import { Backoff, type RetryOptions } from "./backoff.js";
 import { asStreamError, StreamError } from "./errors.js";
 import type { ParsedFront } from "./front.js";
@@ -162,13 +162,23 @@ export class Transfers {
   #pump(): void {
     if (this.#stopped || this.#waiting || this.#held) return;
     const whole = this.source.ranged === false;
-    const sizes = requestSizes(this.meter.rate, this.meter.delay);
+    const sizes = requestSizes(this.meter.capacity, this.meter.delay);
     for (;;) {
       if (this.#running.size >= (whole ? 1 : MOST_PARALLEL)) return;
       if (this.#running.size > 0 && this.underWay >= sizes.underWay) return;
       if (this.#idle().next().done === true) return;
-      this.#start(whole ? this.#wholeFile() : nextRequest(this.#idle(), this.front.entries, sizes));
+      this.#start(whole ? this.#wholeFile() : this.#withGaps(nextRequest(this.#idle(), this.front.entries, sizes)));
     }
+  }
+
+  /** A gap may hold blocks that are wanted later: since their bytes come, they are taken. */
+  #withGaps({ start, end }: ByteRange): ByteRange {
+    const { offset, length } = this.front.entries;
+    const entries: number[] = [];
+    for (let e = firstFrom(offset, start); e < offset.length && offset[e] + length[e] <= end; e++) {
+      if (this.#state[e] === IDLE && this.#isWanted[e] === 1) entries.push(e);
+    }
+    return { start, end, entries };
   }
 
   #wholeFile(): ByteRange {
@@ -299,7 +309,7 @@ export class Transfers {
   #abortUseless(): void {
     if (this.source.ranged === false) return;
     const { length } = this.front.entries;
-    const { window } = requestSizes(this.meter.rate, this.meter.delay);
+    const { window } = requestSizes(this.meter.capacity, this.meter.delay);
     const place = new Map<number, number>();
     let bytes = 0;
     for (const e of this.#wanted) {
