@@ -53,7 +53,7 @@ def _gzipped(dist: Path, names: set[str]) -> int:
 
 
 def test_it_is_small(web: Path) -> None:
-    """A page loads the stream alone; decoders are chunks of their own, which workers load; an adapter has no viewer in it."""
+    """A page loads the stream alone; decoders are chunks of their own, for workers; an adapter has no viewer in it."""
     dist = web / "dist"
     stream = _loaded(dist, "scar-stream.js", lazy=False)
     assert _gzipped(dist, stream) <= MOST_GZIPPED
