@@ -5,8 +5,8 @@ import { browsing } from "./chromium.js";
 import { hosting } from "./hosting.js";
 
 const WEB = new URL("../../", import.meta.url);
-/** Frames in which PlayCanvas copies and sorts what was uploaded. */
-const SETTLING = 10;
+/** In which the view is told, and PlayCanvas copies and sorts what was uploaded. */
+const SETTLING = { frames: 10, ms: 300 };
 
 /** Runs in a browser with the example open on the scene that another server sends. */
 export async function exampleOf(
@@ -47,10 +47,10 @@ export async function untilLayers(page: Page, layers: number): Promise<void> {
   await settle(page);
 }
 
-/** Waits for some frames. */
+/** Waits for some frames and some time. */
 export async function settle(page: Page): Promise<void> {
-  const frame = await ask<number>(page, "app.frame");
-  await untilTrue(page, `app.frame > ${frame + SETTLING}`);
+  const [frame, now] = await ask<[number, number]>(page, "[app.frame, performance.now()]");
+  await untilTrue(page, `app.frame > ${frame + SETTLING.frames} && performance.now() > ${now + SETTLING.ms}`);
 }
 
 /** Looks from a place of the scene: position, target, up (its own axes), degrees from top to bottom. */

@@ -29,7 +29,8 @@ interface Plane {
 
 /**
  * What a component of type gsplat draws: `entity.addComponent("gsplat", { resource })`. `put` tiles, then `flush`; where
- * that returns true, let components copy it: `component.workBufferUpdate = WORKBUFFER_UPDATE_ONCE`.
+ * that returns true, let components copy it when it is sorted, after the event "frame:ready" of `app.systems.gsplat` has
+ * said so: `component.workBufferUpdate = WORKBUFFER_UPDATE_ONCE`.
  *
  * A Gaussian has its place from the first layer to the last. Places that draw nothing yet are sorted with the others.
  */
@@ -91,14 +92,14 @@ export class ScarSplats extends GSplatResourceBase {
     this.#mark(from, to - from);
   }
 
-  /** Whether `flush` has something to do. */
+  /** Whether something has come that is not drawn yet. */
   get waiting(): boolean {
     return this.#dirty.length > 0;
   }
 
   /** Uploads what was put and cleared, and has it sorted anew; true if there was any. */
   flush(): boolean {
-    if (!this.waiting) return false;
+    if (this.#dirty.length === 0) return false;
     if (this.#fresh) this.#planes.forEach(({ texture }) => texture.unlock());
     else for (const rows of joined(this.#dirty)) this.#planes.forEach((plane) => upload(this.device, plane, rows));
     this.#fresh = false;
