@@ -90,7 +90,8 @@ class Oracle:
     def __call__(self, moment: Moment) -> list[Step]:
         """A plan by the gains known of the nearest moment."""
         gains, seen = self._gains[int(np.abs(self._seconds - moment.seconds).argmin())]
-        first, rest = [], []
+        first: list[tuple[float, int, int, int]] = []
+        rest: list[tuple[float, int, int, int]] = []
         for tile, start in enumerate(moment.have):
             parts = _parts(gains[:, tile], moment.index.bytes[tile], start, bool(seen[tile]))
             for number, (worth, low, past) in enumerate(parts):
