@@ -37,6 +37,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "stability": (SHORT, FULL),
     "streaming": (SHORT, FULL),
     "streaming_browser": (SHORT, FULL),
+    "streaming_time": (SHORT, FULL),
     "entropy_speed": (SHORT, ("--full",)),
     "entropy_stress": (SHORT, ("--full",)),
     "cuda_equality": (SHORT, FULL),

@@ -51,6 +51,7 @@ def _of(name: str, page: str, *sections: str, parts: bool = False) -> list[Shown
 _TRAINED = tuple(one for name in ("trained", "trained-ablations", "poses") for one in _of(name, "docs/trained.md"))
 _PORTABILITY = _of("portability", "docs/stability.md")
 _STREAMING = (*_of("streaming", "docs/streaming.md"), *_of("streaming-browser", "docs/viewing.md"))
+_OVER_TIME = _of("streaming-time", "docs/streaming.md", "streaming-rivals", "streaming-times", "streaming-policies")
 _PICTURES = _of("time-to-picture", "docs/time-to-picture.md", "picture-crossings", "picture-times", "picture-start-up")
 SHOWN: tuple[Shown, ...] = (
     *_of("quality", "README.md", "results"),
@@ -70,7 +71,11 @@ SHOWN: tuple[Shown, ...] = (
     *_of("mechanisms", "docs/mechanisms.md", *mechanisms.STUDIES, parts=True),
     *_of("time-error", "docs/time-and-error.md", *SECTIONS, parts=True),
     # Nothing is shown until it was measured.
-    *(shown for shown in (*_PORTABILITY, *_STREAMING, *_PICTURES, *_TRAINED) if shown.results.exists()),
+    *(
+        shown
+        for shown in (*_PORTABILITY, *_STREAMING, *_OVER_TIME, *_PICTURES, *_TRAINED)
+        if shown.results.exists()
+    ),
     *(Shown("docs/fuzzing.md", "campaigns", path) for path in sorted(CAMPAIGNS.glob("*.json"))),
 )
 """Every section that a benchmark or a campaign writes."""

@@ -67,15 +67,21 @@ def starts(around: Surroundings, given: Sequence[Camera], count: int) -> list[F6
 
 def views(motion: Motion, start: F64, around: Surroundings, count: int) -> list[Camera]:
     """`count` views of a motion that begins at `start`, evenly through its time, the first a little after its start."""
+    parts = (motion.seconds[-1] * (number + 0.5) / count for number in range(count))
+    rows = (int(np.searchsorted(motion.seconds, seconds)) for seconds in parts)
+    return [view_at(motion, start, around, float(motion.seconds[row])) for row in rows]
+
+
+def view_at(motion: Motion, start: F64, around: Surroundings, seconds: float) -> Camera:
+    """The view at a moment of a motion that begins at `start`; between two rows of a recording by a line."""
     up = around.axes[2]
     back = start - around.middle - ((start - around.middle) @ up) * up
     back = back / np.linalg.norm(back)
     axes = np.stack([np.cross(up, back), up, back])
-    made = []
-    for number in range(count):
-        at = int(np.searchsorted(motion.seconds, motion.seconds[-1] * (number + 0.5) / count))
-        eye = start + _MOVES * around.radius * (motion.places[at] @ axes)
-        target = around.middle + _LOOKS * around.radius * (motion.looks[at] @ axes)
-        name = f"{motion.name} {motion.seconds[at]:.0f} s"
-        made.append(look_at(eye, target, up, WIDTH, HEIGHT, FOV_DEG, name))
-    return made
+    place, look = (
+        np.array([np.interp(seconds, motion.seconds, values[:, axis]) for axis in range(3)])
+        for values in (motion.places, motion.looks)
+    )
+    eye = start + _MOVES * around.radius * (place @ axes)
+    target = around.middle + _LOOKS * around.radius * (look @ axes)
+    return look_at(eye, target, up, WIDTH, HEIGHT, FOV_DEG, f"{motion.name} {seconds:.0f} s")

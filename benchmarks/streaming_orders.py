@@ -86,9 +86,14 @@ class Film:
             ranges = [np.arange(edges[t], edges[t + 1]) for t, k in enumerate(have) if k == layer]
             if ranges:
                 parts.append(gaussians.take(np.concatenate(ranges)))
-        if not parts or not sum(map(len, parts)):
-            return np.zeros((view.height, view.width, 3))
-        return np.asarray(render(_joined(parts), view), np.float64)
+        return drawn(parts, view)
+
+
+def drawn(parts: Sequence[GaussianScene], view: drawing.Camera) -> F64:
+    """What a view shows of some scenes together; black where there is nothing."""
+    if not sum(map(len, parts)):
+        return np.zeros((view.height, view.width, 3))
+    return np.asarray(render(_joined(parts), view), np.float64)
 
 
 def _drawable(scene: QuantisedScene) -> GaussianScene:

@@ -8,7 +8,7 @@ const ROOT = import.meta.dirname;
 /** What tests and people run, beside the tests. */
 const PROGRAMS = [
   ...["benchmark.ts", "conformance.ts", "dump.ts", "node_worker.ts", "plans.ts"],
-  ...["measure.ts", "page.browser.ts", "shot.ts", "suite.ts"],
+  ...["measure.ts", "page.browser.ts", "playcanvas.browser.ts", "shot.ts", "shot_playcanvas.ts", "suite.ts"],
 ];
 const COMMON = {
   absWorkingDir: ROOT,
@@ -22,9 +22,14 @@ const COMMON = {
 rmSync(`${ROOT}/dist`, { recursive: true, force: true });
 await build({
   ...COMMON,
-  entryPoints: { "scar-stream": "src/index.ts", spark: "src/adapters/spark.ts", worker: "src/decoder/worker.ts" },
+  entryPoints: {
+    "scar-stream": "src/index.ts",
+    spark: "src/adapters/spark.ts",
+    playcanvas: "src/adapters/playcanvas.ts",
+    worker: "src/decoder/worker.ts",
+  },
   outdir: "dist",
-  external: ["three", "@sparkjsdev/spark"],
+  external: ["three", "@sparkjsdev/spark", "playcanvas"],
   splitting: true,
   minify: true,
   sourcemap: true,

@@ -10,6 +10,8 @@ from pathlib import Path
 
 MOST_GZIPPED = 40_000
 """Bytes of what a page loads before it decodes, and again of the decoder in JavaScript."""
+MOST_OF_AN_ADAPTER = 8_000
+"""Bytes of what an adapter adds to the stream."""
 MOST_BESIDE_MODULE = 15_000
 """Bytes of the script that the decoder in WebAssembly has beside its module."""
 
@@ -51,10 +53,12 @@ def _gzipped(dist: Path, names: set[str]) -> int:
 
 
 def test_it_is_small(web: Path) -> None:
-    """A page loads the stream alone; decoders are chunks of their own, which workers load."""
+    """A page loads the stream alone; decoders are chunks of their own, for workers; an adapter has no viewer in it."""
     dist = web / "dist"
     stream = _loaded(dist, "scar-stream.js", lazy=False)
     assert _gzipped(dist, stream) <= MOST_GZIPPED
+    for adapter in ("spark.js", "playcanvas.js"):
+        assert _gzipped(dist, _loaded(dist, adapter, lazy=False) - stream) <= MOST_OF_AN_ADAPTER
     for pattern, most in (("js-*.js", MOST_GZIPPED), ("wasm-*.js", MOST_BESIDE_MODULE)):
         (chunk,) = dist.glob(pattern)
         assert chunk.name not in stream

@@ -41,3 +41,18 @@ export async function message(page: Page): Promise<string> {
 export async function bare(page: Page): Promise<void> {
   await page.addStyleTag({ content: "nav, aside, #message { display: none !important }" });
 }
+
+/** Share of the pixels that are brighter than black. */
+export async function lit(page: Page): Promise<number> {
+  await bare(page);
+  const png = await page.screenshot({ encoding: "base64" });
+  return page.evaluate(async (data) => {
+    const picture = await createImageBitmap(await (await fetch(`data:image/png;base64,${data}`)).blob());
+    const context = new OffscreenCanvas(picture.width, picture.height).getContext("2d")!;
+    context.drawImage(picture, 0, 0);
+    const { data: rgba } = context.getImageData(0, 0, picture.width, picture.height);
+    let count = 0;
+    for (let i = 0; i < rgba.length; i += 4) count += rgba[i] + rgba[i + 1] + rgba[i + 2] > 60 ? 1 : 0;
+    return (4 * count) / rgba.length;
+  }, png);
+}

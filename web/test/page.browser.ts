@@ -1,52 +1,17 @@
 /** The viewer page in a real browser: it draws, refines, obeys its keys, and keeps the picture when a server fails. */
 
 import assert from "node:assert/strict";
-import { existsSync, readFileSync } from "node:fs";
-import { createServer, get } from "node:http";
-import type { AddressInfo } from "node:net";
+import { existsSync } from "node:fs";
 import { describe, it } from "node:test";
 import type { Page } from "puppeteer-core";
-import { bare, browsing, message, until } from "./chromium.js";
+import { browsing, lit, message, until } from "./chromium.js";
 import type { ScarStream } from "../src/stream/scar_stream.js";
 import { toys } from "./files.js";
+import { type Host, hosting } from "./hosting.js";
 import { type FileServer, serving } from "./server.js";
 
 const PAGE = new URL("../../../scarfmt/viewer/page/", import.meta.url);
-const TYPES: Record<string, string> = { html: "text/html", js: "text/javascript", css: "text/css", wasm: "application/wasm" };
 const bytes = toys();
-
-/** Of the files of the page that were asked for, by name; what is awaited before one is sent. */
-interface Host {
-  asked: string[];
-  before?: (name: string) => Promise<void>;
-}
-
-/** The page and, as /scene.scar, what another server answers; both from one origin. Runs with the page's address. */
-async function hosting(scene: string, host: Host, run: (address: string) => Promise<void>): Promise<void> {
-  const server = createServer(async (request, response) => {
-    const { pathname } = new URL(request.url ?? "/", "http://host/");
-    if (pathname === "/scene.scar") {
-      const { host: _, ...headers } = request.headers;
-      get(scene, { headers }, (answer) => {
-        response.writeHead(answer.statusCode ?? 502, answer.headers);
-        answer.on("error", () => response.destroy()).pipe(response);
-      }).on("error", () => response.destroy());
-      return;
-    }
-    const name = pathname === "/" ? "index.html" : pathname.slice(1);
-    host.asked.push(name);
-    await host.before?.(name);
-    response.writeHead(200, { "Content-Type": TYPES[name.split(".").pop() ?? ""] ?? "text/plain" });
-    response.end(readFileSync(new URL(name, PAGE)));
-  });
-  await new Promise<void>((resolve) => server.listen(0, "127.0.0.1", resolve));
-  try {
-    await run(`http://127.0.0.1:${(server.address() as AddressInfo).port}/`);
-  } finally {
-    server.closeAllConnections();
-    server.close();
-  }
-}
 
 interface Setting {
   /** Of the page's address. */
@@ -66,7 +31,7 @@ async function viewing(
   await serving(scene, async (url, server) => {
     const host: Host = { asked: [] };
     prepare?.(server, host);
-    await hosting(url, host, (address) =>
+    await hosting(PAGE, url, host, (address) =>
       browsing(async (page) => {
         if (before !== undefined) await page.evaluateOnNewDocument(before);
         await page.goto(`${address}?${query}`);
@@ -84,21 +49,6 @@ async function untilComplete(page: Page, layers: number): Promise<void> {
   const wanted = `document.querySelectorAll(".panel:first-child tr.complete").length === ${layers}`;
   await page.waitForFunction(wanted, { timeout: 120_000, polling: 100 });
   await until(page, "still");
-}
-
-/** Share of the pixels that are brighter than black. */
-async function lit(page: Page): Promise<number> {
-  await bare(page);
-  const png = await page.screenshot({ encoding: "base64" });
-  return page.evaluate(async (data) => {
-    const picture = await createImageBitmap(await (await fetch(`data:image/png;base64,${data}`)).blob());
-    const context = new OffscreenCanvas(picture.width, picture.height).getContext("2d")!;
-    context.drawImage(picture, 0, 0);
-    const { data: rgba } = context.getImageData(0, 0, picture.width, picture.height);
-    let count = 0;
-    for (let i = 0; i < rgba.length; i += 4) count += rgba[i] + rgba[i + 1] + rgba[i + 2] > 60 ? 1 : 0;
-    return (4 * count) / rgba.length;
-  }, png);
 }
 
 describe("the viewer page", () => {

@@ -273,4 +273,16 @@ describe("a stream", () => {
       });
     });
   });
+
+  it("asks for nothing more when it is closed by who sees the front", async () => {
+    await serving(bytes, async (url, server) => {
+      await watching(url, {}, async (watched) => {
+        watched.stream.on("front", () => watched.stream.close());
+        await assert.rejects(watched.stream.ready);
+        await new Promise((resolve) => setTimeout(resolve, 100));
+        assert.equal(server.asked.length, 1);
+        assert.equal(watched.tiles.length, 0);
+      });
+    });
+  });
 });

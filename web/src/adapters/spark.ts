@@ -10,7 +10,8 @@ import { dyno, SparkRenderer, SplatMesh } from "@sparkjsdev/spark";
 import * as THREE from "three";
 
 import type { PackedTile } from "../decoder/types.js";
-import { GEOMETRY_TEXELS, LN_SCALE_MIN, LN_SCALE_STEPS, OPACITY_STEPS } from "../pack/words.js";
+import { UNPACK_GLSL } from "../pack/unpack_glsl.js";
+import { GEOMETRY_TEXELS } from "../pack/words.js";
 
 /** Texels in a row of a texture. */
 const WIDTH = 4096;
@@ -59,33 +60,18 @@ const READ_SPLAT = `
     return texelFetch(words, ivec2(texel & SCAR_WIDTH_MASK, texel >> ${WIDTH_BITS}), 0);
   }
 
-  vec4 scarQuaternion(uint largest, vec3 kept) {
-    kept *= ${Math.SQRT1_2} / 32767.0;
-    float left = sqrt(max(0.0, 1.0 - dot(kept, kept)));
-    // Stored as w x y z, wanted as x y z w.
-    if (largest == 0u) return vec4(kept, left);
-    if (largest == 1u) return vec4(left, kept.yz, kept.x);
-    if (largest == 2u) return vec4(kept.y, left, kept.z, kept.x);
-    return vec4(kept.yz, left, kept.x);
-  }
-
-  int scarHigh(uint word) { return int(word) >> 16; }
-  int scarLow(uint word) { return int(word << 16) >> 16; }
-
+${UNPACK_GLSL}
   bool readScar(usampler2D words, int index, out Gsplat gsplat) {
     uvec4 last = scarTexel(words, 2 * index + 1);
-    uint opacity = last.w >> 18u;
     gsplat.flags = 0u;
-    if (opacity == 0u) return false;
+    if (scarOpacity(last) == 0.0) return false;
     uvec4 first = scarTexel(words, 2 * index);
     gsplat.flags = GSPLAT_FLAG_ACTIVE;
     gsplat.index = index;
-    gsplat.center = uintBitsToFloat(first.xyz);
-    vec3 steps = vec3(uvec3(first.w & 0xffffu, first.w >> 16u, last.x & 0xffffu));
-    gsplat.scales = exp(steps / ${LN_SCALE_STEPS}.0 + float(${LN_SCALE_MIN}));
-    vec3 kept = vec3(ivec3(scarHigh(last.x), scarLow(last.y), scarHigh(last.y)));
-    gsplat.quaternion = scarQuaternion((last.w >> 16u) & 3u, kept);
-    gsplat.rgba = vec4(unpackHalf2x16(last.z), unpackHalf2x16(last.w).x, float(opacity) / ${OPACITY_STEPS}.0);
+    gsplat.center = scarCentre(first);
+    gsplat.scales = scarScales(first, last);
+    gsplat.quaternion = scarQuaternion(last);
+    gsplat.rgba = scarColour(last);
     return true;
   }
 `;
@@ -119,17 +105,16 @@ const READ_HARMONICS = `
       texel = scarTexel(harmonics, degree * index + t);
       for (int k = 0; k < 4; k++) packed[4 * t + k] = texel[k];
     }
-    float size = unpackHalf2x16(texel.w).y / 127.0;
     vec3 rgb = vec3(0.0);
     for (int k = 0; k < (shown + 1) * (shown + 1) - 1; k++) {
       vec3 colour;
       for (int c = 0; c < 3; c++) {
         int at = 3 * k + c;
-        colour[c] = float(int(packed[at >> 2] << (24 - 8 * (at & 3))) >> 24);
+        colour[c] = scarByte(packed[at >> 2], at & 3);
       }
       rgb += scarBasis(k, direction) * colour;
     }
-    return rgb * size;
+    return rgb * scarStep(texel);
   }
 `;
 

@@ -272,6 +272,8 @@ export class ScarStream {
     this.#tilesAtLayer = Array.from({ length: front.index.layers }, () => 0);
     this.#layers = new Uint8Array(front.index.tiles);
     this.#emitter.emit("front", front);
+    // Who sees the front may close the stream there and then.
+    this.#controller.signal.throwIfAborted();
     this.#refiner = new Refiner({
       source: this.#source,
       opened,

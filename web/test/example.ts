@@ -1,0 +1,69 @@
+/** The example page for PlayCanvas, and what can be asked of it and done in it. */
+
+import type { Page } from "puppeteer-core";
+import { browsing } from "./chromium.js";
+import { hosting } from "./hosting.js";
+
+const WEB = new URL("../../", import.meta.url);
+/** In which the view is told, and PlayCanvas copies and sorts what was uploaded. */
+const SETTLING = { frames: 10, ms: 300 };
+
+/** Runs in a browser with the example open on the scene that another server sends. */
+export async function exampleOf(
+  scene: string,
+  run: (page: Page) => Promise<void>,
+  size?: { width: number; height: number },
+): Promise<void> {
+  await hosting(WEB, scene, { asked: [] }, (address) =>
+    browsing(async (page) => {
+      await page.goto(`${address}examples/playcanvas.html?url=/scene.scar`);
+      await page.waitForFunction("document.readyState === 'complete'");
+      await page.evaluate("import('playcanvas').then((found) => (globalThis.pc = found))");
+      await run(page);
+    }, size),
+  );
+}
+
+/** An expression of the page in which `app`, `asset`, `resource` and `stream` are those of the example. */
+export function ask<Answer>(page: Page, expression: string): Promise<Answer> {
+  return page.evaluate(inPage(expression)) as Promise<Answer>;
+}
+
+function inPage(expression: string): string {
+  return `(() => {
+    const { app } = pc, asset = app.assets.find("scene"), resource = asset.resource, stream = resource?.stream;
+    return ${expression};
+  })()`;
+}
+
+/** Waits until an expression is true. */
+export async function untilTrue(page: Page, expression: string): Promise<void> {
+  await page.waitForFunction(inPage(expression), { polling: 50 });
+}
+
+/** Waits until as many layers are there and drawn. */
+export async function untilLayers(page: Page, layers: number): Promise<void> {
+  await untilTrue(page, `stream?.stats().layerAt.filter((at) => at !== null).length >= ${layers} && !resource.waiting`);
+  await settle(page);
+}
+
+/** Waits for some frames and some time. */
+export async function settle(page: Page): Promise<void> {
+  const [frame, now] = await ask<[number, number]>(page, "[app.frame, performance.now()]");
+  await untilTrue(page, `app.frame > ${frame + SETTLING.frames} && performance.now() > ${now + SETTLING.ms}`);
+}
+
+/** Looks from a place of the scene: position, target, up (its own axes), degrees from top to bottom. */
+export async function look(page: Page, view: number[]): Promise<void> {
+  await ask(
+    page,
+    `(() => {
+      const [x, y, z, tx, ty, tz, ux, uy, uz, fov] = ${JSON.stringify(view)};
+      const place = app.root.findByName("scene").getWorldTransform(), camera = app.root.findByName("camera");
+      camera.script.enabled = false;
+      camera.camera.fov = fov;
+      camera.setPosition(place.transformPoint(new pc.Vec3(x, y, z)));
+      camera.lookAt(place.transformPoint(new pc.Vec3(tx, ty, tz)), place.transformVector(new pc.Vec3(ux, uy, uz)));
+    })()`,
+  );
+}
