@@ -218,7 +218,7 @@ describe("what a page takes", () => {
   };
 
   it("keeps within the memory that its address says, and draws", async () => {
-    const megabytes = 6;
+    const megabytes = 7;
     await viewing(
       async (page) => {
         await until(page, "still");
