@@ -31,7 +31,7 @@ from benchmarks.encoded import encoded
 from benchmarks.report import SKIPPED, add_arguments, dated, load_document, replace_section, save_results
 from benchmarks.scaling_scenes import read_scene
 from benchmarks.scenes import REPOSITORY, Scene, chosen
-from benchmarks.streaming_browser_figures import Figures, Log, Picture, by_bytes, figures
+from benchmarks.streaming_browser_figures import Figures, Log, Picture, by_bytes, figures, simulated
 from benchmarks.streaming_browser_tables import tables
 from scarfmt.container.source import FileSource
 from scarfmt.viewer.offered import PAGE, page_offers, scene_offer
@@ -97,11 +97,12 @@ def measured(path: Path, query: str = "", **condition: Any) -> Log:
 
 
 def timed(scene: Scene, runs: int) -> dict[str, Record]:
-    """Every condition, and what bytes alone would take; medians and least of all runs."""
+    """Every condition, what bytes alone would take, and what the simulation says; medians and least of all runs."""
     path = _file(scene)
     picture = Picture(path.read_bytes(), read_scene(path), SIZE)
     found: dict[str, Record] = {}
     found["by bytes alone"] = {"runs": 1, "median": by_bytes(picture, MBIT, ROUND_TRIP_MS)}
+    found["simulated"] = {"runs": 1, "median": simulated(picture, MBIT, ROUND_TRIP_MS)}
     for name, condition in CONDITIONS.items():
         each = [figures(measured(path, **condition), picture) for _ in range(runs)]
         found[name] = {"runs": runs, "median": _over(each, median), "least": _over(each, min)}

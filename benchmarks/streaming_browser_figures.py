@@ -7,9 +7,12 @@ from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
+from benchmarks.streaming_clients import ScarFile, ScarStream, run
+from benchmarks.streaming_network import Link, Trace
 from benchmarks.streaming_orders import Fetching, Film, by_gains, planned_for
+from benchmarks.streaming_policies import planned
 from scarfmt.blocks.streaming import Streaming, read_streaming
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Container
@@ -22,6 +25,8 @@ from scarfmt.streaming.view import share_in_picture
 DECIBELS = (30.0, 35.0)
 REQUESTS_BEFORE = 2
 """Round trips before the first tile can come: for the front, and for what it names."""
+SIMULATED_S = 600.0
+"""The simulation ends by then at the latest."""
 Figures = dict[str, float | None]
 
 
@@ -79,7 +84,7 @@ class Picture:
         if told is None or told.view is None:
             raise ValueError("the file names no view")
         self.told: Streaming = told
-        self.fetching, self._film = Fetching(data), Film(scene)
+        self.file, self.fetching, self._film = ScarFile(data), Fetching(data), Film(scene)
         width, height = size[0] // 2, size[1] // 2
         across = 2 * math.atan(math.tan(told.view.fov / 2) * width / height)
         view = told.view
@@ -120,6 +125,16 @@ def by_bytes(picture: Picture, mbit: float, round_trip_ms: float) -> Figures:
     states = _states([(at, *step) for at, step in zip(times, steps, strict=True)], picture.tiles)
     front = round_trip_ms + fetching.front * 8 / (1000 * mbit)
     found = {"front": front / 1000, "first": states[0][0] / 1000, **_reached(states, picture)}
+    return {**found, "all": states[-1][0] / 1000, "task": None, "memory": None}
+
+
+def simulated(picture: Picture, mbit: float, round_trip_ms: float) -> Figures:
+    """The same with the requests of a client (`benchmarks.streaming_clients`), decoding taking no time."""
+    camera, client = planned_for(picture.camera), ScarStream(picture.file, planned, True)
+    run(client, Link(Trace.constant(mbit), round_trip_ms / 1000), lambda _: camera, SIMULATED_S)
+    states = [(1000 * at, list(cast(tuple[int, ...], have))) for at, have in client.shown if any(cast(Any, have))]
+    front = round_trip_ms / 1000 + picture.file.front * 8 / (1e6 * mbit)
+    found = {"front": front, "first": states[0][0] / 1000, **_reached(states, picture)}
     return {**found, "all": states[-1][0] / 1000, "task": None, "memory": None}
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks.scaling_scenes import read_scene
-from benchmarks.streaming_browser_figures import Log, Picture, by_bytes, figures
+from benchmarks.streaming_browser_figures import Log, Picture, by_bytes, figures, simulated
 from benchmarks.streaming_browser_tables import tables
 from benchmarks.streaming_orders import by_gains, planned_for
 from reference_encoder.options import EncodeOptions
@@ -78,6 +78,17 @@ def test_bytes_alone_take_their_time_and_the_round_trips(picture: Picture) -> No
     assert fast["all"] == pytest.approx(0.1, abs=1e-3)
     assert slow["all"] == pytest.approx(0.1 + 8 * len(TOYS.read_bytes()) / 1e6, rel=0.05)
     assert (slow["complete"] or 0.0) < (slow["all"] or 0.0)
+
+
+def test_a_simulated_client_takes_no_less_than_bytes_alone(picture: Picture) -> None:
+    """On a network without delay as long, all of it; with delay some round trips more."""
+    alone, found = by_bytes(picture, 1.0, 0), simulated(picture, 1.0, 0)
+    assert found["all"] == pytest.approx(alone["all"], rel=0.03)
+    slow = simulated(picture, 1.0, 400)
+    assert 0.4 <= (slow["all"] or 0.0) - (found["all"] or 0.0) < 2
+    order = [slow[name] or 0.0 for name in ("front", "first", "30 dB", "35 dB", "all")]
+    assert order == sorted(order)
+    assert order[0] > 0.4
 
 
 def test_tables_have_a_row_for_each_measure() -> None:
