@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 import os
 import threading
@@ -17,6 +18,8 @@ from scarfmt.errors import InvalidInput, Truncated
 from scarfmt.viewer.encodings import SUFFIXES
 
 _PIECE_BYTES = 1 << 18
+_LEAST_COMPRESSED = 1000
+"""Bytes; smaller files are sent as they are."""
 PAGE = files("scarfmt.viewer").joinpath("page")
 """The built page; `make web` puts it there, and it is in the wheel."""
 _TYPES = {
@@ -143,11 +146,12 @@ def page_offers() -> dict[str, Offer]:
 
 
 def _asset(name: str, files: Mapping[str, bytes]) -> AssetOffer:
-    """A file of the page, with those that `make web` put beside it compressed."""
-    kind = _TYPES.get(Path(name).suffix, BINARY)
-    beside = {coding: files.get(name + suffix) for coding, suffix in SUFFIXES.items()}
-    compressed = {coding: AssetOffer(data, kind, coding) for coding, data in beside.items() if data is not None}
-    return AssetOffer(files[name], kind, compressed=compressed)
+    """A file of the page, and compressed: as `make web` put it beside, else made now, since wheels lack those."""
+    data, kind = files[name], _TYPES.get(Path(name).suffix, BINARY)
+    coded = {coding: files[name + suffix] for coding, suffix in SUFFIXES.items() if name + suffix in files}
+    if not coded and len(data) >= _LEAST_COMPRESSED:
+        coded = {"gzip": gzip.compress(data, mtime=0)}
+    return AssetOffer(data, kind, compressed={coding: AssetOffer(each, kind, coding) for coding, each in coded.items()})
 
 
 def scene_offer(origin: str, number: int, source: ByteSource) -> tuple[str, Offer]:

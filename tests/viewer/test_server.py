@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import http.client
 import os
 import threading
@@ -165,6 +166,20 @@ def test_every_file_of_the_page_is_offered(tmp_path: Path, monkeypatch: pytest.M
     assert {coding: (offer.data, offer.kind) for coding, offer in script.compressed.items()} == {
         "br": (b"viewer.js.br", script.kind)
     }
+
+
+def test_what_is_not_compressed_beside_it_is_compressed_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a wheel. What is small is sent as it is."""
+    (tmp_path / "index.html").write_bytes(b"small")
+    (tmp_path / "viewer.js").write_bytes(b"large " * 1000)
+    monkeypatch.setattr("scarfmt.viewer.offered.PAGE", tmp_path)
+    offers = page_offers()
+    script, page = offers["/viewer.js"], offers["/index.html"]
+    assert isinstance(script, AssetOffer)
+    assert isinstance(page, AssetOffer)
+    assert gzip.decompress(script.compressed["gzip"].data) == script.data
+    assert script.compressed["gzip"].version().coding == "gzip"
+    assert page.compressed == {}
 
 
 def test_ctrl_c_ends_serving_and_frees_the_port(monkeypatch: pytest.MonkeyPatch) -> None:
