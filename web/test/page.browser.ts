@@ -74,13 +74,7 @@ describe("the viewer page", () => {
       },
       {
         prepare: (server) => {
-          server.ranges = false;
-          server.trick = (_, response) => {
-            response.writeHead(200, { "Content-Length": String(bytes.length) });
-            response.write(bytes.subarray(0, 60_000));
-            release = () => response.end(bytes.subarray(60_000));
-            return true;
-          };
+          release = server.holdAfter(60_000);
         },
       },
     );

@@ -51,13 +51,7 @@ describe("a scene in PlayCanvas", () => {
         assert.notEqual(await page.screenshot({ encoding: "base64" }), first);
       },
       (server) => {
-        server.ranges = false;
-        server.trick = (_, response) => {
-          response.writeHead(200, { "Content-Length": String(bytes.length) });
-          response.write(bytes.subarray(0, 60_000));
-          release = () => response.end(bytes.subarray(60_000));
-          return true;
-        };
+        release = server.holdAfter(60_000);
       },
     );
   });

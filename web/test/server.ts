@@ -42,6 +42,19 @@ export class FileServer {
     await new Promise((resolve) => this.#server.close(resolve));
   }
 
+  /** Answers without ranges, and with the first `count` bytes until what this returns is called. */
+  holdAfter(count: number): () => void {
+    let release: () => void = () => undefined;
+    this.ranges = false;
+    this.trick = (_, response) => {
+      response.writeHead(200, { "Content-Length": String(this.bytes.length) });
+      response.write(this.bytes.subarray(0, count));
+      release = () => response.end(this.bytes.subarray(count));
+      return true;
+    };
+    return () => release();
+  }
+
   /** Headers of a 206 answer for a range, cut to the file. */
   rangeHeaders([first, last]: [number, number]): Record<string, string> {
     const end = Math.min(last, this.bytes.length - 1);
