@@ -22,6 +22,7 @@ from scarfmt.cli.decode import decode
 from scarfmt.cli.dump import dump
 from scarfmt.cli.encode import encode
 from scarfmt.cli.failures import FailureGroup
+from scarfmt.cli.index import index
 from scarfmt.cli.inspect import inspect
 from scarfmt.cli.render import render
 from scarfmt.cli.stream import stream
@@ -67,7 +68,7 @@ def cli() -> None:
 
 for _command in (
     *(encode, train, view, stream, decode, inspect, truncate),
-    *(validate, dump, compare, render, conformance, completion),
+    *(index, validate, dump, compare, render, conformance, completion),
 ):
     cli.add_command(_command)
 
