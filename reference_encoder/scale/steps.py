@@ -2,7 +2,7 @@
 
     step        of            hands on      does
     scan, cut   the source    Bounds, Range bounds of all positions; intervals of the Morton order
-    glance      each range    Glance        rows that tell where the scene is, and few Gaussians that stand for the range
+    glance      each range    Glance        rows that tell where the scene is, and few Gaussians that stand for all
     overlook    all glances   Overview      up axis, views, what is drawn in place of ranges elsewhere
     measure     each range    Measured      what each of its Gaussians weighs in pictures
     sample      each range    Sample        some of its Gaussians, with what they weigh
