@@ -27,6 +27,7 @@ ARGUMENT_REFUSALS = frozenset(
     {
         "input-attributes",
         "input-box",
+        "input-cluster",
         "input-frame",
         "input-layers",
         "input-options",
@@ -36,6 +37,8 @@ ARGUMENT_REFUSALS = frozenset(
         "output-exists",
         "output-path",
         "output-stream",
+        "work-exists",
+        "work-plan",
     }
 )
 """Refusals about what the user typed, not about what a file holds."""

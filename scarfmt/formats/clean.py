@@ -104,10 +104,19 @@ class Faults:
         Raises:
             InvalidInput: ``input-not-finite``, ``input-range``.
         """
-        if self.first is not None:
-            raise _not_finite(int(np.count_nonzero(self.rows)), self.count, self.first)
-        if self.absurd is not None:
-            raise _absurd(*self.absurd)
+        Faults.refusal(int(np.count_nonzero(self.rows)), self.count, self.first, self.absurd)
+
+    @staticmethod
+    def refusal(dropped: int, count: int, first: str | None, absurd: tuple[str, str, float] | None) -> None:
+        """Refuse `count` Gaussians, `dropped` of which cannot be encoded, if there is a first of them.
+
+        Raises:
+            InvalidInput: ``input-not-finite``, ``input-range``.
+        """
+        if first is not None:
+            raise _not_finite(dropped, count, first)
+        if absurd is not None:
+            raise _absurd(*absurd)
 
 
 def _largest_coefficient(scene: GaussianScene, row: int) -> tuple[str, float]:
