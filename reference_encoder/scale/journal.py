@@ -16,7 +16,6 @@ import numpy as np
 
 from reference_encoder.scale.executor import Workers
 from reference_encoder.scale.work import Work
-from scarfmt import __version__
 from scarfmt.errors import InvalidInput
 
 PLAN = "plan.json"
@@ -43,11 +42,9 @@ def plan_of(**parts: Any) -> dict[str, Any]:
     """A plan: everything that the bytes of the result depend on.
 
     Args:
-        parts: options, source and sizes, by name.
+        parts: options, source, sizes and version of this package, by name.
     """
-    made: dict[str, Any] = {"scarfmt": __version__, "numpy": np.__version__}
-    made |= {name: described(value) for name, value in parts.items()}
-    return made
+    return {"numpy": np.__version__, **{name: described(value) for name, value in parts.items()}}
 
 
 def begin(work: Work, plan: Mapping[str, Any], resume: bool) -> None:
