@@ -31,6 +31,7 @@ ARGUMENT_REFUSALS = frozenset(
         "input-frame",
         "input-layers",
         "input-options",
+        "input-parts",
         "input-stream",
         "input-suite",
         "input-tiles",
