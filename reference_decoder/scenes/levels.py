@@ -116,7 +116,7 @@ class LevelReader:
     def _opened(self, file: int) -> tuple[_Levels, ExitStack]:
         asked = placed_request(self._request, self._scene.index.files[file].placement)
         with ExitStack() as stack:
-            source = stack.enter_context(self._scene.opened(file))
+            source = stack.enter_context(self._scene.opened(file, self._counters))
             stack.enter_context(transfers(source, self._counters))
             return _Levels(source, asked, self._tiles[file], self._counters), stack.pop_all()
 

@@ -114,7 +114,7 @@ def _known(
     scene: SceneFiles, number: int, request: DecodeRequest, view: LevelOfDetail, counters: Counters | None
 ) -> _Weighed:
     placement = scene.index.files[number].placement
-    with scene.opened(number) as source, transfers(source, counters):
+    with scene.opened(number, counters) as source, transfers(source, counters):
         reader = reader_for(source, request)
         asked = None if request.layers is None else min(request.layers, reader.header.layer_count)
         layers = reader.layer_number(asked)

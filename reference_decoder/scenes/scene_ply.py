@@ -95,7 +95,7 @@ def _baked(
         if not meets_box(listed, request):
             continue
         here = placed_request(request, listed.placement, len(listed.layers))
-        with scene.files.opened(number) as source:
+        with scene.files.opened(number, counters) as source:
             found = scene.inside(number, request, decode(source, here, counters=counters)).activated(counters=counters)
         if not len(found):
             continue

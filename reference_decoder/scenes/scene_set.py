@@ -124,7 +124,7 @@ class SceneSet:
                 continue
             here = placed_request(request, listed.placement, len(listed.layers))
             make = partial(self._act, act, number, here.layers, request)
-            with self.files.opened(number) as source:
+            with self.files.opened(number, counters) as source:
                 yield from (one[0] for one in iter_made(source, here, make, counters) if one)
 
     def made_of(
@@ -199,6 +199,10 @@ class SceneSet:
         if placement is not None and isinstance(scene, GaussianScene):
             scene = placement.scene(scene)
         return (act(ScenePart(number, tile, after, scene, placement), counters),)
+
+    def holds(self, source: ByteSource) -> bool:
+        """Whether the scene is the one file that a source was opened for."""
+        return isinstance(self.files, SingleFile) and self.files.source is source
 
     def close(self) -> None:
         """Close what is open."""

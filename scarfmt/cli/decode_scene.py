@@ -70,6 +70,8 @@ def write_part(
                 )
         else:
             count = _write_npz(scene, target, request, detail, counters)
+        if scene.holds(source):
+            counters.bytes_read, counters.reads = source.bytes_read, source.reads
     return f"{count:,} Gaussians", whole
 
 

@@ -13,6 +13,7 @@ from urllib.parse import quote, urlsplit, urlunsplit
 from scarfmt.container.header import read_header
 from scarfmt.container.schema import CHECKSUM_SIZE
 from scarfmt.container.source import ByteSource, Origin, open_source
+from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput, Malformed, ScarError
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.scene_index.document import Index, ListedFile, check_size, parse_index
@@ -77,8 +78,12 @@ class SceneFiles:
         return len(self.index.files)
 
     @contextmanager
-    def opened(self, number: int) -> Iterator[ByteSource]:
+    def opened(self, number: int, counters: Counters | None = None) -> Iterator[ByteSource]:
         """One file, found to be the one that is listed (R-17-8). Errors say which file they are about.
+
+        Args:
+            number: of the file.
+            counters: what it took to open it is added to them.
 
         Raises:
             InvalidInput: ``input-source``.
@@ -87,6 +92,9 @@ class SceneFiles:
         listed = self.index.files[number]
         with self.named(number), self._open(listed.uri) as source:
             self._check(listed, source)
+            if counters is not None:
+                counters.bytes_read += source.bytes_read
+                counters.reads += source.reads
             yield source
 
     def named(self, number: int) -> AbstractContextManager[None]:
@@ -126,12 +134,12 @@ class SingleFile(SceneFiles):
 
     def __init__(self, index: Index, source: ByteSource, limits: Limits = DEFAULT_LIMITS) -> None:
         super().__init__(index, lambda _: source, limits)
-        self._source = source
+        self.source = source
 
     @contextmanager
-    def opened(self, number: int) -> Iterator[ByteSource]:
-        """The file."""
-        yield self._source
+    def opened(self, number: int, counters: Counters | None = None) -> Iterator[ByteSource]:
+        """The file, which was opened before."""
+        yield self.source
 
     def named(self, number: int) -> AbstractContextManager[None]:
         """Nothing: it is clear which file errors are about."""
@@ -139,7 +147,7 @@ class SingleFile(SceneFiles):
 
     def close(self) -> None:
         """Close the file."""
-        self._source.close()
+        self.source.close()
 
 
 def scene_files(
