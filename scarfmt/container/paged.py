@@ -11,7 +11,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from scarfmt.arrays import I64, U32
+from scarfmt.arrays import I64, U32, Bools
 from scarfmt.container.directory import Entry, Tile, entry_from_row
 from scarfmt.container.header import Header
 from scarfmt.container.pages import unpack_row_page, unpack_tile_page
@@ -48,8 +48,8 @@ class PagedDirectory:
     def __init__(self, source: ByteSource, header: Header, limits: Limits, readable: frozenset[int]) -> None:
         self._source, self._header, self._limits, self._readable = source, header, limits, readable
         self._tiles: dict[int, Table] = {}
-        # By number in ROOT: entries, and their tiles side by side in memory, to search in.
-        self._rows: dict[int, tuple[Table, U32]] = {}
+        # By layer and page: entries, and their tiles side by side in memory, to search in.
+        self._rows: dict[tuple[int, int], tuple[Table, U32]] = {}
         self._kept_from, self._kept = 0, b""
         self._begun = False
 
@@ -96,8 +96,9 @@ class PagedDirectory:
         if layers is None and pages is None:
             self._begin(header.data_offset - header.header_length)
         wanted = range(header.page_count) if pages is None else sorted(set(pages))
-        last = header.layer_count if layers is None else layers
-        self._read([*self._tile_parts(wanted), *self._row_parts(range(1, last + 1), wanted)])
+        rows = self.root.rows
+        chosen = np.flatnonzero((rows["layer"] <= (layers or header.layer_count)) & _among(rows["page"], pages))
+        self._read([*self._tile_parts(wanted), *self._row_parts(chosen)])
         if len(self._kept) > AT_ONCE_BYTES:
             self._kept = b""
 
@@ -112,19 +113,15 @@ class PagedDirectory:
     def _take_tiles(self, page: int, data: bytes) -> None:
         self._tiles[page] = unpack_tile_page(data, page, self.root.pages, self._header)
 
-    def _row_parts(self, layers: Iterable[int], pages: Iterable[int]) -> Iterator[_Part]:
-        """The row pages of `pages` in `layers` that there are and that are missing."""
-        root, pages = self.root, list(pages)
-        for layer in layers:
-            for page in pages:
-                row = root.row_page(layer, page)
-                if row is not None and row not in self._rows:
-                    said = root.rows[row]
-                    yield _Part(int(said["offset"]), int(said["row_bytes"]), partial(self._take_rows, row))
+    def _row_parts(self, numbers: I64) -> Iterator[_Part]:
+        """The row pages of some numbers in ROOT that are missing."""
+        for said in self.root.rows[numbers]:
+            if (int(said["layer"]), int(said["page"])) not in self._rows:
+                yield _Part(int(said["offset"]), int(said["row_bytes"]), partial(self._take_rows, said))
 
-    def _take_rows(self, row: int, data: bytes) -> None:
-        rows = unpack_row_page(data, self.root.rows[row], self._header, self._limits)
-        self._rows[row] = rows, np.ascontiguousarray(rows["tile"])
+    def _take_rows(self, said: np.void, data: bytes) -> None:
+        rows = unpack_row_page(data, said, self._header, self._limits)
+        self._rows[int(said["layer"]), int(said["page"])] = rows, np.ascontiguousarray(rows["tile"])
 
     def _read(self, parts: Iterable[_Part]) -> None:
         """Read pages, neighbours in one request."""
@@ -145,19 +142,19 @@ class PagedDirectory:
         return self._page_rows(layer, page)[0]
 
     def _page_rows(self, layer: int, page: int) -> tuple[Table, U32]:
-        row = self.root.row_page(layer, page)
-        if row is None:
-            return np.zeros(0, ENTRY_DTYPE), np.zeros(0, np.uint32)
-        if row not in self._rows:
-            self._read(self._row_parts([layer], [page]))
-        return self._rows[row]
+        if (layer, page) not in self._rows:
+            number = self.root.row_page(layer, page)
+            if number is None:
+                return np.zeros(0, ENTRY_DTYPE), np.zeros(0, np.uint32)
+            self._read(self._row_parts(np.array([number])))
+        return self._rows[layer, page]
 
     def rows(self, layer: int) -> Table:
         """ENTRY_DTYPE of all blocks of a layer, in file order."""
-        pages = range(self._header.page_count)
-        self._read(self._row_parts([layer], pages))
+        numbers = np.flatnonzero(self.root.rows["layer"] == layer)
+        self._read(self._row_parts(numbers))
         models = self.root.models[self.root.models["layer"] == layer]
-        tiles = [self.page_rows(layer, page) for page in pages]
+        tiles = [self.page_rows(layer, page) for page in self.root.rows["page"][numbers].tolist()]
         return np.concatenate([models[models["kind"] < BlockKind.TILE], *tiles, models[models["kind"] > BlockKind.TILE]])
 
     @cached_property
@@ -224,6 +221,10 @@ class PagedDirectory:
         found, starts = np.unique(pages[order], return_index=True)
         for page, chosen in zip(found.tolist(), np.split(order, starts[1:]), strict=True):
             yield page, chosen, tiles[chosen] - self._header.page_range(page).start
+
+
+def _among(pages: U32, wanted: Iterable[int] | None) -> Bools | bool:
+    return True if wanted is None else np.isin(pages, sorted(set(wanted)))
 
 
 def _runs(parts: Iterable[_Part]) -> Iterator[list[_Part]]:
