@@ -23,7 +23,7 @@ def decode_stats(source: ByteSource, counters: Counters, seconds: float, engine:
 
     Returns:
         ``seconds``, ``engine``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`), and of the ``file``
-        the ``bytes``, ``blocks``, ``tiles``, ``anchors`` and ``layers``.
+        the ``bytes``, ``tiles``, ``anchors`` and ``layers``, which its header tells.
     """
     from scarfmt.container.file import read_header
 
@@ -32,7 +32,6 @@ def decode_stats(source: ByteSource, counters: Counters, seconds: float, engine:
     header = read_header(source, allow_truncated=True)
     whole = {
         "bytes": header.file_length,
-        "blocks": header.entry_count,
         "tiles": header.tile_count,
         "anchors": header.anchor_count,
         "layers": header.layer_count,
@@ -43,7 +42,8 @@ def decode_stats(source: ByteSource, counters: Counters, seconds: float, engine:
 def format_stats(stats: dict[str, Any]) -> str:
     """The report of :func:`decode_stats` for people, a line for each count."""
     decoded, whole = stats["decoded"], stats["file"]
-    rows = [(name, decoded[key], _share(decoded[key], whole[name])) for name, key in _TOTALS]
+    # How many blocks a file has its header does not tell.
+    rows = [(name, decoded[key], _share(decoded[key], whole[name]) if name in whole else "") for name, key in _TOTALS]
     for name, key in _DETAILS.items():
         rows.append((name.replace("_", "-"), decoded[name], ""))
         rows += [(f"  {part.replace('_', ' ')}", count, "") for part, count in decoded[key].items() if count]

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
+import numpy as np
+
 from scarfmt.blocks.registry import MODEL_BLOCKS
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine, WholeTiles
 from scarfmt.coding.models import ModelBlocks, SceneModels, load_models, placed
@@ -88,7 +90,6 @@ class SceneReader:
         self.container = Container.open(source, limits=limits, allow_truncated=allow_truncated)
         self.header = self.container.header
         self.lattice = Lattice(self.header.fields.origin, self.header.fields.voxel, self.header.fields.lattice_bits)
-        self.container.load()
 
     @property
     def layers(self) -> int:
@@ -118,20 +119,32 @@ class SceneReader:
         contents = Contents(self.header.file_length, self.container.limits)
         return ModelBlocks(payloads, contents.decompress)
 
-    def models(self, layers: int | None = None, counters: Counters | None = None) -> SceneModels:
+    def models(
+        self, layers: int | None = None, counters: Counters | None = None, tiles: Sequence[int] | None = None
+    ) -> SceneModels:
         """All model blocks of the first `layers` layers (None: all), added to `counters`.
 
+        What the directory says of the tiles in those layers is read before, in few requests.
+
+        Args:
+            layers: to decode.
+            counters: blocks are added to them.
+            tiles: that will be decoded with them, whose work is bounded; None for all.
+
         Raises:
-            Malformed: a block is missing or breaks its rules.
-            LimitExceeded: ``limit-work``, ``limit-expansion`` beside the limits of blocks.
+            Malformed: the directory is refused; a block is missing or breaks its rules.
+            LimitExceeded: ``limit-work``, ``limit-expansion`` beside the limits of the directory and of blocks.
+            InvalidInput: ``input-layers``, ``input-tiles``.
         """
         count = self.layer_number(layers)
+        chosen = np.array(self.check_tiles(tiles), np.int64)
+        self.container.load(count, None if tiles is None else chosen)
         blocks = self._model_blocks(count)
         if counters is not None:
             counters.model_blocks += len(blocks)
         models = load_models(self.header.fields, count, blocks)
-        bits = self.header.fields.lattice_bits
-        declared = extent(self.container.directory, self.container.tile_table, bits, count)
+        counts = self.container.tile_counts(count, chosen)
+        declared = extent(counts, self.container.tile_rows(chosen), self.header.fields.lattice_bits)
         check_work(models.work.total(declared), self.header.file_length, self.container.limits)
         return models
 
@@ -259,7 +272,7 @@ class SceneReader:
         """A tile read at once; None where something is wrong with it, which reading layer by layer will tell."""
         if any(entry and (payload is None or zlib.crc32(payload) != entry.crc32) for entry, payload in blocks):
             return None
-        frame = tile_frame(self.header.fields, self.container.tiles[tile])
+        frame = tile_frame(self.header.fields, self.container.tile(tile))
         given = [(entry.count if entry else 0, payload) for entry, payload in blocks]
         content = whole.read(frame, given, counters, brief=brief)
         if content is not None and counters is not None:
@@ -293,7 +306,7 @@ class SceneReader:
         counters: Counters | None,
     ) -> TileContent:
         model = models.model
-        frame = tile_frame(self.header.fields, self.container.tiles[tile])
+        frame = tile_frame(self.header.fields, self.container.tile(tile))
         sizes = models.codebooks.sizes if models.codebooks else (0, 0)
         content = TileContent.empty(model, sum(entry.count for entry, _ in blocks if entry))
         known = 0
