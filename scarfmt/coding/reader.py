@@ -90,6 +90,8 @@ class SceneReader:
         self.container = Container.open(source, limits=limits, allow_truncated=allow_truncated)
         self.header = self.container.header
         self.lattice = Lattice(self.header.fields.origin, self.header.fields.voxel, self.header.fields.lattice_bits)
+        # What lies behind it is read as it is needed; that it is there shows here.
+        _ = self.container.root
 
     @property
     def layers(self) -> int:

@@ -17,7 +17,7 @@ from scarfmt.arrays import I64
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.directory import Table
-from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import LimitExceeded

@@ -98,6 +98,10 @@ class ByteReader:
         self._at += length
         return self._data[self._at - length : self._at]
 
+    def skip(self) -> None:
+        """Take all that is left."""
+        self._at = len(self._data)
+
     @property
     def position(self) -> int:
         """Bytes taken so far."""

@@ -154,8 +154,9 @@ class PagedDirectory:
         numbers = np.flatnonzero(self.root.rows["layer"] == layer)
         self._read(self._row_parts(numbers))
         models = self.root.models[self.root.models["layer"] == layer]
+        before = models["kind"] < BlockKind.TILE
         tiles = [self.page_rows(layer, page) for page in self.root.rows["page"][numbers].tolist()]
-        return np.concatenate([models[models["kind"] < BlockKind.TILE], *tiles, models[models["kind"] > BlockKind.TILE]])
+        return np.concatenate([models[before], *tiles, models[~before]])
 
     @cached_property
     def directory(self) -> Table:

@@ -7,6 +7,7 @@ next, so that two readers refuse one file for the same reason.
 from __future__ import annotations
 
 import zlib
+
 import numpy as np
 
 from scarfmt.container.bytefields import ByteReader, unsigned_varints

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import Bools, I64
+from scarfmt.arrays import I64, Bools
 from scarfmt.errors import Malformed, ScarError
 
 Table = NDArray[np.void]

@@ -51,11 +51,10 @@ class _Walk:
         values = self._reader.unsigned_array(bits, count)
         return self._noted(name, int(np.count_nonzero(values)), shown(values, self._full))
 
-    def merge(self, rows: int, name: str, value: str) -> None:
-        """One row for all from number `rows` on."""
-        if rows < len(self.rows):
-            start = self.rows[rows].offset
-            self.rows[rows:] = [Row(start, self._start - start, name, value, self._section)]
+    def rest(self, name: str, value: str) -> None:
+        """One row for all that is left."""
+        self._reader.skip()
+        self._noted(name, 0, value)
 
     def _noted(self, name: str, value: int, text: object = None) -> int:
         past = self._reader.position
@@ -78,12 +77,11 @@ def root_rows(data: bytes, header: Header, full: bool) -> list[Row]:
             walk.unsigned(f"{name}.count", 32)
             walk.crc32(f"{name}.crc32")
             number += 1
-    shown_rows = 0
-    for page in range(header.page_count):
+    each = header.page_count if full else min(header.page_count, SHOWN_ITEMS)
+    for page in range(each):
         _page(walk, page, header.layer_count)
-        if page < SHOWN_ITEMS or full:
-            shown_rows = len(walk.rows)
-    walk.merge(shown_rows, f"root.page {SHOWN_ITEMS}..{header.page_count - 1}", f"{header.page_count - SHOWN_ITEMS} more")
+    if each < header.page_count:
+        walk.rest(f"root.page {each}..{header.page_count - 1}", f"{header.page_count - each} more")
     return walk.rows
 
 

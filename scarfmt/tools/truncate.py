@@ -1,7 +1,7 @@
 """Dropping the last layers of a file without decoding it (SPEC §14).
 
-The result is byte for byte what the writer makes of the remaining layers alone: same header fields, tiles and row pages;
-ROOT, counts, summaries and checksums recomputed; block bytes copied.
+The result is byte for byte what the writer makes of the remaining layers alone: same header fields, tile pages and row
+pages; ROOT, counts, summaries and checksums recomputed; block bytes copied.
 """
 
 from __future__ import annotations
