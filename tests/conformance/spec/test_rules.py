@@ -38,11 +38,12 @@ def test_rules_json_names_every_rule_once_with_its_vectors() -> None:
 
 
 def test_every_rule_of_a_file_that_prints_an_id_has_a_vector() -> None:
-    """Tests are no excuse for these, but for a reader of incomplete files and an editor."""
+    """Tests are no excuse for these, but for a reader of incomplete files, an editor, and who lacks the memory."""
     named = {rule for vector in KNOWN for rule in vector.rules}
-    assert [rule.id for rule in rules().values() if rule.refusals and rule.id not in named] == []
+    memory = {"limit-gathered"}
+    assert [rule.id for rule in rules().values() if set(rule.refusals) - memory and rule.id not in named] == []
     given = {refusal for vector in KNOWN for refusal in vector.refusals}
-    assert set(refusal_classes()) <= given
+    assert set(refusal_classes()) - given == memory
 
 
 @pytest.mark.parametrize(
@@ -59,8 +60,8 @@ def test_a_wrong_vector_is_told(vector: Vector, words: str) -> None:
 
 
 def test_a_rule_that_loses_its_only_vectors_is_told() -> None:
-    rest = [vector for vector in KNOWN if "R-5.4-5" not in vector.rules]
-    assert {"R-5.4-5 has neither vector nor test", "R-5.4-5 has no vector refused as tile-shift"} <= set(faults(rest))
+    rest = [vector for vector in KNOWN if "R-5.5-4" not in vector.rules]
+    assert {"R-5.5-4 has neither vector nor test", "R-5.5-4 has no vector refused as tile-shift"} <= set(faults(rest))
 
 
 def test_a_test_that_is_gone_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
