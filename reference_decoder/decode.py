@@ -178,7 +178,7 @@ class _Decoding:
             LimitExceeded: ``limit-gathered``: they are more than this reader holds at once.
         """
         layers = len(self.models.model.layers)
-        counts = self.reader.container.tile_counts(layers, np.array(self.tiles, np.int64)).sum(axis=1)
+        counts: I64 = self.reader.container.tile_counts(layers, np.array(self.tiles, np.int64)).sum(axis=1)
         anchors, slots = int(counts.sum()), self.reader.header.fields.slots
         for number, most, what in (
             (anchors, self.limits.gathered, "anchors"),

@@ -140,7 +140,7 @@ class SceneReader:
         """
         count = self.layer_number(layers)
         chosen = np.array(self.check_tiles(tiles), np.int64)
-        self.container.load(count, None if tiles is None else chosen)
+        self.container.load(count, tiles)
         blocks = self._model_blocks(count)
         if counters is not None:
             counters.model_blocks += len(blocks)
