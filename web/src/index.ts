@@ -11,7 +11,7 @@ export type { Channel, ChannelEvents, MakeChannel } from "./decoder/channel.js";
 export { StreamError } from "./stream/errors.js";
 export type { TransportId } from "./stream/errors.js";
 export { fileOrder } from "./plan/file_order.js";
-export type { Front } from "./stream/front.js";
+export type { Front } from "./stream/directory.js";
 export type { RangeReader } from "./stream/local_source.js";
 export type { SourceLike } from "./stream/source.js";
 export { ScarStream } from "./stream/scar_stream.js";

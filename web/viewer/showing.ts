@@ -1,12 +1,13 @@
 /** One scene on one stage: a stream, how much of it is wanted, and what has come. */
 
 import { byView, readTold } from "../src/plan/by_view.js";
-import type { Front } from "../src/stream/front.js";
+import type { Front } from "../src/stream/directory.js";
 import type { StreamError } from "../src/stream/errors.js";
 import { ScarStream, type Stats, type TileEvent } from "../src/stream/scar_stream.js";
 import type { SourceLike } from "../src/stream/source.js";
 import type { Budgets, Camera, Planner } from "../src/plan/types.js";
 import type { PackedTile } from "../src/decoder/types.js";
+import { placesFor } from "../src/pack/places.js";
 import { type Frame, toldView } from "./framing.js";
 import type { Stage } from "./stage.js";
 
@@ -124,9 +125,9 @@ export class Showing {
       this.events.onFront(front);
     });
     stream.on("tile", (event) => this.#put(event));
-    stream.on("evict", ({ tile, base }) => {
+    stream.on("evict", ({ tile }) => {
       this.#early.delete(tile);
-      this.stage?.remove(tile, base, this.front?.finalCounts[tile] ?? 0);
+      this.stage?.remove(tile);
       this.events.onChange();
     });
     stream.on("progress", () => this.events.onChange());
@@ -142,14 +143,14 @@ export class Showing {
     return stream;
   }
 
-  #setUp(stage: Stage, { total, header }: Front): void {
-    stage.open(total, header.sh_degree);
+  #setUp(stage: Stage, front: Front): void {
+    stage.open(placesFor(front, this.#stream.budgets), front.header.sh_degree);
     stage.showDegree(this.wish.degree);
   }
 
   #put(event: TileEvent): void {
     if (this.stage === null) this.#early.set(event.tile, event);
-    else this.stage.put(event.base, event.output as PackedTile);
+    else this.stage.put(event.output as PackedTile);
     this.events.onChange();
   }
 

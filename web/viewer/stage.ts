@@ -5,6 +5,7 @@ import * as THREE from "three";
 
 import { makeSpark, ScarMesh, ScarSplats } from "../src/adapters/spark.js";
 import type { PackedTile } from "../src/decoder/types.js";
+import { RUN } from "../src/pack/places.js";
 
 /** Beyond twice as many pixels as the page has, nobody sees a difference, and each costs. */
 const MOST_PIXEL_RATIO = 2;
@@ -35,7 +36,7 @@ export class Stage {
     });
   }
 
-  /** Makes room for a scene of so many Gaussians; what was there is gone. */
+  /** Makes room for so many Gaussians, a multiple of 256; what was there is gone. */
   open(total: number, shDegree: number): void {
     this.clear();
     const source = new ScarSplats(this.#renderer, total, shDegree);
@@ -46,17 +47,17 @@ export class Stage {
 
   /** Draws nothing once, so that shaders are there before a scene is. */
   prepare(): void {
-    this.open(1, USUAL_DEGREE);
+    this.open(RUN, USUAL_DEGREE);
     this.draw(new THREE.PerspectiveCamera());
     this.clear();
   }
 
-  put(base: number, words: PackedTile): void {
-    this.#mesh?.source.put(base, words);
+  put(words: PackedTile): void {
+    this.#mesh?.source.put(words);
   }
 
-  remove(tile: number, base: number, count: number): void {
-    this.#mesh?.remove(tile, base, count);
+  remove(tile: number): void {
+    this.#mesh?.remove(tile);
   }
 
   /** Draws harmonics up to a degree. */

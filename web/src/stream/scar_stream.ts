@@ -8,15 +8,15 @@ import type { Budgets, Camera, Planner } from "../plan/types.js";
 import { Backoff, type RetryOptions } from "./backoff.js";
 import { Emitter } from "./emitter.js";
 import { asStreamError, type StreamError } from "./errors.js";
-import type { Front } from "./front.js";
+import type { Front } from "./directory.js";
 import type { HttpOptions } from "./http_source.js";
 import { Meter } from "./meter.js";
-import { openFront, type OpenedFront } from "./open_front.js";
+import { FRONT_SIZES, type FrontSizes, openFront, type OpenedFront } from "./open_front.js";
 import { Pool } from "./pool.js";
 import { Refiner, type RefinerEvents } from "./refiner.js";
 import { makeSource, type ByteSource, type SourceLike } from "./source.js";
 
-export interface StreamOptions extends Partial<HttpOptions> {
+export interface StreamOptions extends Partial<HttpOptions>, Partial<FrontSizes> {
   /** Decides what to fetch first. `byView` unless given: by what the camera sees, in file order before the first view. */
   planner?: Planner;
   /** What tiles are delivered as: plain arrays unless given, or a viewer's words. */
@@ -38,9 +38,7 @@ export interface StreamOptions extends Partial<HttpOptions> {
 export interface TileEvent {
   tile: number;
   layer: number;
-  /** Place of its first Gaussian in the whole scene, which never changes; the others follow it. */
-  base: number;
-  /** Gaussians now. */
+  /** Gaussians now. Index i is the same one in every later event of the tile. */
   count: number;
   output: TileOutput;
 }
@@ -49,7 +47,6 @@ export interface EvictEvent {
   tile: number;
   /** The layer that it was shown after. */
   layer: number;
-  base: number;
 }
 
 export interface Progress {
@@ -88,7 +85,7 @@ export interface Stats extends Progress {
 }
 
 export interface StreamEvents {
-  /** Header, boxes and places are known. Before any tile. */
+  /** Header, layers and boxes are known. Before any tile. */
   front: Front;
   /** A tile is there, or finer than before. */
   tile: TileEvent;
@@ -180,6 +177,11 @@ export class ScarStream {
     else this.#timer = setTimeout(() => this.#replan(), wait);
   }
 
+  /** What may be kept. */
+  get budgets(): Budgets {
+    return this.#budgets;
+  }
+
   /** Changes what may be kept; what no longer fits is evicted. */
   setBudget(budgets: Partial<Budgets>): void {
     this.#budgets = { ...this.#budgets, ...budgets };
@@ -248,9 +250,10 @@ export class ScarStream {
   async #openRetrying(): Promise<OpenedFront> {
     const { signal } = this.#controller;
     const backoff = new Backoff(this.#retry);
+    const { firstBytes = FRONT_SIZES.firstBytes, frontBytes = FRONT_SIZES.frontBytes } = this.#options;
     for (let damages = 0; ;) {
       try {
-        return await openFront(this.#source, signal);
+        return await openFront(this.#source, signal, { firstBytes, frontBytes });
       } catch (cause) {
         if (signal.aborted) throw signal.reason;
         const error = asStreamError(cause, { source: this.#source.name });
@@ -299,17 +302,17 @@ export class ScarStream {
   }
 
   #handlers(front: Front): RefinerEvents {
-    const { base, index } = front;
+    const { index } = front;
     return {
       onTile: (tile, layer, output, took) => {
         this.#decodeMs += took;
         this.#mark(tile, layer, index.tiles);
-        this.#emitter.emit("tile", { tile, layer, base: base[tile], count: output.count, output });
+        this.#emitter.emit("tile", { tile, layer, count: output.count, output });
       },
       onEvict: (tile, layer) => {
         for (let k = 0; k < layer; k++) this.#tilesAtLayer[k]--;
         this.#layers[tile] = 0;
-        this.#emitter.emit("evict", { tile, layer, base: base[tile] });
+        this.#emitter.emit("evict", { tile, layer });
       },
       onBytes: () => this.#emitter.emit("progress", this.#progress()),
       onDone: () => this.#emitter.emit("done", this.stats()),
@@ -367,7 +370,7 @@ function isOfTransport({ id }: StreamError): boolean {
 
 /** Bytes that changed on their way come right the second time, those that changed on a disk do not. */
 function isDamage({ id }: StreamError): boolean {
-  return id === "header-crc-mismatch" || id === "directory-crc-mismatch";
+  return ["header-crc-mismatch", "directory-crc-mismatch", "page-crc-mismatch"].includes(id);
 }
 
 function defaultWorkers(): number {
