@@ -17,11 +17,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from scarfmt.arrays import I64
 from scarfmt.blocks.registry import MODEL_BLOCKS
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine, WholeTiles
 from scarfmt.coding.models import ModelBlocks, SceneModels, load_models, placed
 from scarfmt.coding.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
-from scarfmt.coding.work import Contents, check_work, extent
+from scarfmt.coding.work import Contents, Extent, check_work, extent
 from scarfmt.container.directory import tile_frame
 from scarfmt.container.file import COALESCE_BYTES, Container, Entry, check_crc
 from scarfmt.container.schema import Stream
@@ -145,10 +146,13 @@ class SceneReader:
         if counters is not None:
             counters.model_blocks += len(blocks)
         models = load_models(self.header.fields, count, blocks)
-        counts = self.container.tile_counts(count, chosen)
-        declared = extent(counts, self.container.tile_rows(chosen), self.header.fields.lattice_bits)
-        check_work(models.work.total(declared), self.header.file_length, self.container.limits)
+        check_work(models.work.total(self.extent(count, chosen)), self.header.file_length, self.container.limits)
         return models
+
+    def extent(self, layers: int, tiles: I64) -> Extent:
+        """What the directory declares of some tiles in the first layers; reads their pages."""
+        counts, rows = self.container.tile_counts(layers, tiles), self.container.tile_rows(tiles)
+        return extent(counts, rows, self.header.fields.lattice_bits)
 
     def tiles(
         self,

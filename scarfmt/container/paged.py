@@ -220,7 +220,9 @@ class PagedDirectory:
         pages = tiles >> self._header.page_bits
         order = np.argsort(pages, kind="stable")
         found, starts = np.unique(pages[order], return_index=True)
-        for page, chosen in zip(found.tolist(), np.split(order, starts[1:]), strict=True):
+        edges = [*starts.tolist(), len(order)]
+        for page, first, past in zip(found.tolist(), edges[:-1], edges[1:], strict=True):
+            chosen = order[first:past]
             yield page, chosen, tiles[chosen] - self._header.page_range(page).start
 
 

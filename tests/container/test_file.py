@@ -581,6 +581,11 @@ def test_declared_sizes_allocate_nothing() -> None:
 # ---------------------------------------------------------------------------------------------------- writing
 
 
+def test_pages_of_1024_tiles_are_written() -> None:
+    """What SPEC asks of encoders, of whoever says nothing else (R-5.4-18)."""
+    assert Container.open(BytesSource(sample_file())).header.page_bits == 10
+
+
 def _with(index: int, **changes: object) -> list[Block]:
     blocks = sample_blocks()
     blocks[index] = dataclasses.replace(blocks[index], **changes)
