@@ -31,7 +31,7 @@ export interface StreamOptions extends Partial<HttpOptions>, Partial<FrontSizes>
   /** Makes decoders in another way. */
   channel?: MakeChannel;
   retry?: Partial<RetryOptions>;
-  /** Milliseconds between two plans while the camera moves. */
+  /** Least milliseconds between two plans while the camera moves. */
   replanMs?: number;
 }
 
@@ -104,6 +104,8 @@ export interface StreamEvents {
 const MIB = 1 << 20;
 export const BUDGETS: Budgets = { splats: Infinity, bytes: 512 * MIB };
 const REPLAN_MS = 100;
+/** Of large scenes plans take long: they are made after so many times as long. */
+const PAUSE = 4;
 const MOST_WORKERS = 4;
 /** Tiles that a worker is given before it has answered. */
 const MOST_AHEAD = 2;
@@ -171,7 +173,8 @@ export class ScarStream {
   setView(camera: Camera): void {
     this.#camera = camera;
     if (this.#refiner === null || this.#timer !== undefined || this.#controller.signal.aborted) return;
-    const wait = this.#planned + (this.#options.replanMs ?? REPLAN_MS) - performance.now();
+    const pause = Math.max(this.#options.replanMs ?? REPLAN_MS, PAUSE * this.#refiner.planMs);
+    const wait = this.#planned + pause - performance.now();
     if (wait <= 0) this.#replan();
     else this.#timer = setTimeout(() => this.#replan(), wait);
   }
