@@ -4,14 +4,16 @@ import assert from "node:assert/strict";
 import { existsSync } from "node:fs";
 import { describe, it } from "node:test";
 import type { Page } from "puppeteer-core";
-import { browsing, lit, message, until } from "./chromium.js";
+import { lit, message, until } from "./chromium.js";
 import type { ScarStream } from "../src/stream/scar_stream.js";
 import { toys } from "./files.js";
 import { type Host, hosting } from "./hosting.js";
 import { type FileServer, serving } from "./server.js";
+import { sharedBrowser } from "./shared_browser.js";
 
 const PAGE = new URL("../../../scarfmt/viewer/page/", import.meta.url);
 const bytes = toys();
+const browsing = sharedBrowser();
 
 interface Setting {
   /** Of the page's address. */
