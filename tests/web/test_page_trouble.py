@@ -1,4 +1,4 @@
-"""The viewer page in headless Chromium, where something is wrong: beside test_page, as files of tests run side by side."""
+"""The viewer page in headless Chromium, where something is wrong; runs beside test_page, being a file of its own."""
 
 from __future__ import annotations
 

@@ -6,6 +6,9 @@ import { StreamError } from "../stream/errors.js";
 import { COLOUR_SPACES, FRAMES, type ListedFile, PROFILES, type SceneDocument } from "./document.js";
 import { placedBox } from "./placement.js";
 
+/** The largest number of an index's counts: files beyond it weigh alike. */
+const MOST_COUNT = 2 ** 32 - 1;
+
 /** As the front of a file, with files in place of tiles. */
 export interface SceneFront {
   document: SceneDocument;
@@ -41,7 +44,7 @@ export function sceneFront(document: SceneDocument): SceneFront {
     file.layers.forEach(({ end, gaussians }, i) => {
       const before = i === 0 ? { end: 0, gaussians: 0 } : file.layers[i - 1];
       index.bytes[f * k + i] = end - before.end;
-      index.counts[f * k + i] = gaussians - before.gaussians;
+      index.counts[f * k + i] = Math.min(gaussians - before.gaussians, MOST_COUNT);
     });
   });
   const header = { coordinate_frame: FRAMES.indexOf(document.coordinateFrame), file_length: sum(({ length }) => length) };
