@@ -8,8 +8,19 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
+from scarfmt.cli.decode_scene import VIEW_OPTIONS, write_part
+from scarfmt.cli.eye import eye_options
 from scarfmt.cli.failures import doubts_told, requires_extra
-from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json, timeout_option
+from scarfmt.cli.files import (
+    STANDARD,
+    check_extension,
+    open_input,
+    open_output,
+    opens_index,
+    print_json,
+    timeout_option,
+)
+from scarfmt.cli.stats import decode_stats, format_stats, whole_file
 from scarfmt.cli.views import CAMERAS_HELP
 from scarfmt.scene.streams import ATTRIBUTES
 
@@ -76,6 +87,9 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--layers", type=click.IntRange(min=1), help="Layers to decode, from the first [default: all].")
 @click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", callback=parse_box, help="Decode only what lies in a box.")
 @click.option("--tiles", metavar="I,J,...", callback=parse_tiles, help="Decode only these tiles.")
+@eye_options
+@click.option("--budget", type=click.IntRange(min=1), metavar="N", help="Gaussians at most, where the view needs them.")
+@click.option("--outside", is_flag=True, help="Also the first layer of what is out of the picture.")
 @click.option("--attributes", metavar="NAME,...", callback=parse_attributes, help=ATTRIBUTES_HELP)
 @click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians, for .ply; loses quality.")
 @click.option("--cameras", type=click.Path(exists=True), help=f"Cameras to --bake for: {CAMERAS_HELP}.")
@@ -109,9 +123,15 @@ def decode(
 ) -> None:
     """Decode INPUT (a path, a URL or -) into OUTPUT, a .ply or .npz file, or - for a PLY on stdout.
 
+    INPUT may be a scene index: its files are then decoded one after the other, each where it is placed.
+
     A .ply holds Gaussians as INRIA's trainer writes them. An .npz holds the arrays of the scene; of an anchor model,
     an anchor model that 'encode' and 'compare' read. Of a URL the first 64 KiB are transferred, and what is needed
     beyond.
+
+    With --budget, or a view (--camera, --target, --up, --fov), each tile gets as many layers as it is worth in that
+    view: near ones more, far ones few, those out of the picture none. What is not said of the view is that of the file,
+    or one of all of it from outside.
 
     \b
     Examples:
@@ -119,14 +139,13 @@ def decode(
       scarfmt decode https://example.org/scene.scar preview.ply --layers 1 --stats
       scarfmt decode scene.scar corner.ply --box -1,-1,-1,1,1,1
       scarfmt decode scene.scar points.npz --attributes positions,opacity
+      scarfmt decode city.scar.json seen.ply --camera 0,-2,-8 --target 0,0,0 --budget 2000000
     """
     extension = ".ply" if output == STANDARD else check_extension(output, (".ply", ".npz"))
+    view = {name: wanted.pop(name) for name in VIEW_OPTIONS}
     if not bake and (cameras is not None or bake_steps is not None):
         raise click.UsageError("--cameras and --bake-steps are for --bake")
-    if wanted["attributes"] is not None and extension == ".ply":
-        raise click.UsageError("--attributes needs an .npz output: a PLY holds all of them")
-    if as_json and output == STANDARD:
-        raise click.UsageError("--json needs standard output for itself: give OUTPUT a name")
+    _check_output(output, extension, wanted["attributes"] is not None, as_json)
     from reference_decoder.request import DecodeRequest
     from scarfmt.counters import Counters
 
@@ -136,22 +155,55 @@ def decode(
     with doubts_told(quiet):
         baking = _baking(cameras, bake_steps) if bake else None
     with open_output(output, force) as target, open_input(input_) as source:
-        if extension == ".ply":
-            done = _write_ply(source, target, baking, request, counters, quiet)
+        opened = source.bytes_read, source.reads
+        scene = opens_index(source) or any(view.values())
+        looked = source.bytes_read - opened[0], source.reads - opened[1]
+        if scene:
+            done, whole = write_part(input_, source, target, extension, request, view, baking, counters, quiet)
         else:
-            done = _write_npz(source, target, request, counters)
-        if not quiet:
-            click.echo(done, err=True)
-        if stats or as_json:
-            from reference_decoder.backends import described
-            from scarfmt.cli.stats import decode_stats, format_stats
+            done = _write(source, target, extension, baking, request, counters, quiet)
+            # What it took to tell that this is a file is no part of decoding it.
+            counters.bytes_read, counters.reads = source.bytes_read - looked[0], source.reads - looked[1]
+            whole = whole_file(source)
+    if not quiet:
+        click.echo(done, err=True)
+    if stats or as_json:
+        _report(decode_stats(counters, time.perf_counter() - start, _engine(request), whole), stats, as_json)
 
-            seconds = time.perf_counter() - start
-            found = decode_stats(source, counters, seconds, described(request.backend))
-            if stats:
-                click.echo(format_stats(found), err=True, nl=False)
-            if as_json:
-                print_json(found)
+
+def _check_output(output: str, extension: str, attributes: bool, as_json: bool) -> None:
+    if attributes and extension == ".ply":
+        raise click.UsageError("--attributes needs an .npz output: a PLY holds all of them")
+    if as_json and output == STANDARD:
+        raise click.UsageError("--json needs standard output for itself: give OUTPUT a name")
+
+
+def _engine(request: DecodeRequest) -> str:
+    from reference_decoder.backends import described
+
+    return described(request.backend)
+
+
+def _report(found: dict[str, Any], stats: bool, as_json: bool) -> None:
+    if stats:
+        click.echo(format_stats(found), err=True, nl=False)
+    if as_json:
+        print_json(found)
+
+
+def _write(
+    source: ByteSource,
+    target: BinaryIO,
+    extension: str,
+    baking: Baking | None,
+    request: DecodeRequest,
+    counters: Counters,
+    quiet: bool,
+) -> str:
+    """Write a file; returns what was written, for people."""
+    if extension == ".ply":
+        return _write_ply(source, target, baking, request, counters, quiet)
+    return _write_npz(source, target, request, counters)
 
 
 def _write_ply(

@@ -27,15 +27,19 @@ ARGUMENT_REFUSALS = frozenset(
     {
         "input-attributes",
         "input-box",
+        "input-cluster",
         "input-frame",
         "input-layers",
         "input-options",
+        "input-parts",
         "input-stream",
         "input-suite",
         "input-tiles",
         "output-exists",
         "output-path",
         "output-stream",
+        "work-exists",
+        "work-plan",
     }
 )
 """Refusals about what the user typed, not about what a file holds."""

@@ -57,8 +57,9 @@ class _Handler(BaseHTTPRequestHandler):
         self.start(206, ("Content-Range", f"bytes {first}-{last}/{total}"), ("Content-Length", last - first + 1))
 
     def send(self, data: bytes) -> None:
-        self.wfile.write(data)
+        # Before: a client that has all of an answer looks at the sum at once.
         self.server.sent += len(data)
+        self.wfile.write(data)
 
     def log_message(self, format: str, *args: object) -> None:
         """Keep the test output quiet."""

@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 
 from conformance.decoders.python.front import Root
 from conformance.generate import VECTORS
-from conformance.surgery.parts import field_at
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import write_scene
@@ -78,11 +77,6 @@ def test_no_tile_block_is_written_for_nothing(profile: Profile) -> None:
         tiles = [entry for entry in container.entries if entry.kind == BlockKind.TILE]
         assert tiles
         assert all(entry.count or container.read_block(entry)[0] for entry in tiles)
-
-
-def test_pages_are_of_1024_tiles() -> None:
-    """R-5.4-18."""
-    assert write_scene(random_scene(0))[field_at("FILE_HEADER", "page_bits")] == 10
 
 
 def test_a_reader_of_one_tile_leaves_other_pages_unread() -> None:
