@@ -34,6 +34,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "survey_time": (SHORT, FULL),
     "decoder_costs": (SHORT, FULL),
     "regions": (SHORT, FULL),
+    "directory": (SHORT, FULL),
     "stability": (SHORT, FULL),
     "streaming": (SHORT, FULL),
     "streaming_browser": (SHORT, FULL),
