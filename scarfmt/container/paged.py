@@ -5,16 +5,16 @@ What is needed together is read together: neighbouring pages in one request, and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
-from functools import cached_property, partial
+from collections.abc import Iterable, Iterator
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from scarfmt.arrays import I64, U32, Bools
 from scarfmt.container.directory import Entry, Tile, entry_from_row
 from scarfmt.container.header import Header
-from scarfmt.container.pages import unpack_row_page, unpack_tile_page
+from scarfmt.container.pages import unpack_row_pages, unpack_tile_pages
 from scarfmt.container.root import Root, unpack_root
 from scarfmt.container.schema import ENTRY_DTYPE, TILE_DTYPE, BlockKind
 from scarfmt.container.source import COALESCE_BYTES, HEAD_BYTES, ByteSource
@@ -26,13 +26,13 @@ AT_ONCE_BYTES = HEAD_BYTES
 """A directory up to this size is read whole: asking for its parts would take longer than they do."""
 
 
-@dataclass(frozen=True)
-class _Part:
-    """A page to read: where it lies, and what takes its bytes."""
+class _Part(NamedTuple):
+    """A page to read: where it lies, whether it is a row page, and its number among those of its kind in ROOT."""
 
     offset: int
     length: int
-    take: Callable[[bytes], None]
+    of_rows: bool
+    number: int
 
 
 class PagedDirectory:
@@ -104,32 +104,37 @@ class PagedDirectory:
 
     def _tile_parts(self, pages: Iterable[int]) -> Iterator[_Part]:
         """The tile pages among `pages` that are missing."""
-        root = self.root
-        for page in pages:
-            if page not in self._tiles:
-                said = root.pages[page]
-                yield _Part(int(said["offset"]), int(said["tile_bytes"]), partial(self._take_tiles, page))
-
-    def _take_tiles(self, page: int, data: bytes) -> None:
-        self._tiles[page] = unpack_tile_page(data, page, self.root.pages, self._header)
+        missing = [page for page in pages if page not in self._tiles]
+        said = self.root.pages[missing]
+        for page, offset, length in zip(missing, said["offset"].tolist(), said["tile_bytes"].tolist(), strict=True):
+            yield _Part(offset, length, False, page)
 
     def _row_parts(self, numbers: I64) -> Iterator[_Part]:
         """The row pages of some numbers in ROOT that are missing."""
-        for said in self.root.rows[numbers]:
-            if (int(said["layer"]), int(said["page"])) not in self._rows:
-                yield _Part(int(said["offset"]), int(said["row_bytes"]), partial(self._take_rows, said))
-
-    def _take_rows(self, said: np.void, data: bytes) -> None:
-        rows = unpack_row_page(data, said, self._header, self._limits)
-        self._rows[int(said["layer"]), int(said["page"])] = rows, np.ascontiguousarray(rows["tile"])
+        columns = (self.root.rows[name][numbers].tolist() for name in ("layer", "page", "offset", "row_bytes"))
+        for number, layer, page, offset, length in zip(numbers.tolist(), *columns, strict=True):
+            if (layer, page) not in self._rows:
+                yield _Part(offset, length, True, number)
 
     def _read(self, parts: Iterable[_Part]) -> None:
-        """Read pages, neighbours in one request."""
+        """Read pages, neighbours in one request, and unpack them in that order."""
         for run in _runs(parts):
             start = run[0].offset
             data = self._bytes(start, run[-1].offset + run[-1].length - start)
-            for part in run:
-                part.take(data[part.offset - start : part.offset - start + part.length])
+            pages = [(part, data[part.offset - start : part.offset - start + part.length]) for part in run]
+            self._take_tiles([(part.number, page) for part, page in pages if not part.of_rows])
+            self._take_rows([(self.root.rows[part.number], page) for part, page in pages if part.of_rows])
+
+    def _take_tiles(self, found: list[tuple[int, bytes]]) -> None:
+        if found:
+            tables = unpack_tile_pages(found, self.root.pages, self._header)
+            self._tiles.update(zip((page for page, _ in found), tables, strict=True))
+
+    def _take_rows(self, found: list[tuple[np.void, bytes]]) -> None:
+        if found:
+            tables = unpack_row_pages(found, self._header, self._limits)
+            for (said, _), rows in zip(found, tables, strict=True):
+                self._rows[int(said["layer"]), int(said["page"])] = rows, np.ascontiguousarray(rows["tile"])
 
     def page_tiles(self, page: int) -> Table:
         """(n,) TILE_DTYPE of a page."""
@@ -198,32 +203,26 @@ class PagedDirectory:
 
     def tile_rows(self, tiles: I64) -> Table:
         """(n,) TILE_DTYPE of n tiles."""
-        out = np.zeros(len(tiles), TILE_DTYPE)
-        for page, chosen, within in self._by_page(tiles):
-            out[chosen] = self.page_tiles(page)[within]
-        return out
+        pages = np.array(self.pages_of(tiles), np.int64)
+        self._read(self._tile_parts(pages.tolist()))
+        tables = [self._tiles[page] for page in pages.tolist()]
+        starts = np.cumsum([0, *map(len, tables)])
+        index = np.searchsorted(pages, tiles >> self._header.page_bits)
+        within = tiles - (pages[index] << self._header.page_bits)
+        return np.concatenate([np.zeros(0, TILE_DTYPE), *tables])[starts[index] + within]
 
     def tile_counts(self, layers: int, tiles: I64) -> I64:
         """(n, layers) int64 anchors that first appear in each of the first layers of n tiles."""
+        pages = self.pages_of(tiles)
+        self.load(layers, pages)
         out = np.zeros((len(tiles), layers), np.int64)
-        for page, chosen, within in self._by_page(tiles):
-            first = self._header.page_range(page)
-            for layer in range(1, layers + 1):
-                rows, numbers = self._page_rows(layer, page)
-                counts = np.zeros(len(first), np.int64)
-                counts[numbers.astype(np.int64) - first.start] = rows["count"]
-                out[chosen, layer - 1] = counts[within]
+        for layer in range(1, layers + 1):
+            known = [self._rows[layer, page][0] for page in pages if (layer, page) in self._rows]
+            rows = np.concatenate([np.zeros(0, ENTRY_DTYPE), *known])
+            counts = np.zeros(self._header.tile_count, np.int64)
+            counts[rows["tile"]] = rows["count"]
+            out[:, layer - 1] = counts[tiles]
         return out
-
-    def _by_page(self, tiles: I64) -> Iterator[tuple[int, I64, I64]]:
-        """Of each page that some tiles are of: its number, which of them are, and their numbers in it."""
-        pages = tiles >> self._header.page_bits
-        order = np.argsort(pages, kind="stable")
-        found, starts = np.unique(pages[order], return_index=True)
-        edges = [*starts.tolist(), len(order)]
-        for page, first, past in zip(found.tolist(), edges[:-1], edges[1:], strict=True):
-            chosen = order[first:past]
-            yield page, chosen, tiles[chosen] - self._header.page_range(page).start
 
 
 def _among(pages: U32, wanted: Iterable[int] | None) -> Bools | bool:

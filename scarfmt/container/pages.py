@@ -6,17 +6,25 @@ next, so that two readers refuse one file for the same reason.
 
 from __future__ import annotations
 
+import itertools
 import zlib
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.container.bytefields import ByteReader, unsigned_varints
 from scarfmt.container.header import Header
 from scarfmt.container.root import PackedPage, PackedRows
 from scarfmt.container.schema import ENTRY_DTYPE, TILE_DTYPE, BlockFlag, BlockKind
 from scarfmt.container.table_rules import Table, TableRules, total
-from scarfmt.errors import LimitExceeded, Malformed
+from scarfmt.errors import LimitExceeded, Malformed, ScarError
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH, Limits
+
+Item = TypeVar("Item")
+"""A page to unpack: what is known of it, and its bytes."""
 
 
 def pack_tile_pages(tiles: Table, lattice_bits: int, page_bits: int) -> list[PackedPage]:
@@ -77,50 +85,90 @@ def _prefix_of(number: int) -> str:
     return f"tile[{number}].prefix"
 
 
-def unpack_tile_page(data: bytes, page: int, pages: Table, header: Header) -> Table:
-    """(n,) TILE_DTYPE of a page.
+def unpack_tile_pages(found: Sequence[tuple[int, bytes]], pages: Table, header: Header) -> list[Table]:
+    """(n,) TILE_DTYPE of each of some pages.
 
     Args:
-        data: the bytes of its tile page.
-        page: its number.
+        found: their numbers, and the bytes of their tile pages.
         pages: (P,) PAGE_DTYPE of ROOT.
         header: of the file.
 
     Raises:
-        Malformed: a rule of SPEC §5.5 is broken.
+        Malformed: a rule of SPEC §5.5 is broken; by the first page that breaks one.
     """
-    said, tiles = pages[page], header.page_range(page)
-    reader = _opened(data, f"tile page {page}", int(said["tile_crc32"]), int(said["offset"]))
-    count = len(tiles)
-    out = np.zeros(count, TILE_DTYPE)
+    return _each_before_the_next(lambda some: _tile_pages(some, pages, header), found)
+
+
+def _each_before_the_next(unpack: Callable[[Sequence[Item]], list[Table]], found: Sequence[Item]) -> list[Table]:
+    """Unpack pages all at once; where something is wrong, one by one, so that the first fault is told."""
     try:
-        out["depth"], out["shift"] = reader.array("u1", count), reader.array("u1", count)
-        gaps = reader.unsigned_array(63, count)
-        reader.finish()
-    except Malformed as error:
-        raise _at(error, int(said["offset"])) from error
-    _check_cubes(TableRules(out, "tile", int(said["offset"]), tiles.start), header.fields.lattice_bits)
-    following = int(pages["base"][page + 1]) if page + 1 < len(pages) else 1 << 63
-    out["prefix"] = _prefixes(out["depth"].tolist(), gaps.tolist(), said, following, tiles.start)
-    return out
+        return unpack(found)
+    except ScarError:
+        if len(found) == 1:
+            raise
+    return [table for item in found for table in unpack([item])]
 
 
-def _prefixes(depths: list[int], gaps: list[int], said: np.void, following: int, first: int) -> list[int]:
-    """The Morton codes of the cubes of a page, the next one beginning at `following`; R-5.5-6, R-5.5-7."""
-    base, offset = int(said["base"]), int(said["offset"])
-    prefixes, past = [], base
-    for number, (depth, gap) in enumerate(zip(depths, gaps, strict=True), start=first):
+def _tile_pages(found: Sequence[tuple[int, bytes]], pages: Table, header: Header) -> list[Table]:
+    numbers = np.array([page for page, _ in found])
+    said = pages[numbers].tolist()
+    depth, shift, gaps, edges = bytearray(), bytearray(), list[int](), [0]
+    for (page, data), (_, _, crc32, offset) in zip(found, said, strict=True):
+        count = len(header.page_range(page))
+        reader = _opened(data, f"tile page {page}", crc32, offset)
+        try:
+            depth += reader.take(count)
+            shift += reader.take(count)
+            gaps += reader.unsigned_array(63, count).tolist()
+            reader.finish()
+        except Malformed as error:
+            raise _at(error, offset) from error
+        edges.append(edges[-1] + count)
+    out = np.zeros(len(gaps), TILE_DTYPE)
+    out["depth"], out["shift"] = np.frombuffer(depth, np.uint8), np.frombuffer(shift, np.uint8)
+    first = header.page_range(found[0][0]).start
+    _check_cubes(TableRules(out, "tile", said[0][3], first), header.fields.lattice_bits)
+    following = np.append(pages["base"], np.uint64(1 << 63))[numbers + 1].tolist()
+    prefixes: list[int] = []
+    for (page, _), (base, _, _, offset), end, start, past in zip(
+        found, said, following, edges[:-1], edges[1:], strict=True
+    ):
+        place = _Place(base, end, offset, header.page_range(page).start)
+        prefixes += _prefixes(depth[start:past], gaps[start:past], place)
+    out["prefix"] = prefixes
+    return [out[start:past] for start, past in itertools.pairwise(edges)]
+
+
+class _Place(NamedTuple):
+    """Where a page of tiles lies.
+
+    Attributes:
+        base, following: Morton codes at which it and the next page begin.
+        offset: of its tile page in the file.
+        first: its first tile.
+    """
+
+    base: int
+    following: int
+    offset: int
+    first: int
+
+
+def _prefixes(depths: bytearray, gaps: list[int], place: _Place) -> list[int]:
+    """The Morton codes of the cubes of a page; R-5.5-6, R-5.5-7."""
+    prefixes, past = [], place.base
+    for number, (depth, gap) in enumerate(zip(depths, gaps, strict=True), start=place.first):
         free = _free(depth)
         prefix = _next_cube(past, free) + gap
-        _check_prefix(prefix, depth, number, offset)
+        _check_prefix(prefix, depth, number, place.offset)
         prefixes.append(prefix)
         past = (prefix + 1) << free
-    if prefixes[0] << _free(depths[0]) != base:
-        message = f"{prefixes[0]}: the page begins at {base}, not its first tile"
-        raise Malformed("tile-order", message, offset=offset, field=_prefix_of(first))
-    if past > following:
-        message = f"{prefixes[-1]}: ends at {past}, the next page begins at {following}"
-        raise Malformed("tile-order", message, offset=offset, field=_prefix_of(first + len(gaps) - 1))
+    if prefixes[0] << _free(depths[0]) != place.base:
+        message = f"{prefixes[0]}: the page begins at {place.base}, not its first tile"
+        raise Malformed("tile-order", message, offset=place.offset, field=_prefix_of(place.first))
+    if past > place.following:
+        message = f"{prefixes[-1]}: ends at {past}, the next page begins at {place.following}"
+        raise Malformed("tile-order", message, offset=place.offset, field=_prefix_of(place.first + len(gaps) - 1))
     return prefixes
 
 
@@ -175,57 +223,74 @@ def pack_row_pages(rows: Table, tile_count: int, page_bits: int) -> list[PackedR
     return out
 
 
-def unpack_row_page(data: bytes, said: np.void, header: Header, limits: Limits) -> Table:
-    """ENTRY_DTYPE of the TILE blocks of a page in a layer, by tile.
+def unpack_row_pages(found: Sequence[tuple[np.void, bytes]], header: Header, limits: Limits) -> list[Table]:
+    """ENTRY_DTYPE of the TILE blocks of each of some pages, by tile.
 
     Args:
-        data: the bytes of the row page.
-        said: its row in ROOT, a ROW_PAGE_DTYPE.
+        found: their rows in ROOT, of ROW_PAGE_DTYPE, and the bytes of the row pages.
         header: of the file.
         limits: what this reader accepts.
 
     Raises:
-        Malformed, LimitExceeded: a rule of SPEC §5.5 is broken.
+        Malformed, LimitExceeded: a rule of SPEC §5.5 is broken; by the first page that breaks one.
     """
-    layer, page, offset = int(said["layer"]), int(said["page"]), int(said["offset"])
-    tiles = header.page_range(page)
-    name = f"row page {page} of layer {layer}"
-    reader = _opened(data, name, int(said["row_crc32"]), offset)
-    try:
-        lengths = reader.unsigned_array(53, len(tiles))
-        present = np.flatnonzero(lengths)
-        counts = reader.unsigned_array(32, len(present))
-        crc32 = reader.array("<u4", len(present))
-        reader.finish()
-    except Malformed as error:
-        raise _at(error, offset) from error
-    lengths = lengths[present]
-    rows = np.zeros(len(present), ENTRY_DTYPE)
-    rows["kind"], rows["flags"], rows["layer"] = BlockKind.TILE, BlockFlag.CRITICAL, layer
-    rows["tile"], rows["length"], rows["count"], rows["crc32"] = tiles.start + present, lengths, counts, crc32
-    _check_rows(TableRules(rows, name, offset), said, limits)
-    rows["offset"] = int(said["block_offset"]) + np.cumsum(lengths) - lengths
-    return rows
+    return _each_before_the_next(lambda some: _row_pages(some, header, limits), found)
 
 
-def _check_rows(rules: TableRules, said: np.void, limits: Limits) -> None:
-    """R-5.5-8 to R-5.5-10."""
-    lengths, counts = rules.rows["length"], rules.rows["count"]
+def _row_pages(found: Sequence[tuple[np.void, bytes]], header: Header, limits: Limits) -> list[Table]:
+    columns: list[tuple[I64, I64, I64, NDArray[np.generic]]] = []
+    said = [row.tolist() for row, _ in found]
+    for (layer, page, _, crc32, _, _, offset, _), (_, data) in zip(said, found, strict=True):
+        reader = _opened(data, _row_name(layer, page), crc32, offset)
+        try:
+            columns.append(_columns(reader, header.page_range(page)))
+        except Malformed as error:
+            raise _at(error, offset) from error
+    edges = [0, *itertools.accumulate(len(tile) for tile, _, _, _ in columns)]
+    rows = np.zeros(edges[-1], ENTRY_DTYPE)
+    rows["kind"], rows["flags"] = BlockKind.TILE, BlockFlag.CRITICAL
+    for name, parts in zip(("tile", "length", "count", "crc32"), zip(*columns, strict=True), strict=True):
+        rows[name] = np.concatenate(parts)
+    layer, page, _, _, _, _, offset, _ = said[0]
+    _check_limits(TableRules(rows, _row_name(layer, page), offset), limits)
+    tables = [rows[start:past] for start, past in itertools.pairwise(edges)]
+    for table, (layer, page, _, _, size, anchors, offset, first) in zip(tables, said, strict=True):
+        sums = total(table["length"]), total(table["count"])
+        if sums != (size, anchors):
+            message = f"its blocks have {sums[0]} bytes and {sums[1]} anchors, ROOT says {size} and {anchors}"
+            raise Malformed("page-sums", message, offset=offset, field=_row_name(layer, page))
+        table["layer"] = layer
+        table["offset"] = first + np.cumsum(table["length"]) - table["length"]
+    return tables
+
+
+def _row_name(layer: int, page: int) -> str:
+    return f"row page {page} of layer {layer}"
+
+
+def _columns(reader: ByteReader, tiles: range) -> tuple[I64, I64, I64, NDArray[np.generic]]:
+    """Tiles, lengths, counts and checksums of the blocks of a row page."""
+    lengths = reader.unsigned_array(53, len(tiles))
+    present = np.flatnonzero(lengths)
+    counts = reader.unsigned_array(32, len(present))
+    crc32 = reader.array("<u4", len(present))
+    reader.finish()
+    return tiles.start + present, lengths[present], counts, crc32
+
+
+def _check_limits(rules: TableRules, limits: Limits) -> None:
+    """R-5.5-8, R-5.5-9."""
     rules.check(
-        lengths <= limits.block_bytes,
+        rules.rows["length"] <= limits.block_bytes,
         "limit-block-bytes",
         "length",
         f"exceeds this reader's limit of {limits.block_bytes}: raise it if you trust the file",
         LimitExceeded,
     )
     rules.check(
-        counts <= limits.tile_anchors,
+        rules.rows["count"] <= limits.tile_anchors,
         "limit-tile-anchors",
         "count",
         f"exceeds this reader's limit of {limits.tile_anchors} anchors per TILE block",
         LimitExceeded,
     )
-    found, wanted = (total(lengths), total(counts)), (int(said["block_bytes"]), int(said["anchors"]))
-    if found != wanted:
-        message = f"its blocks have {found[0]} bytes and {found[1]} anchors, ROOT says {wanted[0]} and {wanted[1]}"
-        raise Malformed("page-sums", message, offset=int(said["offset"]), field=rules.name)
