@@ -26,6 +26,7 @@ from scarfmt.counters import Counters, Part
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.activation import opacity_logits
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene, Mlp
+from scarfmt.scene.harmonics import sh_basis
 from scarfmt.scene.rotation import matrix_from_quaternion, quaternion_from_matrix
 
 BAKE_CHUNK = 1 << 10
@@ -141,30 +142,3 @@ def _fit_colour(directions: F64, colours: F64, weights: F64, degree: int) -> F64
     normal[:, bands, bands] += RIDGE
     right = np.einsum("emb,emc->mbc", weighted, colours - 0.5, optimize=True)
     return np.linalg.solve(normal, right)
-
-
-def sh_basis(directions: F64, degree: int) -> F64:
-    """(..., (degree + 1)^2) float64 real spherical harmonics of unit (..., 3) directions, INRIA's sign and order."""
-    x, y, z = np.moveaxis(directions, -1, 0)
-    out = [np.full(x.shape, 0.28209479177387814)]
-    if degree >= 1:
-        out += [-0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x]
-    if degree >= 2:
-        out += [
-            1.0925484305920792 * x * y,
-            -1.0925484305920792 * y * z,
-            0.31539156525252005 * (2 * z * z - x * x - y * y),
-            -1.0925484305920792 * x * z,
-            0.5462742152960396 * (x * x - y * y),
-        ]
-    if degree >= 3:
-        out += [
-            -0.5900435899266435 * y * (3 * x * x - y * y),
-            2.890611442640554 * x * y * z,
-            -0.4570457994644658 * y * (4 * z * z - x * x - y * y),
-            0.3731763325901154 * z * (2 * z * z - 3 * x * x - 3 * y * y),
-            -0.4570457994644658 * x * (4 * z * z - x * x - y * y),
-            1.445305721320277 * z * (x * x - y * y),
-            -0.5900435899266435 * x * (x * x - 3 * y * y),
-        ]
-    return np.stack(out, axis=-1)

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reference_decoder.anchors import gaussians
-from reference_decoder.bake import sh_basis
 from scarfmt.arrays import F32, F64, I64
 from scarfmt.coding.writer import Report, silent
 from scarfmt.render.camera import Camera
@@ -26,6 +25,7 @@ from scarfmt.render.projection import Drawable
 from scarfmt.render.rasterise import render
 from scarfmt.render.several import each_view
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+from scarfmt.scene.harmonics import sh_basis
 
 _SAMPLES = 1 << 17
 """Pixels of a step, about."""

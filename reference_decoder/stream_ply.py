@@ -85,7 +85,7 @@ def export_ply(
     """
     wanted, baking = requested(request, fields), baking or Baking()
     ply_header(0, [], comments)  # a comment that cannot be written is better refused before than after decoding
-    header, anchors = _facts(source, wanted, counters)
+    header, anchors = header_fields(source, wanted, counters)
     explicit = header.profile == Profile.EXPLICIT
     names = property_names(((header.sh_degree if explicit else baking.sh_degree) + 1) ** 2 - 1)
     rows = _rows(source, wanted, counters) if explicit else _baked(source, wanted, baking, counters, report)
@@ -98,7 +98,7 @@ def export_ply(
         return anchors
 
 
-def _facts(source: Origin, request: DecodeRequest, counters: Counters | None) -> tuple[HeaderFields, int]:
+def header_fields(source: Origin, request: DecodeRequest, counters: Counters | None) -> tuple[HeaderFields, int]:
     """Header fields, and anchors after the layers requested, which the directory confirms."""
     with opened(source) as stream, transfers(stream, counters):
         reader = SceneReader(stream, limits=request.limits, allow_truncated=request.allow_truncated)
@@ -134,18 +134,27 @@ def _rows(source: Origin, request: DecodeRequest, counters: Counters | None) -> 
 def _baked(
     source: Origin, request: DecodeRequest, baking: Baking, counters: Counters | None, report: Report
 ) -> Iterator[Rows]:
-    """The Gaussians that anchors are baked into."""
+    found = baked_scene(source, request, baking, counters, report)
+    if found is not None:
+        scene, views = found
+        yield ply_rows(scene), bake_comments(views, baking.steps, baking.sh_degree)
+
+
+def baked_scene(
+    source: Origin, request: DecodeRequest, baking: Baking, counters: Counters | None, report: Report
+) -> tuple[GaussianScene, int] | None:
+    """The Gaussians that anchors are baked into, and the number of views they were fitted for; None without anchors."""
     model = decode_scene(source, request, counters=counters)
     assert isinstance(model, AnchorModel)
     if not len(model):
-        return
+        return None
     views = baking.views or default_views(model)
     scene = bake(model, np.array([view.centre for view in views]), baking.sh_degree, counters)
     if baking.steps:
         from reference_decoder.refine import refined
 
         scene = refined(model, scene, views, baking.steps, report)
-    yield ply_rows(scene), bake_comments(len(views), baking.steps, baking.sh_degree)
+    return scene, len(views)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ from scarfmt import __version__
 from scarfmt.cli.compare import compare
 from scarfmt.cli.completion import completion
 from scarfmt.cli.conformance import conformance
+from scarfmt.cli.convert import convert
 from scarfmt.cli.decode import decode
 from scarfmt.cli.dump import dump
 from scarfmt.cli.encode import encode
@@ -66,7 +67,7 @@ def cli() -> None:
 
 
 for _command in (
-    *(encode, train, view, stream, decode, inspect, truncate),
+    *(encode, train, view, stream, decode, convert, inspect, truncate),
     *(validate, dump, compare, render, conformance, completion),
 ):
     cli.add_command(_command)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
 from scarfmt.cli.failures import doubts_told, requires_extra
-from scarfmt.cli.files import STANDARD, check_extension, open_input, open_output, print_json, timeout_option
+from scarfmt.cli.files import STANDARD, open_input, print_json, timeout_option
+from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, spz_options, tell_written
+from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import CAMERAS_HELP
 from scarfmt.scene.streams import ATTRIBUTES
 
@@ -19,7 +22,10 @@ if TYPE_CHECKING:
     from reference_decoder.stream_ply import Baking
     from scarfmt.container.source import ByteSource
     from scarfmt.counters import Counters
+    from scarfmt.formats.output import Written
+    from scarfmt.formats.outputs import OutputOptions
 
+FORMATS = (*SUFFIXES, "npz")
 ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTES)}."
 
 
@@ -70,14 +76,15 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
     return names
 
 
-@click.command(short_help="Decode a file into a PLY that viewers open.")
+@click.command(short_help="Decode a file into a PLY, SPZ or glTF that viewers open.")
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
+@click.option("--format", "format_id", type=click.Choice(FORMATS), help="Format of OUTPUT [default: its name].")
 @click.option("--layers", type=click.IntRange(min=1), help="Layers to decode, from the first [default: all].")
 @click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", callback=parse_box, help="Decode only what lies in a box.")
 @click.option("--tiles", metavar="I,J,...", callback=parse_tiles, help="Decode only these tiles.")
 @click.option("--attributes", metavar="NAME,...", callback=parse_attributes, help=ATTRIBUTES_HELP)
-@click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians, for .ply; loses quality.")
+@click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians; loses quality.")
 @click.option("--cameras", type=click.Path(exists=True), help=f"Cameras to --bake for: {CAMERAS_HELP}.")
 @click.option("--bake-steps", type=click.IntRange(min=0), help="Pictures that --bake is refined by [default: 256].")
 @click.option("--allow-truncated", is_flag=True, help="Decode the complete layers of a truncated file.")
@@ -89,6 +96,7 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
     show_default=True,
     help="The engine that computes; the result is the same.",
 )
+@spz_options
 @click.option("--stats", is_flag=True, help="Report what was read and computed, and the time, on stderr.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report of --stats as a JSON object on stdout.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
@@ -98,6 +106,7 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 def decode(
     input_: str,
     output: str,
+    format_id: str | None,
     bake: bool,
     cameras: str | None,
     bake_steps: int | None,
@@ -107,24 +116,28 @@ def decode(
     quiet: bool,
     **wanted: Any,
 ) -> None:
-    """Decode INPUT (a path, a URL or -) into OUTPUT, a .ply or .npz file, or - for a PLY on stdout.
+    """Decode INPUT (a path, a URL or -) into OUTPUT, or - for stdout, a PLY unless --format says otherwise.
 
-    A .ply holds Gaussians as INRIA's trainer writes them. An .npz holds the arrays of the scene; of an anchor model,
-    an anchor model that 'encode' and 'compare' read. Of a URL the first 64 KiB are transferred, and what is needed
-    beyond.
+    A .ply holds Gaussians as INRIA's trainer writes them, all but positions bit for bit. A .glb or .gltf (with its
+    .bin) holds them as floats with KHR_gaussian_splatting. A .spz and a .compressed.ply are quantised; what they cannot
+    hold is reported. An .npz holds the arrays of the scene; of an anchor model, an anchor model that 'encode' and
+    'compare' read. Of a URL the first 64 KiB are transferred, and what is needed beyond.
 
     \b
     Examples:
       scarfmt decode scene.scar scene.ply
       scarfmt decode https://example.org/scene.scar preview.ply --layers 1 --stats
+      scarfmt decode scene.scar scene.glb
+      scarfmt decode scene.scar scene.spz --spz-version 3
       scarfmt decode scene.scar corner.ply --box -1,-1,-1,1,1,1
       scarfmt decode scene.scar points.npz --attributes positions,opacity
     """
-    extension = ".ply" if output == STANDARD else check_extension(output, (".ply", ".npz"))
+    format_id = output_format(output, format_id, others=(".npz",))
+    options = output_options(format_id, wanted)
     if not bake and (cameras is not None or bake_steps is not None):
         raise click.UsageError("--cameras and --bake-steps are for --bake")
-    if wanted["attributes"] is not None and extension == ".ply":
-        raise click.UsageError("--attributes needs an .npz output: a PLY holds all of them")
+    if wanted["attributes"] is not None and format_id != "npz":
+        raise click.UsageError("--attributes needs an .npz output: other formats hold all of them")
     if as_json and output == STANDARD:
         raise click.UsageError("--json needs standard output for itself: give OUTPUT a name")
     from reference_decoder.request import DecodeRequest
@@ -135,13 +148,17 @@ def decode(
     start = time.perf_counter()
     with doubts_told(quiet):
         baking = _baking(cameras, bake_steps) if bake else None
-    with open_output(output, force) as target, open_input(input_) as source:
-        if extension == ".ply":
-            done = _write_ply(source, target, baking, request, counters, quiet)
-        else:
+    with open_scene_output(output, format_id, options, force) as (target, placed), open_input(input_) as source:
+        if format_id == "npz":
             done = _write_npz(source, target, request, counters)
-        if not quiet:
-            click.echo(done, err=True)
+            if not quiet:
+                click.echo(done, err=True)
+        else:
+            _check_gaussians(source, baking)
+            with progress(quiet) as report:
+                decoding = _Decoding(source, request, baking, counters, report)
+                written = decoding.write(format_id, target, placed)
+            tell_written(written, quiet)
         if stats or as_json:
             from reference_decoder.backends import described
             from scarfmt.cli.stats import decode_stats, format_stats
@@ -154,26 +171,38 @@ def decode(
                 print_json(found)
 
 
-def _write_ply(
-    source: ByteSource,
-    target: BinaryIO,
-    baking: Baking | None,
-    request: DecodeRequest,
-    counters: Counters,
-    quiet: bool,
-) -> str:
-    """Write a PLY; returns what was written, for people."""
-    from reference_decoder.stream_ply import export_ply
-    from scarfmt.cli.progress import progress
+def _check_gaussians(source: ByteSource, baking: Baking | None) -> None:
+    """Refuse an anchor model that is not to be baked."""
     from scarfmt.container.file import read_header
     from scarfmt.container.schema import Profile
 
     header = read_header(source, allow_truncated=True)
     if header.fields.profile == Profile.ANCHOR and baking is None:
         raise click.UsageError("an anchor model has no fixed Gaussians: decode to .npz, or give --bake")
-    with progress(quiet) as report:
-        count = export_ply(source, target, request, baking=baking, counters=counters, report=report)
-    return f"{count:,} Gaussians"
+
+
+@dataclass(frozen=True)
+class _Decoding:
+    """How Gaussians are decoded, whatever is written of them."""
+
+    source: ByteSource
+    request: DecodeRequest
+    baking: Baking | None
+    counters: Counters
+    report: Report
+
+    def write(self, format_id: str, target: BinaryIO, options: OutputOptions) -> Written:
+        """Write them in a format of `SUFFIXES`."""
+        from reference_decoder.stream_gaussians import stream_gaussians
+        from reference_decoder.stream_ply import export_ply
+        from scarfmt.formats.output import Written
+        from scarfmt.formats.outputs import write_parts
+
+        how: Any = {"baking": self.baking, "counters": self.counters, "report": self.report}
+        if format_id == "ply":
+            return Written(export_ply(self.source, target, self.request, **how), ())
+        described, parts = stream_gaussians(self.source, self.request, **how)
+        return write_parts(format_id, parts, described, target, options)
 
 
 def _baking(cameras: str | None, steps: int | None) -> Baking:

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from scarfmt.arrays import F32
 from scarfmt.errors import LimitExceeded, Unsupported
 from scarfmt.formats import sog
+from scarfmt.formats.joined import joined
 from scarfmt.formats.source import MAX_GAUSSIANS, Source
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -55,7 +55,7 @@ def load(source: Source) -> GaussianScene:
         parts.append(_chunk(directory, _path(source, index["environment"], "environment")))
     if not parts:
         raise source.corrupt(f"no leaf of the tree has Gaussians of level {_FINEST}", field="tree")
-    return _together(parts)
+    return joined(parts)
 
 
 def _index(source: Source) -> dict[str, Any]:
@@ -116,19 +116,3 @@ def _chosen(source: Source, name: PurePosixPath, chunk: GaussianScene, runs: lis
         raise source.corrupt(f"asks for {total} of the {len(chunk)} Gaussians of {name}", field="tree.lods")
     order = np.concatenate([np.arange(first, first + count) for first, count in sorted(runs)])
     return chunk if np.array_equal(order, np.arange(len(chunk))) else chunk.take(order)
-
-
-def _together(parts: list[GaussianScene]) -> GaussianScene:
-    """One scene of all; a part of a lower SH degree gets zeros above it."""
-    coefficients = max(part.sh.shape[1] for part in parts)
-    return GaussianScene(
-        np.concatenate([part.positions for part in parts]),
-        np.concatenate([part.log_scales for part in parts]),
-        np.concatenate([part.rotations for part in parts]),
-        np.concatenate([part.opacity_logits for part in parts]),
-        np.concatenate([_widened(part.sh, coefficients) for part in parts]),
-    )
-
-
-def _widened(sh: F32, coefficients: int) -> F32:
-    return np.pad(sh, ((0, 0), (0, coefficients - sh.shape[1]), (0, 0)))

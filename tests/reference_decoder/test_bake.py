@@ -8,13 +8,14 @@ import numpy as np
 
 from fuzz.testing.scenes import random_scene
 from reference_decoder.anchors import gaussians
-from reference_decoder.bake import bake, sh_basis
+from reference_decoder.bake import bake
 from reference_decoder.decode import decode
 from reference_decoder.stream_ply import Baking, export_ply
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.formats import load
 from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.harmonics import sh_basis
 
 from .models import EYE, random_model
 
