@@ -33,10 +33,10 @@ def convert(
     quiet: bool,
     **said: Any,
 ) -> None:
-    """Convert the scene INPUT into OUTPUT (.ply, .compressed.ply, .spz, .glb or .gltf). Either may be - (stdin, stdout).
+    """Convert the scene INPUT into OUTPUT. Either may be - (stdin, stdout).
 
-    INPUT is what 'encode' reads, but for anchor models, which have no fixed Gaussians. It is in memory whole. What the
-    format of OUTPUT cannot hold is reported. Of a .scar file use 'decode'.
+    INPUT is what 'encode' reads, but for anchor models, which have no fixed Gaussians. It is in memory whole. OUTPUT is
+    a .ply, .compressed.ply, .spz, .glb or .gltf; what its format cannot hold is reported. Of a .scar file use 'decode'.
 
     \b
     Examples:
