@@ -160,15 +160,21 @@ def decode(
                 written = decoding.write(format_id, target, placed)
             tell_written(written, quiet)
         if stats or as_json:
-            from reference_decoder.backends import described
-            from scarfmt.cli.stats import decode_stats, format_stats
+            _print_stats(source, request, counters, time.perf_counter() - start, stats, as_json)
 
-            seconds = time.perf_counter() - start
-            found = decode_stats(source, counters, seconds, described(request.backend))
-            if stats:
-                click.echo(format_stats(found), err=True, nl=False)
-            if as_json:
-                print_json(found)
+
+def _print_stats(
+    source: ByteSource, request: DecodeRequest, counters: Counters, seconds: float, stats: bool, as_json: bool
+) -> None:
+    """What was read and computed: a table on stderr, a JSON object on stdout, or both."""
+    from reference_decoder.backends import described
+    from scarfmt.cli.stats import decode_stats, format_stats
+
+    found = decode_stats(source, counters, seconds, described(request.backend))
+    if stats:
+        click.echo(format_stats(found), err=True, nl=False)
+    if as_json:
+        print_json(found)
 
 
 def _check_gaussians(source: ByteSource, baking: Baking | None) -> None:
