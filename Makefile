@@ -21,7 +21,7 @@ help:
 $(STAMP): pyproject.toml setup.py conformance/suite/pyproject.toml $(wildcard scarfmt/kernel/*.c scarfmt/kernel/*.h)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet 'torch==2.13.0'
-	$(BIN)/python -m pip install --quiet --editable '.[train,render,http,import,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[train,render,http,import,cluster,dev]'
 	$(BIN)/python -m pip install --quiet --no-deps --editable conformance/suite
 	touch $(STAMP)
 

@@ -10,13 +10,14 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar, Unpack
 
 import numpy as np
+from numpy.typing import NDArray
 
 from reference_decoder import explicit
 from reference_decoder.backends import backend as engine_of
 from reference_decoder.decoded import Decoded, joined, tile_part
 from reference_decoder.dequantise import tile_boxes
 from reference_decoder.request import DecodeRequest, RequestFields, requested
-from scarfmt.arrays import I64
+from scarfmt.arrays import F64, I64
 from scarfmt.coding.reader import ALL_STREAMS, Act, SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import tile_frame
@@ -52,7 +53,7 @@ def decode(
     """
     wanted = requested(request, fields)
     with opened(source) as stream, transfers(stream, counters):
-        decoding = _Decoding(stream, wanted, counters)
+        decoding = Decoding.of(stream, wanted, counters)
         return joined(decoding.parts(), decoding.empty, decoding.most_anchors)
 
 
@@ -70,7 +71,7 @@ def iter_tiles(
     """
     wanted = requested(request, fields)
     with opened(source) as stream, transfers(stream, counters):
-        yield from _Decoding(stream, wanted, counters).parts()
+        yield from Decoding.of(stream, wanted, counters).parts()
 
 
 def iter_made(
@@ -84,7 +85,7 @@ def iter_made(
     It never makes None.
     """
     with opened(source) as stream, transfers(stream, counters):
-        yield from _Decoding(stream, request, counters).made(make)
+        yield from Decoding.of(stream, request, counters).made(make)
 
 
 def decode_scene(
@@ -103,11 +104,28 @@ def decode_scene(
     """
     wanted = requested(request, fields)
     with opened(source) as stream, transfers(stream, counters):
-        decoding = _Decoding(stream, wanted, counters)
+        decoding = Decoding.of(stream, wanted, counters)
         all_attributes = len(decoding.attributes) == len(ATTRIBUTES)
         if decoding.explicit and decoding.box is None and all_attributes and not _twice(decoding.tiles):
             return decoding.scene()
         return joined(decoding.parts(), decoding.empty, decoding.most_anchors).activated(counters=counters)
+
+
+def reader_for(source: ByteSource, request: DecodeRequest) -> SceneReader:
+    """A reader of a file, with the limits and the engine of a request.
+
+    Raises:
+        InvalidInput: ``input-backend``.
+        Malformed, Unsupported, LimitExceeded: the front of the file is refused (SPEC §12).
+    """
+    engine = engine_of(request.backend)
+    return SceneReader(source, limits=request.limits, allow_truncated=request.allow_truncated, engine=engine)
+
+
+def tiles_meeting(reader: SceneReader, box: tuple[F64, F64]) -> NDArray[np.bool_]:
+    """(T,) bool: tiles that may have an anchor in a box, given by its lowest and highest corner."""
+    low, high = tile_boxes(reader.lattice, reader.container.tile_table)
+    return np.asarray(((low <= box[1]) & (high >= box[0])).all(axis=1))
 
 
 def _twice(tiles: Sequence[int]) -> bool:
@@ -115,29 +133,37 @@ def _twice(tiles: Sequence[int]) -> bool:
     return len(set(tiles)) < len(tiles)
 
 
-class _Decoding:
-    """A request checked against the file it is made of."""
+class Decoding:
+    """A request checked against the file it is made of.
 
-    def __init__(self, source: ByteSource, request: DecodeRequest, counters: Counters | None) -> None:
+    Args:
+        reader: of the file, made for the request's limits and backend.
+        request: what to decode.
+        counters: what is computed is added to them.
+
+    Raises:
+        As :func:`decode`.
+    """
+
+    def __init__(self, reader: SceneReader, request: DecodeRequest, counters: Counters | None) -> None:
         self.attributes = request.names()
         self.box = request.corners()
-        self.reader = SceneReader(
-            source,
-            limits=request.limits,
-            allow_truncated=request.allow_truncated,
-            engine=engine_of(request.backend),
-        )
+        self.reader = reader
         self.threads = request.workers
         self.counters = counters
         self.models = self.reader.models(request.layers, counters)
         self.tiles = self._chosen(request.tiles)
 
+    @classmethod
+    def of(cls, source: ByteSource, request: DecodeRequest, counters: Counters | None) -> Decoding:
+        """A request made of the file that a source holds."""
+        return cls(reader_for(source, request), request, counters)
+
     def _chosen(self, tiles: Sequence[int] | None) -> list[int]:
         chosen = self.reader.check_tiles(tiles)
         if self.box is None:
             return chosen
-        low, high = tile_boxes(self.reader.lattice, self.reader.container.tile_table)
-        meets = np.asarray(((low <= self.box[1]) & (high >= self.box[0])).all(axis=1))
+        meets = tiles_meeting(self.reader, self.box)
         return [tile for tile in chosen if meets[tile]]
 
     @property
@@ -178,18 +204,24 @@ class _Decoding:
             if len(part):
                 yield part
 
-    def each(self, act: Act[T]) -> Iterator[tuple[int, T]]:
-        """What `act` makes of each tile asked for, on as many threads as were asked for."""
-        return self.reader.each_tile(self.models, act, self.tiles, self.streams, self.threads, self.counters)
+    def each(self, act: Act[T], tiles: Sequence[int] | None = None) -> Iterator[tuple[int, T]]:
+        """What `act` makes of each tile asked for, or of `tiles`, on as many threads as were asked for."""
+        wanted = self.tiles if tiles is None else tiles
+        return self.reader.each_tile(self.models, act, wanted, self.streams, self.threads, self.counters)
 
-    def made(self, make: Callable[[Decoded, Counters | None], T]) -> Iterator[T]:
-        """What `make` makes of each part that is not empty, in the thread that decoded it."""
+    def made(self, make: Callable[[Decoded, Counters | None], T], tiles: Sequence[int] | None = None) -> Iterator[T]:
+        """What `make` makes of each part that is not empty, in the thread that decoded it.
+
+        Args:
+            make: makes anything but None.
+            tiles: instead of those asked for.
+        """
 
         def act(tile: int, content: TileContent, counters: Counters | None) -> T | None:
             part = self._chosen_part(tile, content, counters)
             return make(part, counters) if len(part) else None
 
-        for _, found in self.each(act):
+        for _, found in self.each(act, tiles):
             if found is not None:
                 yield found
 

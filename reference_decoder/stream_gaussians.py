@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from reference_decoder.decode import iter_made
+from reference_decoder.decode import decode_scene, iter_made
 from reference_decoder.decoded import Decoded
 from reference_decoder.request import DecodeRequest
-from reference_decoder.stream_ply import Baking, baked_scene, header_fields
+from reference_decoder.stream_ply import Baking, baked, header_fields
 from scarfmt.coding.writer import Report, silent
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import Origin
 from scarfmt.counters import Counters
 from scarfmt.formats.output import Described
-from scarfmt.scene.gaussians import GaussianScene
+from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 
 def stream_gaussians(
@@ -53,6 +53,7 @@ def _scene(part: Decoded, own: Counters | None) -> GaussianScene:
 def _baked(
     source: Origin, request: DecodeRequest, baking: Baking, counters: Counters | None, report: Report
 ) -> Iterator[GaussianScene]:
-    found = baked_scene(source, request, baking, counters, report)
-    if found is not None:
-        yield found[0]
+    model = decode_scene(source, request, counters=counters)
+    assert isinstance(model, AnchorModel)
+    if len(model):
+        yield baked(model, baking, counters, report)[0]

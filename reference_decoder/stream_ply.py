@@ -89,9 +89,9 @@ def export_ply(
     explicit = header.profile == Profile.EXPLICIT
     names = property_names(((header.sh_degree if explicit else baking.sh_degree) + 1) ** 2 - 1)
     rows = _rows(source, wanted, counters) if explicit else _baked(source, wanted, baking, counters, report)
-    with _target(destination, force) as target:
+    with target_of(destination, force) as target:
         if not explicit or wanted.tiles is not None or wanted.box is not None:
-            return _write_counting(rows, target, names, comments)
+            return write_counting(rows, target, names, comments)
         target.write(ply_header(anchors, names, comments))
         for table, _ in rows:
             target.write(table.data)
@@ -105,7 +105,7 @@ def header_fields(source: Origin, request: DecodeRequest, counters: Counters | N
         return reader.header.fields, reader.header.layers[reader.layer_number(request.layers) - 1].anchor_count
 
 
-def _write_counting(rows: Iterator[Rows], target: BinaryIO, names: list[str], comments: Sequence[str]) -> int:
+def write_counting(rows: Iterator[Rows], target: BinaryIO, names: list[str], comments: Sequence[str]) -> int:
     """Rows go aside until their number is known, which the header must state first."""
     count = 0
     notes: tuple[str, ...] = ()
@@ -134,31 +134,33 @@ def _rows(source: Origin, request: DecodeRequest, counters: Counters | None) -> 
 def _baked(
     source: Origin, request: DecodeRequest, baking: Baking, counters: Counters | None, report: Report
 ) -> Iterator[Rows]:
-    found = baked_scene(source, request, baking, counters, report)
-    if found is not None:
-        scene, views = found
-        yield ply_rows(scene), bake_comments(views, baking.steps, baking.sh_degree)
-
-
-def baked_scene(
-    source: Origin, request: DecodeRequest, baking: Baking, counters: Counters | None, report: Report
-) -> tuple[GaussianScene, int] | None:
-    """The Gaussians that anchors are baked into, and the number of views they were fitted for; None without anchors."""
     model = decode_scene(source, request, counters=counters)
     assert isinstance(model, AnchorModel)
-    if not len(model):
-        return None
+    if len(model):
+        scene, notes = baked(model, baking, counters, report)
+        yield ply_rows(scene), notes
+
+
+def baked(
+    model: AnchorModel, baking: Baking, counters: Counters | None = None, report: Report = silent
+) -> tuple[GaussianScene, tuple[str, ...]]:
+    """The Gaussians that anchors, one at least, are baked into, and comments that say how."""
     views = baking.views or default_views(model)
     scene = bake(model, np.array([view.centre for view in views]), baking.sh_degree, counters)
     if baking.steps:
         from reference_decoder.refine import refined
 
         scene = refined(model, scene, views, baking.steps, report)
-    return scene, len(views)
+    return scene, bake_comments(len(views), baking.steps, baking.sh_degree)
 
 
 @contextmanager
-def _target(destination: str | os.PathLike[str] | BinaryIO, force: bool) -> Iterator[BinaryIO]:
+def target_of(destination: str | os.PathLike[str] | BinaryIO, force: bool) -> Iterator[BinaryIO]:
+    """What to write a file to: one that appears whole or not at all, or a stream that is open.
+
+    Raises:
+        InvalidInput: ``output-exists``, ``output-path``.
+    """
     if isinstance(destination, str | os.PathLike):
         with atomic_write(destination, force=force) as stream:
             yield stream

@@ -7,6 +7,7 @@
     scarfmt.decode_scene("scene.scar", layers=2)     # Gaussians of its first two layers
     scarfmt.decode("scene.scar").values              # exact values, as every decoder has them
     with scarfmt.open("scene.scar") as file: ...     # more than one question to one file
+    with scarfmt.open_scene("city.scar.json") as s: ...  # a file, or an index of many, by region or for a view
 
 Importing the package costs nothing: the names below are loaded when they are first used.
 """
@@ -19,24 +20,41 @@ if TYPE_CHECKING:
     from typing import Any
 
     from reference_decoder.request import DecodeRequest
+    from reference_decoder.scenes.needs import LevelOfDetail
+    from reference_decoder.scenes.scene_set import SceneSet
     from reference_encoder.options import EncodeOptions
     from reference_encoder.training.capture import load_capture
     from reference_encoder.training.options import TrainOptions
-    from scarfmt.api import ScarFile, decode, decode_scene, encode, inspect, open, train, truncate, validate
+    from scarfmt.api import (
+        ScarFile,
+        decode,
+        decode_scene,
+        encode,
+        inspect,
+        open,
+        open_scene,
+        train,
+        truncate,
+        validate,
+    )
     from scarfmt.errors import InputWarning, ScarError
     from scarfmt.render.capture import load_cameras
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
+    from scarfmt.streaming.view import Camera
 
 __version__ = "0.1.0"
 
 __all__ = [
     "AnchorModel",
+    "Camera",
     "DecodeRequest",
     "EncodeOptions",
     "GaussianScene",
     "InputWarning",
+    "LevelOfDetail",
     "ScarError",
     "ScarFile",
+    "SceneSet",
     "TrainOptions",
     "__version__",
     "decode",
@@ -46,6 +64,7 @@ __all__ = [
     "load_cameras",
     "load_capture",
     "open",
+    "open_scene",
     "train",
     "truncate",
     "validate",
@@ -53,11 +72,14 @@ __all__ = [
 
 _HOMES = {
     "AnchorModel": "scarfmt.scene.gaussians",
+    "Camera": "scarfmt.streaming.view",
     "DecodeRequest": "reference_decoder.request",
     "EncodeOptions": "reference_encoder.options",
     "GaussianScene": "scarfmt.scene.gaussians",
     "InputWarning": "scarfmt.errors",
+    "LevelOfDetail": "reference_decoder.scenes.needs",
     "ScarError": "scarfmt.errors",
+    "SceneSet": "reference_decoder.scenes.scene_set",
     "TrainOptions": "reference_encoder.training.options",
     "load_cameras": "scarfmt.render.capture",
     "load_capture": "reference_encoder.training.capture",

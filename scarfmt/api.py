@@ -20,6 +20,8 @@ from reference_decoder.decode import iter_tiles
 from reference_decoder.decoded import Decoded
 from reference_decoder.dequantise import tile_boxes
 from reference_decoder.request import DecodeRequest, RequestFields, requested
+from reference_decoder.scenes.scene_set import SceneSet
+from reference_decoder.scenes.scene_set import open_scene as open_scene_set
 from reference_encoder.training.options import Report as TrainReport
 from reference_encoder.training.options import Stop, Trained, TrainOptions, never
 from reference_encoder.training.options import silent as untold
@@ -130,6 +132,21 @@ def open(source: Origin, *, limits: Limits = DEFAULT_LIMITS) -> ScarFile:
         Malformed, Unsupported, LimitExceeded: the header is refused (SPEC §12).
     """
     return ScarFile(source, limits)
+
+
+def open_scene(origin: Origin, *, limits: Limits = DEFAULT_LIMITS) -> SceneSet:
+    """Open a scene, whether it is one file or an index of many, to read it by region, by layers or for a view.
+
+    Args:
+        origin: path or URL of a .scar file or of a scene index; or bytes or an open ByteSource of a file, which the
+            scene then closes.
+        limits: what to accept of each file.
+
+    Raises:
+        InvalidInput: ``input-source`` when it cannot be opened; ``input-scene`` for an index without a place.
+        Malformed, Unsupported, LimitExceeded: the index, or the front of the file, is refused (SPEC §12, §17).
+    """
+    return open_scene_set(origin, limits=limits)
 
 
 def decode(

@@ -38,7 +38,7 @@ SPEC = ROOT / "SPEC.md"
 CODE = ("scarfmt", "reference_decoder", "reference_encoder")
 ERRORS = {"Malformed", "Truncated", "Unsupported", "LimitExceeded", "InvalidInput"}
 # Prefixes, and two ids of calls and sources that promised too much: no bytes of a file can cause them.
-_TOOL_IDS = ("input-", "output-", "inexact-", "block-range", "truncated-source")
+_TOOL_IDS = ("input-", "output-", "work-", "inexact-", "block-range", "truncated-source")
 _WORK_OF = ("worked", "valid/explicit-refined", "valid/predictors", "valid/index-two-level", "valid/anchors-neural")
 _PART = re.compile(r"<!-- table:([\w-]+) -->\n(.*?)<!-- end -->\n", re.DOTALL)
 _REFUSAL = re.compile(r"[a-z]+(-[a-z]+)+")

@@ -54,15 +54,23 @@ def parse_metadata(data: bytes, offset: int | None = None) -> dict[str, Any]:
         message = f"nested {deepest} deep; {MAX_METADATA_DEPTH} is the most"
         raise LimitExceeded("limit-metadata", message, offset=offset, field="METADATA")
     try:
-        text = data.decode("utf-8")
-        value = json.loads(text, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_whole)
-        _refuse_lone_surrogates(text)
+        value = parse_json(data)
+        _refuse_lone_surrogates(data.decode("utf-8"))
     except ValueError as error:
         raise Malformed("bad-metadata", f"not JSON: {error}", offset=offset, field="METADATA") from error
     if not isinstance(value, dict):
         message = f"a JSON {type(value).__name__}, not an object"
         raise Malformed("bad-metadata", message, offset=offset, field="METADATA")
     return value
+
+
+def parse_json(data: bytes) -> Any:
+    """The JSON value in some bytes; they are not nested deeper than the interpreter stands.
+
+    Raises:
+        ValueError: no JSON in UTF-8, or a number beyond binary64.
+    """
+    return json.loads(data.decode("utf-8"), parse_constant=_refuse_constant, parse_float=_finite, parse_int=_whole)
 
 
 def nesting(data: bytes) -> int:

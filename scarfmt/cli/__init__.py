@@ -23,8 +23,11 @@ from scarfmt.cli.decode import decode
 from scarfmt.cli.dump import dump
 from scarfmt.cli.encode import encode
 from scarfmt.cli.failures import FailureGroup
+from scarfmt.cli.index import index
 from scarfmt.cli.inspect import inspect
+from scarfmt.cli.merge import merge
 from scarfmt.cli.render import render
+from scarfmt.cli.split import split
 from scarfmt.cli.stream import stream
 from scarfmt.cli.train import train
 from scarfmt.cli.truncate import truncate
@@ -67,8 +70,8 @@ def cli() -> None:
 
 
 for _command in (
-    *(encode, train, view, stream, decode, convert, inspect, truncate),
-    *(validate, dump, compare, render, conformance, completion),
+    *(encode, train, view, stream, decode, convert, inspect, truncate, split, merge),
+    *(index, validate, dump, compare, render, conformance, completion),
 ):
     cli.add_command(_command)
 

@@ -47,12 +47,13 @@ def convert(
     format_id = output_format(output, format_id)
     options = output_options(format_id, said)
     from scarfmt.formats.output import Described
-    from scarfmt.formats.outputs import write_parts
     from scarfmt.scene.gaussians import GaussianScene
 
-    with doubts_told(quiet), open_scene_output(output, format_id, options, force) as (target, placed):
+    with doubts_told(quiet), open_scene_output(output, format_id, options, force) as out:
         scene = read_scene(input_, from_, sh_degree, drop_invalid, quiet)
         if not isinstance(scene, GaussianScene):
             raise click.UsageError("an anchor model has no fixed Gaussians: encode it, then decode with --bake")
-        written = write_parts(format_id, [scene], Described(scene.sh_degree), target, placed)
-    tell_written(written, quiet)
+        written = out.write(Described(scene.sh_degree), [scene])
+        done = tell_written(written, quiet)
+    if not quiet:
+        click.echo(done, err=True)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import click
 
+from scarfmt.cli.decode_scene import VIEW_OPTIONS, write_part
+from scarfmt.cli.eye import eye_options
 from scarfmt.cli.failures import doubts_told, requires_extra
-from scarfmt.cli.files import STANDARD, open_input, print_json, timeout_option
+from scarfmt.cli.files import STANDARD, open_input, opens_index, print_json, timeout_option
 from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, spz_options, tell_written
-from scarfmt.cli.progress import Report, progress
+from scarfmt.cli.progress import progress
+from scarfmt.cli.stats import decode_stats, format_stats, whole_file
 from scarfmt.cli.views import CAMERAS_HELP
 from scarfmt.scene.streams import ATTRIBUTES
 
@@ -20,10 +22,9 @@ if TYPE_CHECKING:
     from reference_decoder.decoded import Decoded
     from reference_decoder.request import DecodeRequest
     from reference_decoder.stream_ply import Baking
+    from scarfmt.cli.outputs import SceneOutput
     from scarfmt.container.source import ByteSource
     from scarfmt.counters import Counters
-    from scarfmt.formats.output import Written
-    from scarfmt.formats.outputs import OutputOptions
 
 FORMATS = (*SUFFIXES, "npz")
 ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTES)}."
@@ -83,6 +84,9 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--layers", type=click.IntRange(min=1), help="Layers to decode, from the first [default: all].")
 @click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", callback=parse_box, help="Decode only what lies in a box.")
 @click.option("--tiles", metavar="I,J,...", callback=parse_tiles, help="Decode only these tiles.")
+@eye_options
+@click.option("--budget", type=click.IntRange(min=1), metavar="N", help="Gaussians at most, where the view needs them.")
+@click.option("--outside", is_flag=True, help="Also the first layer of what is out of the picture.")
 @click.option("--attributes", metavar="NAME,...", callback=parse_attributes, help=ATTRIBUTES_HELP)
 @click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians; loses quality.")
 @click.option("--cameras", type=click.Path(exists=True), help=f"Cameras to --bake for: {CAMERAS_HELP}.")
@@ -118,10 +122,16 @@ def decode(
 ) -> None:
     """Decode INPUT (a path, a URL or -) into OUTPUT, or - for stdout, a PLY unless --format says otherwise.
 
+    INPUT may be a scene index: its files are then decoded one after the other, each where it is placed.
+
     A .ply holds Gaussians as INRIA's trainer writes them, all but positions bit for bit. A .glb or .gltf (with its
     .bin) holds them as floats with KHR_gaussian_splatting. A .spz and a .compressed.ply are quantised; what they cannot
     hold is reported. An .npz holds the arrays of the scene; of an anchor model, an anchor model that 'encode' and
     'compare' read. Of a URL the first 64 KiB are transferred, and what is needed beyond.
+
+    With --budget, or a view (--camera, --target, --up, --fov), each tile gets as many layers as it is worth in that
+    view: near ones more, far ones few, those out of the picture none. What is not said of the view is that of the file,
+    or one of all of it from outside.
 
     \b
     Examples:
@@ -131,15 +141,14 @@ def decode(
       scarfmt decode scene.scar scene.spz --spz-version 3
       scarfmt decode scene.scar corner.ply --box -1,-1,-1,1,1,1
       scarfmt decode scene.scar points.npz --attributes positions,opacity
+      scarfmt decode city.scar.json seen.ply --camera 0,-2,-8 --target 0,0,0 --budget 2000000
     """
     format_id = output_format(output, format_id, others=(".npz",))
     options = output_options(format_id, wanted)
+    view = {name: wanted.pop(name) for name in VIEW_OPTIONS}
     if not bake and (cameras is not None or bake_steps is not None):
         raise click.UsageError("--cameras and --bake-steps are for --bake")
-    if wanted["attributes"] is not None and format_id != "npz":
-        raise click.UsageError("--attributes needs an .npz output: other formats hold all of them")
-    if as_json and output == STANDARD:
-        raise click.UsageError("--json needs standard output for itself: give OUTPUT a name")
+    _check_output(output, format_id, wanted["attributes"] is not None, as_json)
     from reference_decoder.request import DecodeRequest
     from scarfmt.counters import Counters
 
@@ -148,33 +157,66 @@ def decode(
     start = time.perf_counter()
     with doubts_told(quiet):
         baking = _baking(cameras, bake_steps) if bake else None
-    with open_scene_output(output, format_id, options, force) as (target, placed), open_input(input_) as source:
-        if format_id == "npz":
-            done = _write_npz(source, target, request, counters)
-            if not quiet:
-                click.echo(done, err=True)
+    with open_scene_output(output, format_id, options, force) as out, open_input(input_) as source:
+        opened = source.bytes_read, source.reads
+        scene = opens_index(source) or any(view.values())
+        looked = source.bytes_read - opened[0], source.reads - opened[1]
+        if scene:
+            done, whole = write_part(input_, source, out, request, view, baking, counters, quiet)
         else:
-            _check_gaussians(source, baking)
-            with progress(quiet) as report:
-                decoding = _Decoding(source, request, baking, counters, report)
-                written = decoding.write(format_id, target, placed)
-            tell_written(written, quiet)
-        if stats or as_json:
-            _print_stats(source, request, counters, time.perf_counter() - start, stats, as_json)
+            done = _write(source, out, baking, request, counters, quiet)
+            # What it took to tell that this is a file is no part of decoding it.
+            counters.bytes_read, counters.reads = source.bytes_read - looked[0], source.reads - looked[1]
+            whole = whole_file(source)
+    if not quiet:
+        click.echo(done, err=True)
+    if stats or as_json:
+        _report(decode_stats(counters, time.perf_counter() - start, _engine(request), whole), stats, as_json)
 
 
-def _print_stats(
-    source: ByteSource, request: DecodeRequest, counters: Counters, seconds: float, stats: bool, as_json: bool
-) -> None:
-    """What was read and computed: a table on stderr, a JSON object on stdout, or both."""
+def _check_output(output: str, format_id: str, attributes: bool, as_json: bool) -> None:
+    if attributes and format_id != "npz":
+        raise click.UsageError("--attributes needs an .npz output: other formats hold all of them")
+    if as_json and output == STANDARD:
+        raise click.UsageError("--json needs standard output for itself: give OUTPUT a name")
+
+
+def _engine(request: DecodeRequest) -> str:
     from reference_decoder.backends import described
-    from scarfmt.cli.stats import decode_stats, format_stats
 
-    found = decode_stats(source, counters, seconds, described(request.backend))
+    return described(request.backend)
+
+
+def _report(found: dict[str, Any], stats: bool, as_json: bool) -> None:
     if stats:
         click.echo(format_stats(found), err=True, nl=False)
     if as_json:
         print_json(found)
+
+
+def _write(
+    source: ByteSource,
+    out: SceneOutput,
+    baking: Baking | None,
+    request: DecodeRequest,
+    counters: Counters,
+    quiet: bool,
+) -> str:
+    """Write what a file holds; returns what was written, for people."""
+    if out.format_id == "npz":
+        return _write_npz(source, out.target, request, counters)
+    _check_gaussians(source, baking)
+    from reference_decoder.stream_gaussians import stream_gaussians
+    from reference_decoder.stream_ply import export_ply
+    from scarfmt.formats.output import Written
+
+    with progress(quiet) as report:
+        how: Any = {"baking": baking, "counters": counters, "report": report}
+        if out.format_id == "ply":
+            written = Written(export_ply(source, out.target, request, **how), ())
+        else:
+            written = out.write(*stream_gaussians(source, request, **how))
+    return tell_written(written, quiet)
 
 
 def _check_gaussians(source: ByteSource, baking: Baking | None) -> None:
@@ -185,30 +227,6 @@ def _check_gaussians(source: ByteSource, baking: Baking | None) -> None:
     header = read_header(source, allow_truncated=True)
     if header.fields.profile == Profile.ANCHOR and baking is None:
         raise click.UsageError("an anchor model has no fixed Gaussians: decode to .npz, or give --bake")
-
-
-@dataclass(frozen=True)
-class _Decoding:
-    """How Gaussians are decoded, whatever is written of them."""
-
-    source: ByteSource
-    request: DecodeRequest
-    baking: Baking | None
-    counters: Counters
-    report: Report
-
-    def write(self, format_id: str, target: BinaryIO, options: OutputOptions) -> Written:
-        """Write them in a format of `SUFFIXES`."""
-        from reference_decoder.stream_gaussians import stream_gaussians
-        from reference_decoder.stream_ply import export_ply
-        from scarfmt.formats.output import Written
-        from scarfmt.formats.outputs import write_parts
-
-        how: Any = {"baking": self.baking, "counters": self.counters, "report": self.report}
-        if format_id == "ply":
-            return Written(export_ply(self.source, target, self.request, **how), ())
-        described, parts = stream_gaussians(self.source, self.request, **how)
-        return write_parts(format_id, parts, described, target, options)
 
 
 def _baking(cameras: str | None, steps: int | None) -> Baking:

@@ -27,9 +27,11 @@ ARGUMENT_REFUSALS = frozenset(
     {
         "input-attributes",
         "input-box",
+        "input-cluster",
         "input-frame",
         "input-layers",
         "input-options",
+        "input-parts",
         "input-stream",
         "input-suite",
         "input-tiles",
@@ -37,6 +39,8 @@ ARGUMENT_REFUSALS = frozenset(
         "output-format",
         "output-path",
         "output-stream",
+        "work-exists",
+        "work-plan",
     }
 )
 """Refusals about what the user typed, not about what a file holds."""

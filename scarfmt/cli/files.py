@@ -14,6 +14,7 @@ import click
 
 if TYPE_CHECKING:
     from scarfmt.container.source import ByteSource
+    from scarfmt.scene_index.address import SceneFiles
 
 STANDARD = "-"
 
@@ -94,6 +95,25 @@ def open_input(name: str | bytes, *, head_bytes: int | None = None) -> ByteSourc
     timeout = ctx.meta.get(_TIMEOUT, TIMEOUT_SECONDS) if ctx is not None else TIMEOUT_SECONDS
     origin = read_origin(name) if isinstance(name, str) else name
     return open_source(origin, timeout=timeout, head_bytes=head_bytes or HEAD_BYTES)
+
+
+def opens_index(source: ByteSource) -> bool:
+    """Whether what was opened begins like a scene index."""
+    from scarfmt.scene_index.document import HEAD_BYTES, is_index
+
+    return is_index(source.read(0, min(source.size, HEAD_BYTES)))
+
+
+def open_index(name: str, source: ByteSource) -> SceneFiles:
+    """The files of the scene index that was opened under a name.
+
+    Raises:
+        InvalidInput: ``input-scene`` for one from standard input.
+        Malformed, Unsupported, LimitExceeded: the index is refused (SPEC §17).
+    """
+    from scarfmt.scene_index.address import read_index, scene_files
+
+    return scene_files(name, read_index(source), opener=open_input)
 
 
 @contextmanager

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import click
 
-from scarfmt.cli.files import check_stdout, open_input, print_json, timeout_option
+from scarfmt.cli.files import check_stdout, open_input, opens_index, print_json, timeout_option
+
+if TYPE_CHECKING:
+    from scarfmt.container.source import ByteSource
 
 _HEAD_BYTES = 4096
 """First request to a URL: more than the longest header."""
@@ -25,6 +30,8 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool, streaming: b
     file cut short is reported as such, which is no error here. The last line of what the header says is the engine that
     decodes on this machine.
 
+    Of a scene index what it tells of its files is reported: they are not opened.
+
     \b
     Examples:
       scarfmt inspect scene.scar
@@ -38,6 +45,11 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool, streaming: b
     check_stdout()
     head_bytes = None if metadata or models or streaming else _HEAD_BYTES
     with open_input(file, head_bytes=head_bytes) as source:
+        if opens_index(source):
+            if head_bytes is None:
+                raise click.UsageError("--metadata, --models and --streaming are for a file, not for an index")
+            _inspect_index(source, as_json)
+            return
         report = inspection.inspect(source, metadata=metadata)
         if models:
             from scarfmt.tools.models_report import describe_models
@@ -60,3 +72,14 @@ def inspect(file: str, as_json: bool, metadata: bool, models: bool, streaming: b
         click.echo("\n" + format_models(report["models"]), nl=False)
     if streaming:
         click.echo("\n" + format_streaming(report["streaming"]), nl=False)
+
+
+def _inspect_index(source: ByteSource, as_json: bool) -> None:
+    from scarfmt.scene_index.address import read_index
+    from scarfmt.scene_index.report import describe, format_text
+
+    report = describe(read_index(source))
+    if as_json:
+        print_json(report)
+    else:
+        click.echo(format_text(report), nl=False)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 from urllib.parse import quote
@@ -13,8 +14,9 @@ import click
 from scarfmt.cli.files import STANDARD, open_output
 
 if TYPE_CHECKING:
-    from scarfmt.formats.output import Written
+    from scarfmt.formats.output import Described, Written
     from scarfmt.formats.outputs import OutputOptions
+    from scarfmt.scene.gaussians import GaussianScene
 
 SUFFIXES = {"compressed-ply": ".compressed.ply", "ply": ".ply", "spz": ".spz", "glb": ".glb", "gltf": ".gltf"}
 """Endings of file names by id of the format, longer ones first."""
@@ -85,32 +87,49 @@ def output_format(name: str, chosen: str | None, others: tuple[str, ...] = ()) -
     raise click.UsageError(f"the output must end in one of {endings}, or give --format; {name} does not")
 
 
+@dataclass(frozen=True)
+class SceneOutput:
+    """Where a scene goes, and how.
+
+    Attributes:
+        format_id: one of `SUFFIXES`, or ``npz``.
+        target: to write to.
+        options: of the format, with the second file of a .gltf.
+    """
+
+    format_id: str
+    target: BinaryIO
+    options: OutputOptions
+
+    def write(self, described: Described, parts: Iterable[GaussianScene]) -> Written:
+        """Write a scene in one of `SUFFIXES`."""
+        from scarfmt.formats.outputs import write_parts
+
+        return write_parts(self.format_id, parts, described, self.target, self.options)
+
+
 @contextmanager
-def open_scene_output(name: str, format_id: str, options: OutputOptions, force: bool) -> Iterator[tuple[BinaryIO, Any]]:
-    """Where to write, and the options with the second file of a .gltf, which lies beside it as NAME.bin.
+def open_scene_output(name: str, format_id: str, options: OutputOptions, force: bool) -> Iterator[SceneOutput]:
+    """A scene file that appears under its name only when complete; that of a .gltf has NAME.bin beside it.
 
     Raises:
         As :func:`scarfmt.cli.files.open_output`.
     """
     if format_id != "gltf":
         with open_output(name, force) as target:
-            yield target, options
+            yield SceneOutput(format_id, target, options)
         return
-    from dataclasses import replace
-
     from scarfmt.formats.export_gltf import Beside
 
     path = Path(name)
     buffer = path.with_name(f"{path.stem}.bin")
     # The buffer gets its name first: a .gltf never names what is not there.
     with open_output(name, force) as target, open_output(str(buffer), force) as stream:
-        yield target, replace(options, beside=Beside(quote(buffer.name), stream))
+        yield SceneOutput(format_id, target, replace(options, beside=Beside(quote(buffer.name), stream)))
 
 
-def tell_written(written: Written, quiet: bool) -> None:
-    """How many Gaussians were written, and what the format could not hold, on stderr."""
-    if quiet:
-        return
-    for note in written.notes:
+def tell_written(written: Written, quiet: bool) -> str:
+    """Report on stderr what the format could not hold; returns how many Gaussians were written, for people."""
+    for note in () if quiet else written.notes:
         click.echo(f"scarfmt: warning: {note}", err=True)
-    click.echo(f"{written.count:,} Gaussians", err=True)
+    return f"{written.count:,} Gaussians"

@@ -7,43 +7,51 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from scarfmt.container.source import ByteSource
     from scarfmt.counters import Counters
+    from scarfmt.scene_index.document import Index
 
 _TOTALS = (("bytes", "bytes_read"), ("blocks", "blocks"), ("tiles", "tiles"), ("anchors", "anchors"))
 _DETAILS = {"symbols": "symbols_by_coding", "multiply_adds": "multiply_adds_by_part"}
 
 
-def decode_stats(source: ByteSource, counters: Counters, seconds: float, engine: str) -> dict[str, Any]:
+def decode_stats(counters: Counters, seconds: float, engine: str, whole: dict[str, int]) -> dict[str, Any]:
     """A JSON-able description of a decode.
 
     Args:
-        source: what was decoded from; all it transferred so far counts.
         counters: of the decode.
         seconds: it took.
         engine: that computed.
+        whole: what there was to decode.
 
     Returns:
-        ``seconds``, ``engine``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`), and of the ``file``
-        the ``bytes``, ``blocks``, ``tiles``, ``anchors`` and ``layers``.
+        ``seconds``, ``engine``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`), and as ``file`` the whole.
     """
+    return {"seconds": seconds, "engine": engine, "decoded": counters.report(), "file": whole}
+
+
+def whole_file(source: ByteSource) -> dict[str, int]:
+    """What a file holds: ``bytes``, ``blocks``, ``tiles``, ``anchors`` and ``layers``."""
     from scarfmt.container.file import read_header
 
-    counters.bytes_read, counters.reads = source.bytes_read, source.reads
-    decoded = counters.report()
     header = read_header(source, allow_truncated=True)
-    whole = {
+    return {
         "bytes": header.file_length,
         "blocks": header.entry_count,
         "tiles": header.tile_count,
         "anchors": header.anchor_count,
         "layers": header.layer_count,
     }
-    return {"seconds": seconds, "engine": engine, "decoded": decoded, "file": whole}
+
+
+def whole_scene(index: Index) -> dict[str, int]:
+    """What all files of a scene hold, as its index tells: ``files``, ``bytes``, ``anchors`` and ``layers``."""
+    last = index.layer(index.layer_count)
+    return {"files": len(index.files), "bytes": last.end, "anchors": last.anchors, "layers": index.layer_count}
 
 
 def format_stats(stats: dict[str, Any]) -> str:
     """The report of :func:`decode_stats` for people, a line for each count."""
     decoded, whole = stats["decoded"], stats["file"]
-    rows = [(name, decoded[key], _share(decoded[key], whole[name])) for name, key in _TOTALS]
+    rows = [(name, decoded[key], _share(decoded[key], whole.get(name))) for name, key in _TOTALS]
     for name, key in _DETAILS.items():
         rows.append((name.replace("_", "-"), decoded[name], ""))
         rows += [(f"  {part.replace('_', ' ')}", count, "") for part, count in decoded[key].items() if count]
@@ -54,5 +62,7 @@ def format_stats(stats: dict[str, Any]) -> str:
     return "\n".join([*lines, f"{'seconds':<17} {stats['seconds']:>{width}.2f}"]) + "\n"
 
 
-def _share(part: int, whole: int) -> str:
+def _share(part: int, whole: int | None) -> str:
+    if whole is None:
+        return ""
     return f"of {whole:,} ({100 * part / whole:.1f} %)" if whole else f"of {whole:,}"

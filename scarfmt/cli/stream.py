@@ -8,47 +8,24 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from scarfmt.cli.eye import camera_of, eye_options, parse_point
 from scarfmt.cli.failures import requires_extra
 from scarfmt.cli.files import check_stdout, open_input, print_json, timeout_option
-from scarfmt.cli.views import parse_size
 
 if TYPE_CHECKING:
     from scarfmt.scene.gaussians import GaussianScene
     from scarfmt.streaming.client import StreamClient
     from scarfmt.streaming.view import Camera
 
-_SIZE = (640, 480)
-_FIELD_DEG = 60.0
 _EVERY = 100_000
-_AWAY = 1.2
-"""Of a scene without a view to begin with: distance of the eye, in diagonals of its boxes."""
-
-
-def parse_point(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
-    """Three numbers with commas between them.
-
-    Raises:
-        click.BadParameter: the text has another shape.
-    """
-    if value is None:
-        return None
-    try:
-        x, y, z = map(float, value.split(","))
-    except ValueError as error:
-        raise click.BadParameter(f"{value!r} is not X,Y,Z") from error
-    return x, y, z
 
 
 @click.command(short_help="Fetch a file for a view, what it needs most first.")
 @click.argument("file")
 @click.argument("output", required=False, type=click.Path(file_okay=False))
 @click.option("--plan", "plan_only", is_flag=True, help="Fetch nothing: print the order, with bytes and gains.")
-@click.option("--camera", callback=parse_point, metavar="X,Y,Z", help="Where to look from [default: the file's view].")
-@click.option("--target", callback=parse_point, metavar="X,Y,Z", help="What to look at [default: the file's view].")
-@click.option("--up", callback=parse_point, metavar="X,Y,Z", help="The direction that is up [default: the file's].")
-@click.option("--fov", type=click.FloatRange(1, 170), metavar="DEGREES", help="Vertical field [default: the file's].")
+@eye_options
 @click.option("--velocity", callback=parse_point, metavar="X,Y,Z", help="World lengths a second that the eye moves.")
-@click.option("--size", callback=parse_size, metavar="WxH", help="Pixels of a picture [default: 640x480].")
 @click.option("--budget", type=click.IntRange(min=1), metavar="BYTES", help="Tiles and models to fetch at most.")
 @click.option("--splats", type=click.IntRange(min=1), metavar="N", help="Gaussians to show at most.")
 @click.option("--every", type=click.IntRange(min=1), default=_EVERY, show_default=True, metavar="BYTES",
@@ -68,6 +45,7 @@ def stream(file: str, output: str | None, plan_only: bool, as_json: bool, every:
       scarfmt stream https://example.org/scene.scar pictures/ --every 200000
       scarfmt stream scene.scar --plan --camera 0,1,4 --target 0,0,0 --up 0,1,0 --budget 1000000 --json
     """
+    from scarfmt.streaming.boxes import tight_boxes
     from scarfmt.streaming.client import StreamClient
     from scarfmt.streaming.plan import affordable
 
@@ -76,7 +54,8 @@ def stream(file: str, output: str | None, plan_only: bool, as_json: bool, every:
     check_stdout()
     with open_input(file) as source:
         client = StreamClient(source)
-        camera = _camera(client, said)
+        boxes = tight_boxes(client.index.cubes, client.told)
+        camera = camera_of(said, (boxes.low, boxes.high), None if client.told is None else client.told.view)
         steps = affordable(
             client.index, client.plan(camera), size=said["budget"] or math.inf, splats=said["splats"] or math.inf
         )
@@ -90,29 +69,6 @@ def stream(file: str, output: str | None, plan_only: bool, as_json: bool, every:
     for row in () if as_json else shown:
         tiles = f"{row['tiles']:,} tiles, {row['gaussians']:,} Gaussians"
         click.echo(f"{row['bytes']:>12,} bytes in {row['requests']:>4} requests: {tiles}, {row['picture']}")
-
-
-def _camera(client: StreamClient, said: dict[str, Any]) -> Camera:
-    """The view that was asked for; what is not said is that of the file, or one of all of it from outside."""
-    import numpy as np
-
-    from scarfmt.streaming.boxes import tight_boxes
-    from scarfmt.streaming.view import Camera
-
-    view = None if client.told is None else client.told.view
-    boxes = tight_boxes(client.index.cubes, client.told)
-    low, high = boxes.low.min(axis=0, initial=np.inf), boxes.high.max(axis=0, initial=-np.inf)
-    middle = (low + high) / 2 if len(boxes.low) else np.zeros(3)
-    away = _AWAY * float(np.linalg.norm(high - low)) if len(boxes.low) else 1.0
-    up = np.array(said["up"] or (view.up if view else (0.0, -1.0, 0.0)))
-    target = np.array(said["target"] or (view.target if view else middle))
-    position = np.array(said["camera"] or (view.position if view else middle - away * np.array([0.0, 0.0, 1.0])))
-    field = math.radians(said["fov"]) if said["fov"] else view.fov if view else math.radians(_FIELD_DEG)
-    velocity = None if said["velocity"] is None else np.array(said["velocity"])
-    if not np.linalg.norm(np.cross(target - position, up)) > 0:
-        raise click.UsageError("--camera, --target and --up say no view: the eye looks along what is up, or nowhere")
-    width, height = said["size"] or _SIZE
-    return Camera(position, target - position, up, field, width, height, velocity)
 
 
 def _print_plan(client: StreamClient, camera: Camera, steps: Any, as_json: bool) -> None:

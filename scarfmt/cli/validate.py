@@ -7,10 +7,14 @@ from typing import TYPE_CHECKING
 import click
 
 from scarfmt.cli.failures import FAILED
-from scarfmt.cli.files import open_input, print_json, timeout_option
+from scarfmt.cli.files import open_input, opens_index, print_json, timeout_option
 from scarfmt.cli.progress import progress
 
 if TYPE_CHECKING:
+    from reference_decoder.scenes.checking import SceneValidation
+    from scarfmt.coding.writer import Report
+    from scarfmt.container.source import ByteSource
+    from scarfmt.limits import Limits
     from scarfmt.tools.validate import Finding, Validation
 
 
@@ -24,6 +28,8 @@ if TYPE_CHECKING:
 @click.pass_context
 def validate(ctx: click.Context, file: str, as_json: bool, layers: int | None, no_limits: bool, quiet: bool) -> None:
     """Check FILE (a path, a URL or -) against every rule of the specification.
+
+    Of a scene index all files are checked, that they are those listed, and that they lie in their boxes.
 
     All tiles are decoded. Checking goes on past a fault where it can, so that all damage is listed, one line each:
     'error: ID @ OFFSET: MESSAGE'. The last line says how many layers, from the first, decode in every tile. Exit code
@@ -39,6 +45,10 @@ def validate(ctx: click.Context, file: str, as_json: bool, layers: int | None, n
 
     limits = FORMAT_LIMITS if no_limits else DEFAULT_LIMITS
     with open_input(file) as source, progress(quiet or as_json) as report:
+        if opens_index(source):
+            found = _checked_index(file, source, limits, layers, report)
+            _report_index(file, found, as_json, quiet)
+            ctx.exit(0 if found.valid else FAILED)
         result = validation.validate(source, layers=layers, limits=limits, report=report)
     if as_json:
         print_json({"file": file, **result.as_json()})
@@ -63,3 +73,35 @@ def _line(finding: Finding) -> str:
     place = "?" if finding.offset is None else str(finding.offset)
     subject = "" if finding.field is None else f" ({finding.field})"
     return f"{finding.severity}: {finding.refusal} @ {place}: {finding.message}{subject}"
+
+
+def _checked_index(
+    file: str, source: ByteSource, limits: Limits, layers: int | None, report: Report
+) -> SceneValidation:
+    """What is found in an index and its files; an index that is refused has that for a finding."""
+    from reference_decoder.scenes.checking import SceneValidation, validate_scene
+    from reference_decoder.scenes.scene_set import open_scene
+    from scarfmt.errors import InvalidInput, ScarError
+    from scarfmt.tools.validate import Finding
+
+    try:
+        scene = open_scene(file, source=source, opener=open_input, limits=limits)
+    except InvalidInput:
+        raise
+    except ScarError as error:
+        return SceneValidation(findings=[Finding(error.refusal, error.message, error.offset, error.field)])
+    with scene:
+        return validate_scene(scene, layers=layers, report=report)
+
+
+def _report_index(file: str, found: SceneValidation, as_json: bool, quiet: bool) -> None:
+    if as_json:
+        print_json({"file": file, **found.as_json()})
+        return
+    if quiet:
+        return
+    for finding in found.findings:
+        click.echo(_line(finding), err=True)
+    for uri, result in found.files.items():
+        _print(f"{file}: {uri}", result)
+    click.echo(f"{file}: {'valid' if found.valid else 'not valid'}; {len(found.files):,} files read", err=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from scarfmt.cli.failures import FAILED
-from scarfmt.cli.files import open_input, timeout_option
+from scarfmt.cli.files import open_input, opens_index, timeout_option
 
 _MOST_SCENES = 2
 
@@ -24,7 +24,8 @@ def view(ctx: click.Context, scenes: tuple[str, ...], port: int, host: str, no_b
     """Show FILE (a path or URL) in a browser, refined while it is read; with OTHER, both side by side.
 
     A server on this machine sends the page and the bytes that the page asks for, until Ctrl-C. Nothing else is
-    contacted, but the servers of URLs. Without FILE, the page waits for a file to be dropped on it.
+    contacted, but the servers of URLs. With a scene index its files are served. Without FILE, the page waits for a file
+    to be dropped on it.
 
     \b
     Examples:
@@ -34,7 +35,7 @@ def view(ctx: click.Context, scenes: tuple[str, ...], port: int, host: str, no_b
       scarfmt view scene.scar --no-browser --port 8080
     """
     from scarfmt.tools.inspection import inspect
-    from scarfmt.viewer.offered import page_offers, scene_offer
+    from scarfmt.viewer.offered import index_offers, page_offers, scene_offer
     from scarfmt.viewer.server import ViewerServer, page_address, serve
 
     if len(scenes) > _MOST_SCENES:
@@ -43,11 +44,14 @@ def view(ctx: click.Context, scenes: tuple[str, ...], port: int, host: str, no_b
     paths = []
     for number, origin in enumerate(scenes):
         source = open_input(origin)
-        # Says at once what else the page would say: that a file is missing, or is no .scar file.
-        inspect(source)
-        path, offer = scene_offer(origin, number, source)
-        offers[path] = offer
-        paths.append(path)
+        if opens_index(source):
+            found = index_offers(origin, number, source, open_input)
+        else:
+            # Says at once what else the page would say: that a file is missing, or is no .scar file.
+            inspect(source)
+            found = dict([scene_offer(origin, number, source)])
+        offers.update(found)
+        paths.append(next(iter(found)))
     try:
         server = ViewerServer(offers, host, port)
     except OSError as error:

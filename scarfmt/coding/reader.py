@@ -11,6 +11,7 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
@@ -89,6 +90,12 @@ class SceneReader:
         self.header = self.container.header
         self.lattice = Lattice(self.header.fields.origin, self.header.fields.voxel, self.header.fields.lattice_bits)
         self.container.load()
+
+    def twin(self) -> SceneReader:
+        """Another reader of the same opened file: what it prepares for its models does not push out what is here."""
+        other = copy(self)
+        other._prepared = other._whole = None
+        return other
 
     @property
     def layers(self) -> int:

@@ -89,11 +89,11 @@ def detect(source: Source) -> Format:
     for candidate in FORMATS:
         if candidate.sniff(source):
             return candidate
-    name = "" if source.path is None else source.path.name.lower()
+    name = source.file_name.lower()
     for candidate in FORMATS:
         if name.endswith(candidate.extensions):
             return candidate
-    hint = " (.splat content has no mark: give its format)" if source.path is None else ""
+    hint = "" if name else " (.splat content has no mark: give its format)"
     raise InvalidInput("input-format", f"{source.name}: unknown format{hint}; supported: {_supported()}")
 
 

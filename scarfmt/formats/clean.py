@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.errors import InvalidInput
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
@@ -39,36 +40,110 @@ def clean(scene: GaussianScene | AnchorModel, drop_invalid: bool = False) -> tup
         raise InvalidInput("input-empty", "the scene holds no Gaussians; there is nothing to encode")
     if isinstance(scene, AnchorModel):
         _check_networks(scene)
-    bad = scene.invalid_rows() if isinstance(scene, GaussianScene) else _invalid_anchors(scene)
-    if isinstance(scene, GaussianScene):
-        absurd = (np.abs(scene.sh.reshape(len(scene), -1)) > MAX_COEFFICIENT).any(axis=1)
-        if not (drop_invalid or bad.any()) and absurd.any():
-            raise _absurd(scene, int(np.argmax(absurd)))
-        bad |= absurd
+        bad = _invalid_anchors(scene)
+    else:
+        faults = Faults.of(scene)
+        if not drop_invalid:
+            faults.refuse()
+        bad = faults.rows
     dropped = int(np.count_nonzero(bad))
     if dropped == 0:
         return scene, 0
     if not drop_invalid:
-        raise InvalidInput(
-            "input-not-finite",
-            f"{dropped} of {len(scene)} rows hold NaN or infinite values, the first is row {int(np.argmax(bad))}; "
-            "use --drop-invalid to leave them out",
-        )
+        raise _not_finite(dropped, len(scene), f"row {int(np.argmax(bad))}")
     if dropped == len(scene):
-        raise InvalidInput("input-empty", f"all {dropped} rows hold unusable values; nothing is left to encode")
+        raise nothing_left(dropped)
     if isinstance(scene, GaussianScene):
         return scene.take(~bad), dropped
     return _take_anchors(scene, ~bad), dropped
 
 
-def _absurd(scene: GaussianScene, row: int) -> InvalidInput:
-    """The refusal of a coefficient in `row`, named as .ply files do."""
+@dataclass(frozen=True)
+class Faults:
+    """What of some Gaussians cannot be encoded.
+
+    Attributes:
+        count: Gaussians looked at.
+        rows: (count,) bool: those with such values.
+        first: which row of which file is the first with a NaN or an infinity, for people; None without one.
+        absurd: name, place and value of the first coefficient beyond `MAX_COEFFICIENT`; None without one.
+    """
+
+    count: int
+    rows: NDArray[np.bool_]
+    first: str | None
+    absurd: tuple[str, str, float] | None
+
+    @classmethod
+    def of(cls, scene: GaussianScene, numbers: I64 | None = None, file: str = "") -> Faults:
+        """Those of a scene.
+
+        Args:
+            scene: some Gaussians.
+            numbers: (N,) which rows of a file they are; None where they are the first N.
+            file: what to call the file, where there are several.
+        """
+        bad = scene.invalid_rows()
+        absurd = (np.abs(scene.sh.reshape(len(scene), -1)) > MAX_COEFFICIENT).any(axis=1)
+
+        def place(row: int) -> str:
+            number = row if numbers is None else int(numbers[row])
+            return f"row {number} of {file}" if file else f"row {number}"
+
+        first = place(int(np.argmax(bad))) if bad.any() else None
+        found = None
+        if absurd.any():
+            row = int(np.argmax(absurd))
+            name, value = _largest_coefficient(scene, row)
+            found = name, place(row), value
+        return cls(len(scene), bad | absurd, first, found)
+
+    def refuse(self) -> None:
+        """Refuse the scene if there are any.
+
+        Raises:
+            InvalidInput: ``input-not-finite``, ``input-range``.
+        """
+        Faults.refusal(int(np.count_nonzero(self.rows)), self.count, self.first, self.absurd)
+
+    @staticmethod
+    def refusal(dropped: int, count: int, first: str | None, absurd: tuple[str, str, float] | None) -> None:
+        """Refuse `count` Gaussians, `dropped` of which cannot be encoded, if there is a first of them.
+
+        Raises:
+            InvalidInput: ``input-not-finite``, ``input-range``.
+        """
+        if first is not None:
+            raise _not_finite(dropped, count, first)
+        if absurd is not None:
+            raise _absurd(*absurd)
+
+
+def _largest_coefficient(scene: GaussianScene, row: int) -> tuple[str, float]:
+    """The coefficient of a row with the largest magnitude, named as .ply files do."""
     values = np.abs(scene.sh[row])
     coefficient, colour = (int(place) for place in np.unravel_index(values.argmax(), values.shape))
     name = f"f_dc_{colour}" if coefficient == 0 else f"f_rest_{colour * (len(values) - 1) + coefficient - 1}"
+    return name, float(scene.sh[row, coefficient, colour])
+
+
+def _not_finite(dropped: int, count: int, first: str) -> InvalidInput:
+    return InvalidInput(
+        "input-not-finite",
+        f"{dropped} of {count} rows hold NaN or infinite values, the first is {first}; "
+        "use --drop-invalid to leave them out",
+    )
+
+
+def nothing_left(dropped: int) -> InvalidInput:
+    """The refusal of a scene none of whose Gaussians can be encoded."""
+    return InvalidInput("input-empty", f"all {dropped} rows hold unusable values; nothing is left to encode")
+
+
+def _absurd(name: str, place: str, value: float) -> InvalidInput:
     return InvalidInput(
         "input-range",
-        f"{name} of row {row} is {scene.sh[row, coefficient, colour]:g}; at most +-{MAX_COEFFICIENT:,} is encoded; "
+        f"{name} of {place} is {value:g}; at most +-{MAX_COEFFICIENT:,} is encoded; "
         "use --drop-invalid to leave such rows out",
         field=name,
     )

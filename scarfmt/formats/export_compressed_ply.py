@@ -19,7 +19,7 @@ from scarfmt.errors import InvalidInput
 from scarfmt.formats.aside import Aside
 from scarfmt.formats.compressed_ply import CHUNK, CHUNK_BOUNDS, COLOUR_BOUNDS, WORDS
 from scarfmt.formats.dequantise import SH_C0
-from scarfmt.formats.joined import joined
+from scarfmt.formats.joined import together
 from scarfmt.formats.output import Described, Losses, Parts, Written, finite
 from scarfmt.formats.quantise import alpha_of_logit, levels, smallest_three, unit_quaternions
 from scarfmt.scene.gaussians import GaussianScene
@@ -68,7 +68,7 @@ def _whole_chunks(parts: Iterator[GaussianScene]) -> Iterator[GaussianScene]:
     left: GaussianScene | None = None
     for part in parts:
         ordered = part.take(morton_order(part.positions))
-        scene = ordered if left is None else joined([left, ordered])
+        scene = ordered if left is None else together([left, ordered])
         whole = len(scene) // CHUNK * CHUNK
         if whole:
             yield scene.rows(slice(whole))

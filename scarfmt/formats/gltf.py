@@ -19,7 +19,7 @@ from scarfmt.formats import gltf_layout as layout
 from scarfmt.formats.frame import LUF_TO_RDF, flip_axes
 from scarfmt.formats.gltf_buffers import Asset
 from scarfmt.formats.gltf_nodes import moved, placed_meshes
-from scarfmt.formats.joined import joined
+from scarfmt.formats.joined import together
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -69,7 +69,7 @@ def load(source: Source) -> GaussianScene:
     parts = [
         moved(_gaussians(asset, placed.primitive), placed.matrix, source.name) for placed in _placed_gaussians(asset)
     ]
-    return flip_axes(joined(parts), LUF_TO_RDF)
+    return flip_axes(together(parts), LUF_TO_RDF)
 
 
 def _placed_gaussians(asset: Asset) -> list[_Placed]:

@@ -11,11 +11,8 @@ from scarfmt.arrays import F64
 from scarfmt.errors import Unsupported
 from scarfmt.formats.gltf_buffers import Asset
 from scarfmt.scene.gaussians import GaussianScene
-from scarfmt.scene.harmonics import turned
+from scarfmt.scene.placement import TOLERANCE, Placement
 from scarfmt.scene.rotation import matrix_from_quaternion, quaternion_from_matrix
-
-_NEAR = 1e-4
-"""How far from a rotation the turning part of a node may be."""
 
 
 def placed_meshes(asset: Asset) -> Iterator[tuple[int, F64]]:
@@ -87,28 +84,29 @@ def moved(scene: GaussianScene, matrix: F64, name: str) -> GaussianScene:
     """
     if np.array_equal(matrix, np.eye(4)):
         return scene
-    linear = matrix[:3, :3]
-    lengths = np.linalg.norm(linear, axis=0)
-    rotation = linear / np.where(lengths > 0, lengths, 1.0)
-    if np.abs(rotation.T @ rotation - np.eye(3)).max() > _NEAR or np.linalg.det(rotation) < 0:
-        message = f"{name}: a node mirrors, shears or flattens its Gaussians, for which glTF defines no picture"
-        raise Unsupported("input-gltf", message, field="nodes")
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    uniform = bool(np.ptp(lengths) <= TOLERANCE * lengths.max())
+    rest = matrix.copy()
+    try:
+        if not uniform:
+            rest[:3, :3] /= np.where(lengths > 0, lengths, 1.0)
+        placement = Placement.of(rest.tolist())
+    except (ValueError, np.linalg.LinAlgError) as error:
+        message = f"{name}: a node mirrors, shears or flattens its Gaussians ({error}); glTF defines no picture of that"
+        raise Unsupported("input-gltf", message, field="nodes") from error
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is not finite, which a later check reports
-        positions = scene.positions @ linear.T + matrix[:3, 3]
-    log_scales, axes = _stretched(scene, rotation, lengths)
-    quaternions = quaternion_from_matrix(axes).astype(np.float32)
-    return GaussianScene(positions, log_scales, quaternions, scene.opacity_logits, turned(scene.sh, rotation))
+        return placement.scene(scene if uniform else _stretched(scene, lengths))
 
 
-def _stretched(scene: GaussianScene, rotation: F64, lengths: F64) -> tuple[Any, F64]:
-    """Log scales (N, 3) float32 and axes (N, 3, 3) of ellipsoids scaled along the axes of a mesh, then turned."""
-    own = matrix_from_quaternion(scene.rotations)
-    if np.ptp(lengths) <= _NEAR * lengths.max():
-        return (scene.log_scales + np.log(lengths.mean())).astype(np.float32), rotation @ own
-    # As a matrix of moderate size, so that neither tiny nor huge ellipsoids leave the range of float64.
-    largest = scene.log_scales.astype(np.float64).max(axis=1, keepdims=True)
-    sides = np.exp(scene.log_scales.astype(np.float64) - largest)
-    axes, stretched, _ = np.linalg.svd((rotation * lengths) @ (own * sides[:, None, :]))
+def _stretched(scene: GaussianScene, lengths: F64) -> GaussianScene:
+    """The scene scaled along each axis: ellipsoids become other ellipsoids, colours stay."""
+    log_scales = scene.log_scales.astype(np.float64)
+    # As matrices of moderate size, so that neither tiny nor huge ellipsoids leave the range of float64.
+    largest = log_scales.max(axis=1, keepdims=True)
+    sides = matrix_from_quaternion(scene.rotations) * np.exp(log_scales - largest)[:, None, :]
+    axes, stretched, _ = np.linalg.svd(lengths[:, None] * sides)
     axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]
     with np.errstate(divide="ignore"):
-        return (np.log(stretched) + largest).astype(np.float32), axes
+        grown = (np.log(stretched) + largest).astype(np.float32)
+    quaternions = quaternion_from_matrix(axes).astype(np.float32)
+    return GaussianScene(scene.positions * lengths, grown, quaternions, scene.opacity_logits, scene.sh)

@@ -12,10 +12,11 @@ Properties, of any numeric type, in any order, text or binary; others (normals, 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from scarfmt.arrays import F32
+from scarfmt.arrays import F32, F64
 from scarfmt.errors import InvalidInput
 from scarfmt.formats import ply, ply_body
 from scarfmt.formats.dequantise import sh_from_channel_major
@@ -41,21 +42,51 @@ def load(source: Source) -> GaussianScene:
         LimitExceeded: more rows than any scene has.
     """
     header = ply.read_header(source)
-    vertex = header.elements.get("vertex")
-    names = [] if vertex is None else [name for name, kind in vertex.properties.items() if kind != ply.LIST]
-    rest = _required_columns(source, names)
-    rows = ply_body.read_elements(source, header, ["vertex"])["vertex"]
-    scales = ply_body.columns(rows, [name for name in ("scale_0", "scale_1", "scale_2") if name in names])
-    dc = ply_body.columns(rows, ["f_dc_0", "f_dc_1", "f_dc_2"])[:, None, :]
-    harmonics = sh_from_channel_major(ply_body.columns(rows, rest))
-    with np.errstate(over="ignore"):  # doubles beyond float32 become infinities, which a later check reports
-        return GaussianScene(
-            ply_body.columns(rows, ["x", "y", "z"]).astype(np.float64),
-            _with_third_axis(scales.astype(np.float32)),
-            ply_body.columns(rows, [f"rot_{i}" for i in range(4)]).astype(np.float32),
-            ply_body.columns(rows, ["opacity"])[:, 0].astype(np.float32),
-            np.concatenate([dc.astype(np.float32), harmonics], axis=1),
-        )
+    columns = Columns.of(source, header)
+    return columns.scene(ply_body.read_elements(source, header, ["vertex"])["vertex"])
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Where the attributes of Gaussians are in the rows of a file.
+
+    Attributes:
+        scales: names of the two or three scales.
+        rest: names of the coefficients above degree 0.
+    """
+
+    scales: tuple[str, ...]
+    rest: tuple[str, ...]
+
+    @classmethod
+    def of(cls, source: Source, header: ply.Header) -> Columns:
+        """Those of a file, once it is clear that all are there.
+
+        Raises:
+            InvalidInput: ``input-not-gaussians``, ``input-sh-degree``.
+        """
+        vertex = header.elements.get("vertex")
+        names = [] if vertex is None else [name for name, kind in vertex.properties.items() if kind != ply.LIST]
+        rest = _required_columns(source, names)
+        return cls(tuple(name for name in ("scale_0", "scale_1", "scale_2") if name in names), tuple(rest))
+
+    def positions(self, rows: ply_body.Rows) -> F64:
+        """(N, 3) float64."""
+        return ply_body.columns(rows, ["x", "y", "z"]).astype(np.float64)
+
+    def scene(self, rows: ply_body.Rows) -> GaussianScene:
+        """The Gaussians of some rows."""
+        scales = ply_body.columns(rows, list(self.scales))
+        dc = ply_body.columns(rows, ["f_dc_0", "f_dc_1", "f_dc_2"])[:, None, :]
+        harmonics = sh_from_channel_major(ply_body.columns(rows, list(self.rest)))
+        with np.errstate(over="ignore"):  # doubles beyond float32 become infinities, which a later check reports
+            return GaussianScene(
+                self.positions(rows),
+                _with_third_axis(scales.astype(np.float32)),
+                ply_body.columns(rows, [f"rot_{i}" for i in range(4)]).astype(np.float32),
+                ply_body.columns(rows, ["opacity"])[:, 0].astype(np.float32),
+                np.concatenate([dc.astype(np.float32), harmonics], axis=1),
+            )
 
 
 def _required_columns(source: Source, names: list[str]) -> list[str]:

@@ -56,8 +56,13 @@ def columns(rows: Rows, names: list[str]) -> NDArray[np.generic]:
     return table
 
 
-def check_sizes(source: Source, header: Header) -> None:
+def check_sizes(source: Source, header: Header, most: int = MAX_GAUSSIANS) -> None:
     """Refuse counts that cannot fit into the file, before memory is allocated for them.
+
+    Args:
+        source: the file.
+        header: its header.
+        most: rows accepted of an element.
 
     Raises:
         InvalidInput: the file is too short for its header.
@@ -65,8 +70,8 @@ def check_sizes(source: Source, header: Header) -> None:
     """
     needed = header.length
     for element in header.elements.values():
-        if element.count > MAX_GAUSSIANS:
-            raise LimitExceeded("input-limit", f"{source.name}: {element.count} rows, above the limit {MAX_GAUSSIANS}")
+        if element.count > most:
+            raise LimitExceeded("input-limit", f"{source.name}: {element.count} rows, above the limit {most}")
         if element.count and not element.properties:
             raise source.corrupt("an element has rows but no properties", field=element.name)
         needed += element.count * element.row_bytes
@@ -75,7 +80,8 @@ def check_sizes(source: Source, header: Header) -> None:
         raise source.corrupt(f"{source.size} bytes, but the PLY header declares at least {needed}")
 
 
-def _row_type(element: Element, order: str) -> np.dtype[np.void]:
+def row_type(element: Element, order: str) -> np.dtype[np.void]:
+    """The type of a row without lists; `order` is numpy's name of the byte order."""
     return np.dtype([(name, order + TYPES[kind]) for name, kind in element.properties.items()])
 
 
@@ -91,7 +97,7 @@ def _binary(stream: BinaryIO, header: Header, names: Collection[str]) -> dict[st
     found: dict[str, Rows] = {}
     for element in _until_last(header, names):
         if element.name in names:
-            found[element.name] = np.fromfile(stream, _row_type(element, header.byte_order), element.count)
+            found[element.name] = np.fromfile(stream, row_type(element, header.byte_order), element.count)
             if len(found[element.name]) < element.count:
                 raise ValueError(f"the file ends in row {len(found[element.name])} of {element.name}")
         elif LIST in element.properties.values():
@@ -121,7 +127,7 @@ def _text(stream: Iterator[str], header: Header, names: Collection[str]) -> dict
             for _ in lines:
                 pass
             continue
-        kind = _row_type(element, "=")
+        kind = row_type(element, "=")
         # loadtxt warns where there is nothing to read.
         rows = np.loadtxt(_filled(lines), kind, comments=None, ndmin=1) if element.count else np.empty(0, kind)
         if len(rows) < element.count:

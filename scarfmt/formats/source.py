@@ -40,6 +40,11 @@ class Source:
         return "<bytes>" if self.path is None else str(self.path)
 
     @property
+    def file_name(self) -> str:
+        """The name of the file without its folder; empty for bytes."""
+        return "" if self.path is None else self.path.name
+
+    @property
     def size(self) -> int:
         """Length in bytes."""
         return len(self._data) if self.path is None and self._data is not None else self._path_size()

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
+from dataclasses import dataclass
+from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
 
+from scarfmt.arrays import I64
 from scarfmt.errors import LimitExceeded, Unsupported
 from scarfmt.formats import sog
-from scarfmt.formats.joined import joined
+from scarfmt.formats.joined import together
 from scarfmt.formats.source import MAX_GAUSSIANS, Source
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -41,21 +43,64 @@ def load(source: Source) -> GaussianScene:
         LimitExceeded: a larger index, or more Gaussians than any scene has.
     """
     directory = sog.directory_of(source)
+    parts = []
+    for part in finest(source):
+        parts.append(part.of(source, sog.load(Source(directory / part.name))))
+        if sum(map(len, parts)) > MAX_GAUSSIANS:
+            raise LimitExceeded("input-limit", f"{source.name}: more than {MAX_GAUSSIANS} Gaussians")
+    return together(parts)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A file of the finest level.
+
+    Attributes:
+        name: path of its `meta.json`, below the directory of the index.
+        runs: first Gaussian and number of those that belong to the level, ascending; None for all.
+    """
+
+    name: PurePosixPath
+    runs: tuple[tuple[int, int], ...] | None
+
+    def rows(self, source: Source, count: int) -> I64:
+        """(n,) which of the `count` Gaussians of the file belong to the level, ascending.
+
+        Raises:
+            InvalidInput: ``input-corrupt``: the file has fewer than the index says.
+        """
+        if self.runs is None:
+            return np.arange(count)
+        total = sum(length for _, length in self.runs)
+        if total > count or any(first + length > count for first, length in self.runs):
+            raise source.corrupt(f"asks for {total} of the {count} Gaussians of {self.name}", field="tree.lods")
+        return np.concatenate([np.arange(first, first + length) for first, length in self.runs])
+
+    def of(self, source: Source, chunk: GaussianScene) -> GaussianScene:
+        """The Gaussians of the file that belong to the level; most often that is all of them, in order."""
+        rows = self.rows(source, len(chunk))
+        return chunk if np.array_equal(rows, np.arange(len(chunk))) else chunk.take(rows)
+
+
+def finest(source: Source) -> list[Part]:
+    """The files that hold level 0, by name, and last that of the environment.
+
+    Raises:
+        InvalidInput: the index is damaged, or has none.
+        Unsupported: a newer version.
+        LimitExceeded: a larger index.
+    """
     index = _index(source)
     names = _names(source, index)
     runs: dict[PurePosixPath, list[tuple[int, int]]] = {}
     for file, first, count in _finest_runs(source, index.get("tree"), len(names)):
         runs.setdefault(names[file], []).append((first, count))
-    parts = []
-    for name, wanted in sorted(runs.items()):
-        parts.append(_chosen(source, name, _chunk(directory, name), wanted))
-        if sum(map(len, parts)) > MAX_GAUSSIANS:
-            raise LimitExceeded("input-limit", f"{source.name}: more than {MAX_GAUSSIANS} Gaussians")
+    parts = [Part(name, tuple(sorted(wanted))) for name, wanted in sorted(runs.items())]
     if index.get("environment") is not None:
-        parts.append(_chunk(directory, _path(source, index["environment"], "environment")))
+        parts.append(Part(_path(source, index["environment"], "environment"), None))
     if not parts:
         raise source.corrupt(f"no leaf of the tree has Gaussians of level {_FINEST}", field="tree")
-    return joined(parts)
+    return parts
 
 
 def _index(source: Source) -> dict[str, Any]:
@@ -103,16 +148,3 @@ def _finest_runs(source: Source, tree: object, files: int) -> Iterator[tuple[int
                 pass
             case _:
                 raise source.corrupt("a node has neither children nor levels of detail that can be read", field="tree")
-
-
-def _chunk(directory: Path, name: PurePosixPath) -> GaussianScene:
-    return sog.load(Source(directory / name))
-
-
-def _chosen(source: Source, name: PurePosixPath, chunk: GaussianScene, runs: list[tuple[int, int]]) -> GaussianScene:
-    """The runs of one file; most often that is all of it, in order."""
-    total = sum(count for _, count in runs)
-    if total > len(chunk) or any(first + count > len(chunk) for first, count in runs):
-        raise source.corrupt(f"asks for {total} of the {len(chunk)} Gaussians of {name}", field="tree.lods")
-    order = np.concatenate([np.arange(first, first + count) for first, count in sorted(runs)])
-    return chunk if np.array_equal(order, np.arange(len(chunk))) else chunk.take(order)

@@ -1,14 +1,15 @@
-"""Real spherical harmonics of degree 0 to 3 in INRIA's sign and order: their values, and coefficients turned."""
+"""Spherical harmonics as scenes have them (SPEC §9.4): what they are in a direction, and turned."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from scarfmt.arrays import F32, F64
+from scarfmt.arrays import F64
 
-_GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-_DIRECTIONS = 32
-"""More than the 16 functions there are, spread over the sphere, so that a least squares fit of each band is exact."""
+_DIRECTIONS = 16
+"""Directions that functions of one degree are compared in; 7 would determine those of degree 3."""
 
 
 def sh_basis(directions: F64, degree: int) -> F64:
@@ -38,27 +39,24 @@ def sh_basis(directions: F64, degree: int) -> F64:
     return np.stack(out, axis=-1)
 
 
-def turned(sh: F32, rotation: F64) -> F32:
-    """Coefficients of a scene after it was turned: its colour in direction R d is what it was in direction d.
+def turned(rotation: F64, degree: int) -> F64:
+    """(2 * degree + 1, 2 * degree + 1) float64: what takes the coefficients of one degree with a rotation.
+
+    Functions of a degree, turned, are functions of that degree: their values in enough directions say which.
 
     Args:
-        sh: (N, (degree + 1)^2, 3).
-        rotation: (3, 3) rotation matrix R.
+        rotation: (3, 3); what was seen towards d is seen towards rotation @ d.
+        degree: 0..3.
     """
-    degree = round(sh.shape[1] ** 0.5) - 1
-    directions = _spread(_DIRECTIONS)
-    after, before = sh_basis(directions, degree), sh_basis(directions @ rotation, degree)
-    out = sh.copy()
-    for band in range(1, degree + 1):
-        part = slice(band * band, (band + 1) ** 2)
-        change = np.linalg.lstsq(after[:, part], before[:, part], rcond=None)[0]
-        out[:, part] = np.einsum("ab,nbc->nac", change, sh[:, part].astype(np.float64))
-    return out
+    directions = _sphere(_DIRECTIONS)
+    band = slice(degree**2, (degree + 1) ** 2)
+    here, there = sh_basis(directions, degree)[:, band], sh_basis(directions @ rotation, degree)[:, band]
+    return np.asarray(np.linalg.lstsq(here, there, rcond=None)[0])
 
 
-def _spread(count: int) -> F64:
-    """(count, 3) unit vectors on a spiral from pole to pole."""
-    z = 1 - (2 * np.arange(count) + 1) / count
-    angle = _GOLDEN_ANGLE * np.arange(count)
-    radius = np.sqrt(1 - z * z)
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1)
+def _sphere(count: int) -> F64:
+    """(count, 3) unit vectors, spread over the sphere along a spiral."""
+    height = 1 - (2 * np.arange(count) + 1) / count
+    around = np.arange(count) * (math.pi * (3 - math.sqrt(5)))
+    radius = np.sqrt(1 - height * height)
+    return np.stack([radius * np.cos(around), radius * np.sin(around), height], axis=1)

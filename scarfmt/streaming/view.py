@@ -63,9 +63,7 @@ def share_in_picture(boxes: Boxes, camera: Camera, margin: float = MARGIN) -> F6
         camera: to look with, from where it will be.
         margin: how much wider than the picture counts.
     """
-    forward = _unit(camera.forward)
-    right = _unit(_cross(forward, camera.up))
-    up = _cross(right, forward)
+    forward, right, up = axes_of(camera)
     tall = margin * tangent(camera.fov_y / 2)
     wide = tall * (camera.width / camera.height)
     away, half = boxes.middle - camera.soon, boxes.half
@@ -75,6 +73,13 @@ def share_in_picture(boxes: Boxes, camera: Camera, margin: float = MARGIN) -> F6
         deep, across, high = ((x * axis[0] + y * axis[1] + z * axis[2]) for axis in (forward, right, up))
         seen += (deep > 0) & (np.abs(across) <= wide * deep) & (np.abs(high) <= tall * deep)
     return np.asarray(seen / 64)
+
+
+def axes_of(camera: Camera) -> tuple[list[float], list[float], list[float]]:
+    """Unit vectors forward, to the right and up, of three numbers each."""
+    forward = _unit(camera.forward)
+    right = _unit(_cross(forward, camera.up))
+    return forward, right, _cross(right, forward)
 
 
 def _unit(vector: F64 | list[float]) -> list[float]:

@@ -109,7 +109,7 @@ def read_metadata(container: Container) -> dict[str, Any] | None:
 def format_text(report: dict[str, Any]) -> str:
     """The description made by :func:`inspect` as a table for people, ending in a line break."""
     lines = [f"{name:<17} {value}" for name, value in _facts(report)]
-    lines += ["", *_columns(_layer_table(report))]
+    lines += ["", *columns(_layer_table(report))]
     if report.get("metadata") is not None:
         lines += ["", "metadata", _shown(json.dumps(report["metadata"], indent=2, ensure_ascii=False))]
     return "\n".join(lines) + "\n"
@@ -157,6 +157,7 @@ def _layer_table(report: dict[str, Any]) -> list[list[str]]:
     return rows
 
 
-def _columns(rows: list[list[str]]) -> list[str]:
+def columns(rows: list[list[str]]) -> list[str]:
+    """The lines of a table, cells to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return ["  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in rows]

@@ -7,19 +7,17 @@ directory, counts, summaries and checksums recomputed; block bytes copied.
 from __future__ import annotations
 
 import io
-import zlib
 from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.container.file import Container, Entry, check_crc, encode_front
+from scarfmt.container.file import Container, encode_front
 from scarfmt.container.schema import READABLE_KINDS, BlockFlag, Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.errors import InvalidInput, Truncated
 from scarfmt.limits import DEFAULT_LIMITS, Limits
-
-COPY_BYTES = 1 << 20
+from scarfmt.tools.assemble import copy_block
 
 
 def truncate(source: ByteSource, layers: int, *, limits: Limits = DEFAULT_LIMITS) -> bytes:
@@ -62,7 +60,7 @@ def truncate_to(source: ByteSource, layers: int, target: BinaryIO, *, limits: Li
     target.write(front)
     entries = [entry for entry, kept in zip(container.entries, keep.tolist(), strict=True) if kept]
     for entry in entries:
-        _copy(container, entry, target)
+        copy_block(container, entry, target)
     return len(front) + sum(entry.length for entry in entries)
 
 
@@ -85,12 +83,3 @@ def _front(container: Container, layers: int, keep: NDArray[np.bool_]) -> bytes:
         counts.append((layer.anchor_count, layer.gaussian_count))
         streams.append(sizes)
     return encode_front(header.fields, container.tile_table, rows[keep], counts, streams)
-
-
-def _copy(container: Container, entry: Entry, target: BinaryIO) -> None:
-    crc = 0
-    for start in range(0, entry.length, COPY_BYTES):
-        piece = container.read_range(entry, start, min(COPY_BYTES, entry.length - start))
-        crc = zlib.crc32(piece, crc)
-        target.write(piece)
-    check_crc(entry, crc)

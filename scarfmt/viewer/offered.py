@@ -6,7 +6,7 @@ import gzip
 import hashlib
 import os
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path, PurePosixPath
@@ -15,6 +15,8 @@ from urllib.parse import quote, urlsplit
 
 from scarfmt.container.source import ByteSource, FileSource
 from scarfmt.errors import InvalidInput, Truncated
+from scarfmt.scene_index.address import beside
+from scarfmt.scene_index.document import parse_index
 from scarfmt.viewer.encodings import SUFFIXES
 
 _PIECE_BYTES = 1 << 18
@@ -29,6 +31,7 @@ _TYPES = {
     ".wasm": "application/wasm",
     ".svg": "image/svg+xml",
     ".txt": "text/plain; charset=utf-8",
+    ".json": "application/json",
 }
 BINARY = "application/octet-stream"
 
@@ -95,6 +98,28 @@ class SourceOffer:
         yield data
 
 
+@dataclass
+class LazyOffer:
+    """A file of a scene at a URL, opened when it is first asked for: a scene may have thousands."""
+
+    name: str
+    opener: Callable[[str], ByteSource]
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _found: SourceOffer | None = None
+
+    def version(self) -> Version:
+        return self._offer().version()
+
+    def pieces(self, version: Version, first: int, end: int) -> Iterator[bytes]:
+        return self._offer().pieces(version, first, end)
+
+    def _offer(self) -> SourceOffer:
+        with self._lock:
+            if self._found is None:
+                self._found = SourceOffer(self.opener(self.name), self.name)
+            return self._found
+
+
 @dataclass(frozen=True)
 class AssetOffer:
     """A file of the page, held in memory.
@@ -149,9 +174,15 @@ def _asset(name: str, files: Mapping[str, bytes]) -> AssetOffer:
     """A file of the page, and compressed: as `make web` put it beside, else made now, since wheels lack those."""
     data, kind = files[name], _TYPES.get(Path(name).suffix, BINARY)
     coded = {coding: files[name + suffix] for coding, suffix in SUFFIXES.items() if name + suffix in files}
+    return _compressible(data, kind, coded)
+
+
+def _compressible(data: bytes, kind: str, coded: Mapping[str, bytes] | None = None) -> AssetOffer:
+    """A file, and compressed; by coding where that was done already."""
     if not coded and len(data) >= _LEAST_COMPRESSED:
         coded = {"gzip": gzip.compress(data, mtime=0)}
-    return AssetOffer(data, kind, compressed={coding: AssetOffer(each, kind, coding) for coding, each in coded.items()})
+    compressed = {coding: AssetOffer(each, kind, coding) for coding, each in (coded or {}).items()}
+    return AssetOffer(data, kind, compressed=compressed)
 
 
 def scene_offer(origin: str, number: int, source: ByteSource) -> tuple[str, Offer]:
@@ -167,6 +198,37 @@ def scene_offer(origin: str, number: int, source: ByteSource) -> tuple[str, Offe
         source.close()
         return _scene_path(number, name), FileOffer(Path(origin).resolve())
     return _scene_path(number, name), SourceOffer(source, origin)
+
+
+def index_offers(
+    origin: str, number: int, source: ByteSource, opener: Callable[[str], ByteSource]
+) -> dict[str, Offer]:
+    """What an index is offered as, by path: first the index, then its files, at their names relative to it.
+
+    Args:
+        origin: path or URL of the index, as typed.
+        number: of the scene.
+        source: what was opened for it; it is closed.
+        opener: of files that are not on this machine, when they are first asked for.
+
+    Raises:
+        InvalidInput: ``input-scene`` for an index without a place.
+        Malformed, Unsupported, LimitExceeded: it is refused (SPEC §17).
+    """
+    with source:
+        data = source.read(0, source.size)
+        index = parse_index(data)
+    remote = "://" in origin
+    if not remote and origin == "-":
+        raise InvalidInput("input-scene", "an index without a place: give its path or address, its files lie beside it")
+    name = PurePosixPath(urlsplit(origin).path).name if remote else Path(origin).name
+    path = _scene_path(number, name)
+    out: dict[str, Offer] = {path: _compressible(data, _TYPES[".json"])}
+    for file in index.files:
+        place = beside(origin, file.uri)
+        offer = LazyOffer(place, opener) if remote else FileOffer(Path(place))
+        out[f"{path.rpartition('/')[0]}/{quote(file.uri)}"] = offer
+    return out
 
 
 def _scene_path(number: int, name: str) -> str:

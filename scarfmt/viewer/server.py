@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Mapping, Sequence
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from urllib.parse import urlencode, urlsplit
+from urllib.parse import quote, unquote, urlencode, urlsplit
 
 from scarfmt.errors import ScarError
 from scarfmt.viewer.encodings import accepted
@@ -59,7 +59,8 @@ class _Handler(BaseHTTPRequestHandler):
         """Requests are not told: there are hundreds."""
 
     def _answer(self, with_body: bool) -> None:
-        offer = self.server.offers.get(urlsplit(self.path).path)
+        # Browsers and Python do not agree on which characters of a name are percent-encoded.
+        offer = self.server.offers.get(quote(unquote(urlsplit(self.path).path)))
         if not self._is_for_us():
             self.send_error(HTTPStatus.MISDIRECTED_REQUEST, "this server answers to names of this machine alone")
         elif offer is None:

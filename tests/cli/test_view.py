@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from scarfmt.cli import cli
 from scarfmt.viewer import server as serving
 from tests.conftest import REPOSITORY
+from tests.scene_index.scenes import scene_folder
 
 SCENE = REPOSITORY / "web" / "test" / "data" / "toys.scar"
 
@@ -66,3 +67,15 @@ def test_a_taken_port_is_one_clear_line(opened: list[str]) -> None:
         done = CliRunner().invoke(cli, ["view", str(SCENE), "--port", port])
     assert (done.exit_code, opened) == (1, [])
     assert f"port {port}" in done.output
+
+
+def test_an_index_is_served_with_its_files(
+    opened: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    offered: list[str] = []
+    monkeypatch.setattr(serving, "serve", lambda server: (offered.extend(server.offers), server.server_close()))
+    index = scene_folder(tmp_path)
+    done = CliRunner().invoke(cli, ["view", str(index)])
+    assert done.exit_code == 0, done.output
+    assert opened[0].endswith("/?url=/scenes/0/scene.scar.json")
+    assert {"/scenes/0/scene.scar.json", "/scenes/0/a.scar", "/scenes/0/deep/b.scar"} <= set(offered)

@@ -35,16 +35,6 @@ def test_bake_from_one_eye_is_what_that_eye_sees() -> None:
     np.testing.assert_allclose(colours, seen.colours[visible], atol=0.01)
 
 
-def test_basis_is_orthonormal_on_the_sphere() -> None:
-    """Pins all 16 constants at once: an integral over the sphere, by points evenly spread."""
-    k = np.arange(20000) + 0.5
-    z, angle = 1 - k / 10000, np.pi * (1 + 5**0.5) * k  # a Fibonacci sphere
-    ring = np.sqrt(1 - z * z)
-    directions = np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
-    basis = sh_basis(directions, 3)
-    np.testing.assert_allclose(4 * np.pi * basis.T @ basis / 20000, np.eye(16), atol=2e-3)
-
-
 def anchor_file() -> bytes:
     files = [write_scene(random_scene(seed, Profile.ANCHOR)) for seed in range(8)]
     return next(data for data in files if decode(data).models.decoder is not None)

@@ -39,7 +39,7 @@ def test_tiles_are_written_before_the_next_is_decoded(monkeypatch: pytest.Monkey
     """What bounds the memory: rows leave as each tile comes."""
     data = write_scene(random_scene(6, anchors=400, tiles=6))
     events: list[str] = []
-    part = decode_module._Decoding._part
+    part = decode_module.Decoding._part
 
     def noted(self: object, *arguments: object) -> object:
         events.append("decode")
@@ -50,7 +50,7 @@ def test_tiles_are_written_before_the_next_is_decoded(monkeypatch: pytest.Monkey
             events.append("write")
             return super().write(rows)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(decode_module._Decoding, "_part", noted)
+    monkeypatch.setattr(decode_module.Decoding, "_part", noted)
     export_ply(data, Target(), threads=1)
     tiles = [event for event in events if event == "decode"]
     assert events[1:] == ["decode", "write"] * len(tiles)

@@ -14,7 +14,7 @@ from scarfmt.container.schema import READABLE_KINDS, BlockFlag
 from scarfmt.container.source import BytesSource
 from scarfmt.errors import InvalidInput, Malformed, Truncated, Unsupported
 from scarfmt.limits import FORMAT_LIMITS
-from scarfmt.tools import truncate as truncation
+from scarfmt.tools import assemble
 from scarfmt.tools.truncate import truncate, truncate_to
 from tests.samples.container_samples import (
     COUNTS,
@@ -103,7 +103,7 @@ def test_a_partial_download_becomes_a_whole_file() -> None:
 
 def test_large_blocks_are_copied_in_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
     """Memory stays bounded, and the pieces join to the same bytes and checksum."""
-    monkeypatch.setattr(truncation, "COPY_BYTES", 1000)
+    monkeypatch.setattr(assemble, "COPY_BYTES", 1000)
     blocks = [dataclasses.replace(sample_blocks()[0], payload=bytes(range(250)) * 13)]
     data = write_container(FIELDS, [], blocks, [(0, 0), (0, 0)])
     source, target = BytesSource(data), io.BytesIO()

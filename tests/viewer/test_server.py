@@ -13,8 +13,9 @@ from urllib.parse import quote
 import pytest
 
 from scarfmt.container.source import BytesSource, FileSource
-from scarfmt.viewer.offered import AssetOffer, FileOffer, SourceOffer, page_offers, scene_offer
+from scarfmt.viewer.offered import AssetOffer, FileOffer, SourceOffer, index_offers, page_offers, scene_offer
 from scarfmt.viewer.server import ViewerServer, page_address, serve
+from tests.scene_index.scenes import scene_folder
 
 CONTENT = bytes(range(256)) * 4
 
@@ -191,3 +192,35 @@ def test_ctrl_c_ends_serving_and_frees_the_port(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(server, "serve_forever", interrupted)
     serve(server)
     assert server.socket.fileno() == -1
+
+
+def test_the_files_of_an_index_are_found_at_their_names(tmp_path: Path) -> None:
+    """However a browser encodes them; an index on this machine names files, one from elsewhere what is opened there."""
+    path, source = scene_folder(tmp_path), "https://x.org/deep/scene.scar.json?token=1"
+    (tmp_path / "deep" / "b.scar").rename(tmp_path / "deep" / "b (1)!.scar")
+    path.write_bytes(path.read_bytes().replace(b"b.scar", b"b (1)!.scar"))
+    asked: list[str] = []
+
+    def opener(place: str) -> BytesSource:
+        asked.append(place)
+        return BytesSource(CONTENT)
+
+    offers = {
+        **index_offers(str(path), 0, FileSource(path), opener),
+        **index_offers(source, 1, FileSource(path), opener),
+    }
+    assert (asked, list(offers)[::3]) == ([], ["/scenes/0/scene.scar.json", "/scenes/1/scene.scar.json"])
+    with ViewerServer(offers) as serving:
+        thread = threading.Thread(target=serving.serve_forever, daemon=True)
+        thread.start()
+        status, headers, body = ask(serving, "/scenes/0/scene.scar.json")
+        assert (status, headers["Content-Type"], body) == (200, "application/json", path.read_bytes())
+        for name in ("b%20(1)!.scar", "b%20%281%29%21.scar"):
+            status, _, body = ask(serving, f"/scenes/0/deep/{name}", Range="bytes=0-3")
+            assert (status, body) == (206, b"\x89SCA")
+        assert ask(serving, "/scenes/1/a.scar")[2] == CONTENT
+        assert ask(serving, "/scenes/1/a.scar", Range="bytes=1-1")[2] == b"\x01"
+        assert asked == ["https://x.org/deep/a.scar"]
+        assert ask(serving, "/scenes/0/%2e%2e/a.scar")[0] == 404
+        serving.shutdown()
+        thread.join()

@@ -1,0 +1,87 @@
+"""The options of commands that work for one view: where the eye is, and what it looks at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from scarfmt.cli.views import parse_size
+
+if TYPE_CHECKING:
+    from scarfmt.arrays import F64
+    from scarfmt.blocks.streaming import View
+    from scarfmt.streaming.view import Camera
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+_SIZE = (640, 480)
+_FIELD_DEG = 60.0
+_AWAY = 1.2
+"""Of a scene without a view to begin with: distance of the eye, in diagonals of its boxes."""
+
+
+def parse_point(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
+    """Three numbers with commas between them.
+
+    Raises:
+        click.BadParameter: the text has another shape.
+    """
+    if value is None:
+        return None
+    try:
+        x, y, z = map(float, value.split(","))
+    except ValueError as error:
+        raise click.BadParameter(f"{value!r} is not X,Y,Z") from error
+    return x, y, z
+
+
+def eye_options(command: Command) -> Command:
+    """Add --camera, --target, --up, --fov and --size to a command."""
+    options = (
+        click.option("--size", callback=parse_size, metavar="WxH", help="Pixels of a picture [default: 640x480]."),
+        click.option(
+            "--fov", type=click.FloatRange(1, 170), metavar="DEGREES", help="Vertical field [default: the file's]."
+        ),
+        click.option("--up", callback=parse_point, metavar="X,Y,Z", help="What is up [default: the file's]."),
+        click.option(
+            "--target", callback=parse_point, metavar="X,Y,Z", help="What to look at [default: the file's view]."
+        ),
+        click.option(
+            "--camera", callback=parse_point, metavar="X,Y,Z", help="Where to look from [default: the file's view]."
+        ),
+    )
+    for option in options:
+        command = option(command)
+    return command
+
+
+def camera_of(said: Mapping[str, Any], boxes: tuple[F64, F64], view: View | None) -> Camera:
+    """The view that was asked for; what is not said is that of the file, or one of all of it from outside.
+
+    Args:
+        said: values of :func:`eye_options`, and perhaps ``velocity``.
+        boxes: lowest and highest corners (n, 3) of what there is.
+        view: that the file begins with, or None.
+
+    Raises:
+        click.UsageError: this is no view.
+    """
+    import numpy as np
+
+    from scarfmt.streaming.view import Camera
+
+    low, high = boxes[0].min(axis=0, initial=np.inf), boxes[1].max(axis=0, initial=-np.inf)
+    middle = (low + high) / 2 if len(boxes[0]) else np.zeros(3)
+    away = _AWAY * float(np.linalg.norm(high - low)) if len(boxes[0]) else 1.0
+    up = np.array(said["up"] or (view.up if view else (0.0, -1.0, 0.0)))
+    target = np.array(said["target"] or (view.target if view else middle))
+    position = np.array(said["camera"] or (view.position if view else middle - away * np.array([0.0, 0.0, 1.0])))
+    field = math.radians(said["fov"]) if said["fov"] else view.fov if view else math.radians(_FIELD_DEG)
+    velocity = None if said.get("velocity") is None else np.array(said["velocity"])
+    if not np.linalg.norm(np.cross(target - position, up)) > 0:
+        raise click.UsageError("--camera, --target and --up say no view: the eye looks along what is up, or nowhere")
+    width, height = said["size"] or _SIZE
+    return Camera(position, target - position, up, field, width, height, velocity)

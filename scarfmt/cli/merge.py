@@ -1,0 +1,35 @@
+"""`scarfmt merge`: one file of several that show parts of one scene."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+import click
+
+from scarfmt.cli.files import open_input, open_output, timeout_option
+
+
+@click.command(short_help="Join files of parts of one scene.")
+@click.argument("inputs", metavar="INPUT...", nargs=-1, required=True)
+@click.option("--output", "-o", metavar="OUTPUT", required=True, help="The file to write, or - for standard output.")
+@click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
+@click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
+@timeout_option
+def merge(inputs: tuple[str, ...], output: str, force: bool, quiet: bool) -> None:
+    """Join files that show parts of one scene (paths or URLs), without decoding them.
+
+    They must have the same models and lattice, as files have that `scarfmt split` made, and no tile in common. Their
+    order does not matter.
+
+    \b
+    Examples:
+      scarfmt merge part-1.scar part-2.scar -o scene.scar
+      scarfmt merge https://example.org/part-1.scar part-2.scar -o - > scene.scar
+    """
+    from scarfmt.tools.merge import merge_to
+
+    with ExitStack() as stack:
+        sources = [stack.enter_context(open_input(name)) for name in inputs]
+        size = merge_to(sources, stack.enter_context(open_output(output, force)))
+    if not quiet:
+        click.echo(f"{len(inputs)} files, {size:,} bytes", err=True)

@@ -1,0 +1,169 @@
+"""Files of parts of one scene as one file, without decoding them.
+
+They must have equal models, layers and lattice, as `split` and an encoder of ranges leave them; their tiles must not
+overlap. The result is byte for byte what the writer makes of all their tiles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import BinaryIO
+
+import numpy as np
+
+from scarfmt.arrays import I64, U64
+from scarfmt.blocks.streaming import Streaming, pack_streaming, read_streaming
+from scarfmt.container.directory import Table
+from scarfmt.container.file import Block, Container, HeaderFields, directory_row
+from scarfmt.container.schema import ENTRY_DTYPE, BlockKind, Stream
+from scarfmt.container.source import ByteSource
+from scarfmt.errors import InvalidInput
+from scarfmt.limits import DEFAULT_LIMITS, MAX_TILE_DEPTH, Limits
+from scarfmt.tools.assemble import Plan, entry_of, ordered, pieces
+
+_SUMMARY = ("kind", "flags", "layer", "length", "count", "crc32")
+
+
+def merge_to(sources: Sequence[ByteSource], target: BinaryIO, *, limits: Limits = DEFAULT_LIMITS) -> int:
+    """Write the file of all tiles of some files, in pieces of at most 1 MiB.
+
+    Blocks are verified while they are copied, so `target` holds an unfinished file when an error is raised. What
+    annotations say is kept where all files say the same; what clients are told of tiles (SPEC §7.13) is joined, where
+    all are told of it from the same viewpoints.
+
+    Args:
+        sources: the files, in any order; one at least.
+        target: opened for writing in binary mode.
+        limits: what this reader accepts.
+
+    Returns:
+        Bytes written.
+
+    Raises:
+        InvalidInput: ``input-fields-differ``, ``input-models-differ``, ``input-overlap``.
+        Malformed, Truncated, Unsupported, LimitExceeded: what :class:`~scarfmt.container.file.Container` refuses.
+    """
+    files = [Container.open(source, limits=limits) for source in sources]
+    return merged(files).write(files, target)
+
+
+def merged(files: Sequence[Container]) -> Plan:
+    """The file of all tiles of some files. Arguments and errors as :func:`merge_to`."""
+    fields = _fields(files)
+    for number in range(1, len(files)):
+        _check_models(files, number)
+    tiles = np.concatenate([file.tile_table for file in files])
+    order = _order(tiles)
+    places = np.empty(len(tiles), np.int64)
+    places[order] = np.arange(len(tiles))
+    starts = np.cumsum([0, *(len(file.tile_table) for file in files)])
+    rows = [_outside_tiles(files)]
+    origins = [np.zeros(len(rows[0]), np.int64)]
+    for number, file in enumerate(files):
+        own = file.directory[file.directory["kind"] == BlockKind.TILE].copy()
+        own["tile"] = places[starts[number] + own["tile"].astype(np.int64)]
+        rows.append(own)
+        origins.append(np.full(len(own), number))
+    made = _streaming(files, order)
+    if made is not None:
+        rows.append(np.array([directory_row(made)], ENTRY_DTYPE))
+        origins.append(np.array([-1]))
+    table, origin = ordered(np.concatenate(rows), np.concatenate(origins))
+    return Plan(fields, tiles[order], table, origin, [] if made is None else [made.payload], *_sums(files, table))
+
+
+def _fields(files: Sequence[Container]) -> HeaderFields:
+    """Header fields of the whole, whose source had what the sources of all files had together."""
+    count = sum(file.header.fields.source_count for file in files)
+    for number, file in enumerate(files):
+        if replace(file.header.fields, source_count=0) != replace(files[0].header.fields, source_count=0):
+            message = f"file {number + 1} has another lattice, profile, frame or colour space than the first"
+            raise InvalidInput("input-fields-differ", message)
+    return replace(files[0].header.fields, source_count=count)
+
+
+def _models(file: Container) -> Table:
+    """Rows of the model blocks."""
+    return file.directory[file.directory["kind"] < BlockKind.TILE]
+
+
+def _check_models(files: Sequence[Container], number: int) -> None:
+    """Check that a file has the models of the first, byte for byte, in as many layers."""
+    first, file = files[0], files[number]
+    ours, theirs = _models(first), _models(file)
+    same = file.header.layer_count == first.header.layer_count and len(ours) == len(theirs)
+    same = same and all(np.array_equal(ours[name], theirs[name]) for name in _SUMMARY)
+    for one, other in zip(ours, theirs, strict=True) if same else ():
+        same = same and b"".join(pieces(first, entry_of(one))) == b"".join(pieces(file, entry_of(other)))
+    if not same:
+        message = f"file {number + 1} has other models or layers than the first: files are merged that were encoded"
+        raise InvalidInput("input-models-differ", f"{message} together, or split from one")
+
+
+def first_codes(tiles: Table) -> tuple[U64, U64]:
+    """Morton code at `MAX_TILE_DEPTH` at which each tile begins, and one past its last."""
+    free = (3 * (MAX_TILE_DEPTH - tiles["depth"].astype(np.int64))).astype(np.uint64)
+    return tiles["prefix"] << free, (tiles["prefix"] + np.uint64(1)) << free
+
+
+def _order(tiles: Table) -> I64:
+    """The tiles of all files in Morton order."""
+    first, past = first_codes(tiles)
+    order = np.argsort(first, kind="stable")
+    if (past[order][:-1] > first[order][1:]).any():
+        raise InvalidInput("input-overlap", "tiles of two files overlap: they show parts of the scene twice")
+    return order
+
+
+def _outside_tiles(files: Sequence[Container]) -> Table:
+    """Rows of the first file of what belongs to no tile: models, and annotations that all files have alike."""
+    rows = files[0].directory
+    kept = rows["kind"] < BlockKind.TILE
+    for row in np.flatnonzero((rows["kind"] > BlockKind.TILE) & (rows["kind"] != BlockKind.STREAMING)).tolist():
+        entry = entry_of(rows[row])
+        others = [file.find(entry.kind, entry.layer) for file in files[1:]]
+        told = [] if None in others else [(one.length, one.crc32, one.flags) for one in others if one is not None]
+        kept[row] = len(told) == len(others) and set(told) <= {(entry.length, entry.crc32, entry.flags)}
+    return rows[kept]
+
+
+def _streaming(files: Sequence[Container], order: I64) -> Block | None:
+    """What clients are told of all tiles; None where a file tells nothing, or of other viewpoints."""
+    told = [found for file in files if (found := read_streaming(file)) is not None]
+    alike = {(found.viewpoints.tobytes(), found.layers, str(found.view)) for found in told}
+    if len(told) < len(files) or len(alike) > 1:
+        return None
+    return streaming_block(
+        Streaming(
+            np.concatenate([found.low for found in told])[order],
+            np.concatenate([found.high for found in told])[order],
+            np.concatenate([found.reach for found in told])[order],
+            told[0].viewpoints,
+            np.concatenate([found.gains for found in told], axis=2)[:, :, order],
+            told[0].view,
+        )
+    )
+
+
+def streaming_block(streaming: Streaming) -> Block:
+    """The block that tells clients this."""
+    return Block(BlockKind.STREAMING, 1, pack_streaming(streaming), count=len(streaming.viewpoints))
+
+
+def model_bytes(rows: Table, layers: int) -> list[int]:
+    """Bytes of what belongs to no tile, by layer."""
+    outside = rows[rows["kind"] != BlockKind.TILE]
+    return [int(outside["length"][outside["layer"] == layer + 1].sum(dtype=np.uint64)) for layer in range(layers)]
+
+
+def _sums(files: Sequence[Container], rows: Table) -> tuple[list[tuple[int, int]], list[list[int]]]:
+    """Per layer, cumulative (anchors, Gaussians), and bytes of each kind of stream."""
+    counts, streams = [], []
+    for layer, models in enumerate(model_bytes(rows, files[0].header.layer_count)):
+        summaries = [file.header.layers[layer] for file in files]
+        counts.append((sum(one.anchor_count for one in summaries), sum(one.gaussian_count for one in summaries)))
+        sizes = [sum(found) for found in zip(*(one.stream_bytes for one in summaries), strict=True)]
+        sizes[Stream.MODELS] = models
+        streams.append(sizes)
+    return counts, streams

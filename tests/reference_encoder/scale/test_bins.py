@@ -1,0 +1,74 @@
+"""A range holds the Gaussians of its part of space, in the order of the source."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from reference_encoder.scale.bins import bin_chunk, load_range, write_index
+from reference_encoder.scale.source import inputs_of
+from reference_encoder.scale.work import Work
+from scarfmt.formats.export_ply import write_inria_ply
+from scarfmt.scene.gaussians import GaussianScene
+from tests.reference_encoder.scale.scenes import binned, clusters, equal, ply_of
+
+
+@pytest.mark.parametrize("rows", [70, 1000])
+@pytest.mark.parametrize("place", ["{}", "file://{}", "memory://bins{}"])
+def test_ranges_are_the_scene(tmp_path: Path, rows: int, place: str) -> None:
+    """However the source was cut into chunks, wherever they are kept."""
+    scene = clusters(1000)
+    work = Work(place.format(tmp_path / "work"))
+    bounds, ranges, chunks = binned(ply_of(scene, tmp_path), work, rows=rows, range_size=150, tile=40)
+    assert len(ranges) > 4
+    paths = bounds.paths(scene.positions)
+    for one in ranges:
+        found = load_range(work, chunks, bounds, one.number)
+        inside = (paths >= np.uint64(one.first)) & (paths < np.uint64(one.past))
+        assert equal(found, scene.take(inside))
+        assert len(found) == one.count
+
+
+def test_each_chunk_is_one_file(tmp_path: Path) -> None:
+    """Not one for each range: thousands of both would be millions of files."""
+    work = Work(str(tmp_path / "work"))
+    _, ranges, chunks = binned(ply_of(clusters(1000), tmp_path), work, rows=100, range_size=50, tile=20)
+    assert len(ranges) > 15
+    assert len(work.names("bins")) == chunks + 1 == 11
+
+
+def test_the_same_chunk_gives_the_same_bytes(tmp_path: Path) -> None:
+    """Doing a task again replaces its file by the same."""
+    work, origin = Work(str(tmp_path / "work")), ply_of(clusters(300), tmp_path)
+    bounds, ranges, _ = binned(origin, work, rows=100, range_size=50, tile=20)
+    before = work.read("bins/000001")
+    edges = bin_chunk(work, inputs_of(origin, 100).chunks[1], bounds, ranges)
+    assert work.read("bins/000001") == before
+    assert edges[-1] == 100
+
+
+def test_files_of_lower_degree_get_zeros(tmp_path: Path) -> None:
+    (tmp_path / "tiles").mkdir()
+    for name, degree in (("a.ply", 0), ("b.ply", 2)):
+        write_inria_ply(clusters(50, degree, degree), tmp_path / "tiles" / name)
+    work = Work(str(tmp_path / "work"))
+    bounds, ranges, chunks = binned(str(tmp_path / "tiles"), work, rows=20, range_size=1000, tile=1000)
+    found = load_range(work, chunks, bounds, ranges[0].number)
+    assert found.sh.shape == (100, 9, 3)
+    assert not found.sh[:50, 1:].any()
+    assert equal(found.take(np.arange(50, 100)), clusters(50, 2, 2))
+
+
+def test_a_range_of_nothing_in_a_chunk_is_read_as_nothing(tmp_path: Path) -> None:
+    """Chunks of one place of the scene have nothing of other ranges."""
+    scene = clusters(400)
+    order = np.argsort(scene.positions[:, 0], kind="stable")
+    work = Work(str(tmp_path / "work"))
+    bounds, ranges, chunks = binned(ply_of(scene.take(order), tmp_path), work, rows=40, range_size=50, tile=20)
+    found = [load_range(work, chunks, bounds, one.number) for one in ranges]
+    assert sum(map(len, found)) == 400
+    assert isinstance(found[0], GaussianScene)
+    write_index(work, [np.zeros(2, np.int64)])
+    assert len(load_range(work, 1, bounds, 0)) == 0

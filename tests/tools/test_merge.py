@@ -1,0 +1,121 @@
+"""Files of parts of one scene become one; others are refused."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fuzz.testing.scenes import random_scene
+from scarfmt.blocks.streaming import Streaming
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.file import Container
+from scarfmt.container.schema import Profile
+from scarfmt.container.source import BytesSource
+from scarfmt.errors import InvalidInput, Malformed
+from scarfmt.tools.annotate import annotated, with_streaming
+from scarfmt.tools.merge import merge_to
+from scarfmt.tools.split import even_parts, split_to
+from scarfmt.tools.truncate import truncate
+
+FILES = {profile: annotated(write_scene(random_scene(3, profile, tiles=8)), {"title": "whole"}) for profile in Profile}
+
+
+def told(tiles: int, layers: int) -> Streaming:
+    rng = np.random.default_rng(0)
+    low = rng.integers(0, 100, (tiles, 3)).astype(np.uint8)
+    gains = rng.integers(0, 255, (2, layers, tiles)).astype(np.uint8)
+    return Streaming(low, low + np.uint8(9), gains[0, 0], rng.normal(size=(2, 3)).astype(np.float32), gains)
+
+
+def split(data: bytes, parts: list[np.ndarray]) -> list[bytes]:
+    targets = [io.BytesIO() for _ in parts]
+    sizes = split_to(BytesSource(data), parts, targets)
+    made = [target.getvalue() for target in targets]
+    assert sizes == [len(one) for one in made]
+    return made
+
+
+def merge(files: list[bytes]) -> bytes:
+    target = io.BytesIO()
+    assert merge_to([BytesSource(data) for data in files], target) == len(target.getvalue())
+    return target.getvalue()
+
+
+def halves(data: bytes) -> list[bytes]:
+    return split(data, even_parts(Container.open(BytesSource(data)), 2))
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.sampled_from([*Profile]), st.booleans(), st.data())
+def test_what_was_split_is_merged_to_the_same_bytes(profile: Profile, streaming: bool, data: st.DataObject) -> None:
+    """However its tiles are divided, also where parts lie between each other; in any order."""
+    whole = FILES[profile]
+    header = Container.open(BytesSource(whole)).header
+    if streaming:
+        whole = with_streaming(whole, told(header.tile_count, header.layer_count))
+    owners = np.array(data.draw(st.lists(st.integers(0, 3), min_size=header.tile_count, max_size=header.tile_count)))
+    parts = split(whole, [np.flatnonzero(owners == owner) for owner in np.unique(owners)])
+    assert merge(data.draw(st.permutations(parts))) == whole
+
+
+def test_one_file_is_merged_to_itself() -> None:
+    assert merge([FILES[Profile.EXPLICIT]]) == FILES[Profile.EXPLICIT]
+
+
+def refused(files: list[bytes]) -> str:
+    with pytest.raises(InvalidInput) as caught:
+        merge(files)
+    return caught.value.refusal
+
+
+def test_the_same_tile_twice_is_refused() -> None:
+    first, _ = halves(FILES[Profile.EXPLICIT])
+    assert refused([first, first]) == "input-overlap"
+
+
+def test_other_models_are_refused() -> None:
+    """Their indices and tables would mean something else."""
+    scene = random_scene(3, Profile.EXPLICIT, tiles=8)
+    wider = replace(scene.model.channels[-1], first_width=(0.5,) * scene.model.channels[-1].components)
+    other = replace(scene, model=replace(scene.model, channels=(*scene.model.channels[:-1], wider)))
+    assert refused([halves(write_scene(scene))[0], halves(write_scene(other))[1]]) == "input-models-differ"
+
+
+def test_another_lattice_is_refused() -> None:
+    """The same integers would lie elsewhere."""
+    scene = random_scene(3, Profile.EXPLICIT, tiles=8)
+    other = replace(scene, fields=replace(scene.fields, origin=(9.0, 9.0, 9.0)))
+    assert refused([halves(write_scene(scene))[0], halves(write_scene(other))[1]]) == "input-fields-differ"
+
+
+def test_fewer_layers_are_refused() -> None:
+    first, second = halves(FILES[Profile.EXPLICIT])
+    assert refused([first, truncate(BytesSource(second), 1)]) == "input-models-differ"
+
+
+def test_annotations_that_differ_are_left_out() -> None:
+    """They would be true of a part only."""
+    first, second = halves(FILES[Profile.EXPLICIT])
+    assert merge([annotated(first, {"a": 1}), annotated(second, {"a": 2})]) == merge(
+        halves(write_scene(random_scene(3, Profile.EXPLICIT, tiles=8)))
+    )
+
+
+def test_clients_are_told_nothing_where_not_all_is_known() -> None:
+    """Gains from other viewpoints cannot be compared."""
+    whole = FILES[Profile.EXPLICIT]
+    first, second = halves(whole)
+    header = Container.open(BytesSource(first)).header
+    assert merge([with_streaming(first, told(header.tile_count, header.layer_count)), second]) == whole
+
+
+def test_damage_is_not_copied() -> None:
+    first, second = halves(FILES[Profile.EXPLICIT])
+    with pytest.raises(Malformed) as caught:
+        merge([first, second[:-1] + bytes([second[-1] ^ 1])])
+    assert caught.value.refusal == "crc-mismatch"

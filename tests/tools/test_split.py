@@ -1,0 +1,64 @@
+"""Parts of a file decode to parts of the scene, whatever they are made of."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+
+from fuzz.testing.scenes import random_scene
+from reference_decoder.decode import decode
+from reference_decoder.request import DecodeRequest
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.file import Container
+from scarfmt.container.schema import Profile
+from scarfmt.container.source import BytesSource
+from scarfmt.errors import InvalidInput
+from scarfmt.tools.split import even_parts, split_to
+from scarfmt.tools.validate import validate
+
+
+@pytest.mark.parametrize("profile", [*Profile])
+def test_each_part_is_valid_and_decodes_to_its_tiles(profile: Profile) -> None:
+    data = write_scene(random_scene(5, profile, tiles=8))
+    tiles = Container.open(BytesSource(data)).header.tile_count
+    parts = [np.arange(0, tiles, 2), np.arange(1, tiles, 2)]
+    targets = [io.BytesIO() for _ in parts]
+    split_to(BytesSource(data), parts, targets)
+    for part, target in zip(parts, targets, strict=True):
+        made = target.getvalue()
+        assert validate(BytesSource(made)).valid
+        wanted = decode(BytesSource(data), DecodeRequest(tiles=part.tolist()))
+        found = decode(BytesSource(made), DecodeRequest())
+        assert len(found.positions) == len(wanted.positions)
+        assert np.array_equal(found.positions, wanted.positions)
+
+
+def test_the_source_is_divided_among_the_parts() -> None:
+    """What each part came from adds up to what the whole did."""
+    data = write_scene(random_scene(5, Profile.EXPLICIT, tiles=8))
+    container = Container.open(BytesSource(data))
+    parts = even_parts(container, 3)
+    targets = [io.BytesIO() for _ in parts]
+    split_to(BytesSource(data), parts, targets)
+    counts = [Container.open(BytesSource(target.getvalue())).header.fields.source_count for target in targets]
+    assert sum(counts) == container.header.fields.source_count
+
+
+def test_even_parts_are_of_about_equal_size_and_none_is_empty() -> None:
+    container = Container.open(BytesSource(write_scene(random_scene(5, Profile.EXPLICIT, tiles=8))))
+    tiles = container.header.tile_count
+    for count in range(1, tiles + 1):
+        parts = even_parts(container, count)
+        assert np.concatenate(parts).tolist() == list(range(tiles))
+        assert len(parts) == count
+        assert min(map(len, parts)) > 0
+
+
+@pytest.mark.parametrize("parts", [0, 10_000])
+def test_more_parts_than_tiles_are_refused(parts: int) -> None:
+    container = Container.open(BytesSource(write_scene(random_scene(5, Profile.EXPLICIT, tiles=8))))
+    with pytest.raises(InvalidInput, match="tiles of this one") as caught:
+        even_parts(container, parts)
+    assert caught.value.refusal == "input-parts"
