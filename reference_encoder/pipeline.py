@@ -29,6 +29,7 @@ from reference_encoder.decide.decision import Decision, decide
 from reference_encoder.decide.layering import (
     Entry,
     LayerChoice,
+    LayerCosts,
     Layering,
     Look,
     best_looking,
@@ -217,22 +218,35 @@ def layered(profile: Profile[Any], problem: Problem, plans: Plans) -> Laid:
         problem, plans: no class is split.
     """
     options, share, costs = profile.options, problem.budget.base_share, layer_costs(problem, plans)
-    looking = EFFORTS[options.effort].looks_at_layers
-    if looking:
-        first = first_picture(costs, _look(profile, problem, plans, FIRST_CAP_DB), options.asked_db, share)
+    if not EFFORTS[options.effort].looks_at_layers:
+        laid = layered_by_rule(problem, plans, options.layers)
     else:
-        first = likely_first(costs, share)
-    whole = replace(first, parts=(1.0,) * first.shown)
+        first = first_picture(costs, _look(profile, problem, plans, FIRST_CAP_DB), options.asked_db, share)
+        problem, plans, costs = _split(problem, plans, first)
+        look = _look(profile, problem, plans, options.asked_db)
+        laid = Laid(problem, plans, best_looking(costs, look, _whole(first), options.layers), first)
+    profile.report("layers", 1.0)
+    return laid
+
+
+def layered_by_rule(problem: Problem, plans: Plans, layers: int) -> Laid:
+    """What at most so many layers, two at least, hold, without a look at them; arguments as of :func:`layered`."""
+    first = likely_first(layer_costs(problem, plans), problem.budget.base_share)
+    problem, plans, costs = _split(problem, plans, first)
+    return Laid(problem, plans, predicted_after(_whole(first), costs, layers), first)
+
+
+def _split(problem: Problem, plans: Plans, first: LayerChoice) -> tuple[Problem, Plans, LayerCosts]:
+    """With those classes split of which the first layer shows a part."""
     if min(first.parts) < 1:
         problem = problem.split(first.parts)
         plans = planned(problem)
-        costs = layer_costs(problem, plans)
-    if looking:
-        choices = best_looking(costs, _look(profile, problem, plans, options.asked_db), whole, options.layers)
-    else:
-        choices = predicted_after(whole, costs, options.layers)
-    profile.report("layers", 1.0)
-    return Laid(problem, plans, choices, first)
+    return problem, plans, layer_costs(problem, plans)
+
+
+def _whole(first: LayerChoice) -> LayerChoice:
+    """The first layer once the parts of classes that it shows are classes of their own."""
+    return replace(first, parts=(1.0,) * first.shown)
 
 
 def _look(profile: Profile[Any], problem: Problem, plans: Plans, most: float) -> Look:

@@ -326,3 +326,23 @@ SLOWEST, LAST_SLOWER = 25.0, 1e4
 """The learning rate starts at a 25th of its highest value and ends at a ten-thousandth of that [0009]."""
 MOMENTA = (0.95, 0.85)
 """While the learning rate is low, and where it is highest [0009]."""
+
+# --- Scenes larger than a machine: scale/ ---
+
+PROXY_RUN, MOST_PROXIES = 64, 262_144
+"""Neighbours that one Gaussian stands for where a range is drawn that they are not in; in scenes so large that there
+would be more than so many, more neighbours [0044]."""
+OVERVIEW_ROWS = 262_144
+"""Gaussians of all ranges together that tell where the scene is and which way is up [0044]."""
+SAMPLE_ROWS = 131_072
+"""Gaussians of all ranges together that what holds for the whole scene is fitted to [0044]."""
+RANGE_VIEWS = {1: 16, 2: 24, 3: 48}
+"""By effort, views of each kind that a range is surveyed from at most; all views of the scene are many more [0044]."""
+MEETING_ROWS = 2048
+"""Gaussians of a range, drawn evenly, that tell which views meet it [0044]."""
+JUDGING_RANGES, JUDGING_PART = 3, 0.125
+"""Ranges that lambda is corrected by: at least so many, and about this part of all [0044]."""
+LEAST_COVER = 0.02
+"""Part of a picture that judging ranges make up at least, or it tells nothing [0044]."""
+LATTICE_MARGIN_BITS = 1
+"""Bits of the lattice beyond what a sample of the scene wants [0044]."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import get_num_threads
@@ -62,23 +62,62 @@ def classify(importance: F64, lambda_: float, bits: float, limit: int) -> tuple[
         bits: what the cheapest anchor costs.
         limit: most classes.
     """
-    worth = importance > lambda_ * bits
+    found = bounds_of_classes(importance, lambda_, bits, limit)
+    return found.classes(importance), found.count
+
+
+def bounds_of_classes(importance: F64, lambda_: float, bits: float, limit: int) -> ClassBounds:
+    """What makes classes of anchors; arguments as of :func:`classify`."""
+    least = lambda_ * bits
+    worth = importance > least
     if not worth.any():
-        worth = importance >= importance.max()
-    floor = float(importance[worth].min())
-    rank = np.zeros(len(importance))
-    positive = importance > 0
-    rank[positive] = np.log(importance[positive] / max(floor, 1e-300)) / np.log(IMPORTANCE_RATIO)
-    count = int(min(limit, MAX_CLASSES, np.floor(rank[worth].max()) + 1)) if floor > 0 else 1
-    classes = count - 1 - np.minimum(np.floor(rank), count - 1).astype(np.int64)
+        least = float(np.nextafter(importance.max(), -np.inf))
+        worth = importance > least
+    found = ClassBounds(least, float(importance[worth].min()), 1, (0,))
+    if found.floor <= 0:
+        return found
+    count = int(min(limit, MAX_CLASSES, np.floor(found.ranks(importance[worth]).max()) + 1))
+    found = replace(found, ranked=count, used=tuple(range(count)))
     # Empty classes would waste rows of the layer table.
-    used = np.unique(classes[worth])
-    classes = np.searchsorted(used, classes)
-    classes[~worth] = -1
-    return classes, len(used)
+    return replace(found, used=tuple(np.unique(found.classes(importance[worth])).tolist()))
 
 
-def ranked_with_colour(absence: F64, colour: F64, share: float, least: float) -> F64:
+@dataclass(frozen=True)
+class ClassBounds:
+    """What makes classes of anchors.
+
+    Attributes:
+        least: an anchor of at most so much importance is not worth sending.
+        floor: importance where the least important class begins; what is below, but worth sending, is in it.
+        ranked: classes by rank, `IMPORTANCE_RATIO` apart.
+        used: those that there are, ascending; of any other, anchors are in the next.
+    """
+
+    least: float
+    floor: float
+    ranked: int
+    used: tuple[int, ...]
+
+    @property
+    def count(self) -> int:
+        """Classes that there are."""
+        return len(self.used)
+
+    def ranks(self, importance: F64) -> F64:
+        """(n,) how far above the floor anchors are, in classes."""
+        rank = np.zeros(len(importance))
+        positive = importance > 0
+        rank[positive] = np.log(importance[positive] / max(self.floor, 1e-300)) / np.log(IMPORTANCE_RATIO)
+        return rank
+
+    def classes(self, importance: F64) -> I64:
+        """(n,) class of each anchor, 0 the most important; -1 for those not worth sending."""
+        whole = np.clip(np.floor(self.ranks(importance)), 0, self.ranked - 1).astype(np.int64)
+        found = np.minimum(np.searchsorted(self.used, self.ranked - 1 - whole), self.count - 1)
+        return np.where(importance > self.least, found, -1)
+
+
+def ranked_with_colour(absence: F64, colour: F64, share: float, least: float, shift: float | None = None) -> F64:
     """(N,) importance that ranks anchors by what errors of their colour show as well as by what their absence does.
 
     A class has one step for all its colours, so that what it gains depends on how alike their weights are; where most
@@ -89,15 +128,29 @@ def ranked_with_colour(absence: F64, colour: F64, share: float, least: float) ->
         colour: (N,) squared picture error per squared unit of colour.
         share: of the colour in the logarithm: 0 ranks by absence alone.
         least: of absence; below, an anchor is not worth sending and stays so, above, it stays worth it.
+        shift: :func:`colour_shift` of all anchors; None where these are all.
     """
     worth = absence > least
     if share == 0 or not worth.any():
         return absence
-    logs, tints = np.log(absence[worth]), np.log(np.maximum(colour[worth], 1e-300))
+    logs, tints = np.log(absence[worth]), _log_colour(colour[worth])
     ranked = absence.copy()
-    ranked[worth] = np.exp((1 - share) * logs + share * (tints + logs.mean() - tints.mean()))
+    shift = colour_shift(absence, colour, least) if shift is None else shift
+    ranked[worth] = np.exp((1 - share) * logs + share * (tints + shift))
     ranked[worth] = np.maximum(ranked[worth], np.nextafter(least, np.inf))
     return ranked
+
+
+def colour_shift(absence: F64, colour: F64, least: float) -> float:
+    """How far above the logarithm of its colour's weight that of an anchor's absence is, on average; 0 of none."""
+    worth = absence > least
+    if not worth.any():
+        return 0.0
+    return float(np.log(absence[worth]).mean() - _log_colour(colour[worth]).mean())
+
+
+def _log_colour(colour: F64) -> F64:
+    return np.asarray(np.log(np.maximum(colour, 1e-300)))
 
 
 @compiled
@@ -168,7 +221,13 @@ def aligned_steps(
 
 
 def plan_channel(
-    stream: Stream, values: F64, step: tuple[float, ...], sensitivity: F64, classes: I64, count: int
+    stream: Stream,
+    values: F64,
+    step: tuple[float, ...],
+    sensitivity: F64,
+    classes: I64,
+    count: int,
+    repeat: float = 1.0,
 ) -> ChannelPlan:
     """Cost tables of a channel for every class and every number of steps up to `FINEST_STEP`.
 
@@ -177,6 +236,7 @@ def plan_channel(
     Args:
         values: (N, components) in units of the attribute.
         sensitivity: (N, components) or (N, 1) squared picture error per squared unit.
+        repeat: how many anchors each stands for.
     """
     bits, error = np.zeros((count, FINEST_STEP + 1)), np.zeros((count, FINEST_STEP + 1))
     order, widths = np.argsort(classes, kind="stable"), np.array(step) / 3.0 ** (FINEST_STEP - 1)
@@ -186,7 +246,7 @@ def plan_channel(
     def fill(klass: int) -> None:
         here = order[edges[klass] : edges[klass + 1]]
         sampled = here[:: max(1, len(here) // PLANNED_ANCHORS)]
-        scale = len(here) / max(len(sampled), 1)
+        scale = repeat * len(here) / max(len(sampled), 1)
         _price_steps(values[sampled], heavy[sampled], widths, logarithm, scale, bits[klass], error[klass])
 
     with ThreadPoolExecutor(get_num_threads()) as pool:

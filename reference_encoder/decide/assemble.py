@@ -12,7 +12,7 @@ from reference_encoder.decide.decision import Decision
 from reference_encoder.decide.lattice import Placement
 from reference_encoder.decide.problem import Geometry, Problem
 from reference_encoder.decide.targets import Targets
-from scarfmt.arrays import I64
+from scarfmt.arrays import I16, I64
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.coding.tile import TileContent, first_values
 from scarfmt.coding.writer import QuantisedScene
@@ -52,10 +52,17 @@ def assembled(
     stages = model.max_stages > 0
     refined = model.channel_index(Stream.LATENT) is not None
     scene = QuantisedScene(
-        fields=_header(geometry),
+        fields=header_fields(geometry),
         model=model,
         tiles=geometry.placement.tiles,
-        contents=_contents(problem, decision, slot_layers),
+        contents=contents_of(
+            model,
+            geometry.placement,
+            decision.classes,
+            decision.finals,
+            fitted.rvq.indices if fitted is not None and stages else None,
+            slot_layers,
+        ),
         codebooks=fitted.books if fitted is not None and stages else None,
         decoder=fitted.latent.decoder if fitted is not None and (stages or refined) else None,
         scene_mlps=mlps,
@@ -68,7 +75,8 @@ def assembled(
     return Quantised(scene, Targets(latent.values[order], latent.weight[order], problem.budget.lambda_))
 
 
-def _header(geometry: Geometry) -> HeaderFields:
+def header_fields(geometry: Geometry) -> HeaderFields:
+    """What the header says of the whole scene."""
     lattice = geometry.placement.lattice
     return HeaderFields(
         geometry.profile,
@@ -89,9 +97,23 @@ def anchor_order(model: SceneModel, placement: Placement, classes: I64) -> I64:
     return np.lexsort((classes, placement.codes, appears, placement.tile))
 
 
-def _contents(problem: Problem, decision: Decision, slot_layers: I64 | None) -> tuple[TileContent, ...]:
-    """Tile contents in normative order (SPEC §6.3)."""
-    model, placement, classes = decision.model, problem.geometry.placement, decision.classes
+def contents_of(
+    model: SceneModel,
+    placement: Placement,
+    classes: I64,
+    finals: Mapping[Stream, I64],
+    indices: I16 | None,
+    slot_layers: I64 | None = None,
+) -> tuple[TileContent, ...]:
+    """Tile contents in normative order (SPEC §6.3).
+
+    Args:
+        placement: of N anchors.
+        classes: (N,).
+        finals: (N, components) quantised values per channel.
+        indices: (N, M) codewords, at least as many stages as the model has; None where it has none.
+        slot_layers: as :func:`assembled` has it.
+    """
     order = anchor_order(model, placement, classes)
     edges = np.cumsum(np.bincount(placement.tile, minlength=len(placement.tiles)))[:-1]
     stages, received = model.max_stages, model.stages(len(model.layers), classes)
@@ -99,9 +121,9 @@ def _contents(problem: Problem, decision: Decision, slot_layers: I64 | None) -> 
     for here in np.split(order, edges):
         content = TileContent.empty(model, len(here))
         content.codes, content.classes = placement.codes[here], classes[here]
-        content.values = [decision.finals[channel.stream][here].astype(np.int32) for channel in model.channels]
-        if problem.fitted is not None and stages:
-            chosen = problem.fitted.rvq.indices[here, :stages]
+        content.values = [finals[channel.stream][here].astype(np.int32) for channel in model.channels]
+        if indices is not None:
+            chosen = indices[here, :stages]
             content.indices = np.where(np.arange(stages) < received[here, None], chosen, 0).astype(np.int16)
         if slot_layers is not None:
             content.slot_layers = slot_layers[here]

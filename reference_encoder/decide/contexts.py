@@ -27,7 +27,7 @@ def telling(count: int) -> slice:
 
 
 def choose_rules(
-    streams: Sequence[Stream], firsts: Sequence[I64], classes: I64, count: int | None = None
+    streams: Sequence[Stream], firsts: Sequence[I64], classes: I64, count: float | None = None
 ) -> list[tuple[ContextRule, ...]]:
     """One rule per component per channel.
 

@@ -68,16 +68,31 @@ def _modelled(problem: Problem, plans: Plans, rows: Sequence[LayerRow]) -> tuple
             continue
         used[index] = plan.stream
         values, weight = _goal(problem, plans, plan.stream)
-        units = cell_widths(plan.step, np.maximum(steps, 1))
-        final = choose_values(values, weight, classes, problem.budget.lambda_, units)
-        if not steps.all():
-            final *= (steps > 0)[classes, None]
+        final = final_values(values, weight, classes, (plan.step, steps), problem.budget.lambda_)
         finals[plan.stream] = final
         firsts.append(coarsen(final[told], np.maximum(steps - 1, 0)[classes[told], None]))
-    rules = choose_rules(list(used.values()), firsts, classes[told], len(classes))
+    rules = choose_rules(list(used.values()), firsts, classes[told], problem.repeat * len(classes))
     channels = tuple(Channel(every[i].stream, every[i].step, rule) for i, rule in zip(used, rules, strict=True))
     kept = tuple(LayerRow(row.stages, tuple(tuple(s[i] for i in used) for s in row.steps)) for row in rows)
     return SceneModel(problem.geometry.profile, problem.geometry.slots, channels, kept), finals
+
+
+def final_values(
+    values: F64, weight: F64, classes: I64, received: tuple[Sequence[float], I64], lambda_: float
+) -> I64:
+    """(N, components) integers of the last layer; 0 for classes that receive none.
+
+    Args:
+        values, weight: (N, components), true ones, and squared picture error per squared unit.
+        classes: (N,).
+        received: first width per component, and (classes,) steps.
+        lambda_: of the last layer, squared picture error per bit.
+    """
+    step, steps = received
+    final = choose_values(values, weight, classes, lambda_, cell_widths(step, np.maximum(steps, 1)))
+    if not steps.all():
+        final *= (steps > 0)[classes, None]
+    return final
 
 
 def _goal(problem: Problem, plans: Plans, stream: Stream) -> tuple[F64, F64]:

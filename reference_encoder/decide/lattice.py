@@ -17,8 +17,40 @@ from scarfmt.container.morton import deinterleave, interleave
 from scarfmt.limits import MAX_LATTICE_BITS, MAX_LOCAL_BITS, MAX_TILE_DEPTH
 from scarfmt.scene.model import Lattice
 
-# Never finer than this fraction of the magnitude of the coordinates: binary64 has no more to give.
-_RELATIVE_FLOOR = 2.0**-44
+RELATIVE_FLOOR = 2.0**-44
+"""Never finer than this fraction of the magnitude of the coordinates: binary64 has no more to give."""
+
+
+@dataclass(frozen=True)
+class Root:
+    """The cube that all tiles lie in.
+
+    Attributes:
+        low: its corner, world units.
+        side: of it.
+        reach: the largest magnitude of a coordinate in it.
+    """
+
+    low: tuple[float, float, float]
+    side: float
+    reach: float
+
+    @classmethod
+    def of(cls, low: F64, high: F64) -> Root:
+        """The smallest that holds what lies between two corners, (3,) each."""
+        reach = float(max(np.abs(low).max(), np.abs(high).max()))
+        side = float(np.max(high - low))
+        side = max(side * (1 + 1e-9), reach * RELATIVE_FLOOR * 4, 1e-300)
+        return cls((float(low[0]), float(low[1]), float(low[2])), side, reach)
+
+    def paths(self, positions: F64) -> U64:
+        """(N,) Morton codes of `MAX_TILE_DEPTH` bits an axis of (N, 3) positions."""
+        unit = np.clip((positions - np.array(self.low)) / self.side, 0.0, np.nextafter(1.0, 0.0))
+        return interleave((unit * (1 << MAX_TILE_DEPTH)).astype(np.uint64))
+
+
+EVERYWHERE = (0, 1 << 3 * MAX_TILE_DEPTH)
+"""All Morton codes, the first and the one past the last."""
 
 
 @dataclass(frozen=True)
@@ -44,22 +76,61 @@ class Placement:
 
 def place(positions: F64, wanted_step: F64, tile_anchors: int | None = None) -> Placement:
     """Tiles and cells for (N, 3) positions whose quantiser step should be about (N,) `wanted_step`."""
-    low = positions.min(axis=0)
-    reach = float(np.abs(positions).max())
-    side = float(np.max(positions.max(axis=0) - low))
-    side = max(side * (1 + 1e-9), reach * _RELATIVE_FLOOR * 4, 1e-300)
-    unit = np.clip((positions - low) / side, 0.0, np.nextafter(1.0, 0.0))
-    path = interleave((unit * (1 << MAX_TILE_DEPTH)).astype(np.uint64))
+    root = Root.of(positions.min(axis=0), positions.max(axis=0))
+    cubes = cut(root, positions, tile_anchors or usual_tile(len(positions)))
+    bits = _local_bits(cubes, wanted_step, root)
+    return _placed(positions, root, cubes, bits, int(max(1, (cubes.depth + bits).max())))
+
+
+def place_within(
+    positions: F64,
+    wanted_step: F64,
+    root: Root,
+    lattice_bits: int,
+    tile_anchors: int,
+    within: tuple[int, int] = EVERYWHERE,
+) -> Placement:
+    """As :func:`place` does, on a lattice that is given, and with tiles that lie in an interval of the Morton order.
+
+    Args:
+        positions: (N, 3), N >= 1, all in the interval.
+        lattice_bits: at least `MAX_TILE_DEPTH`.
+        tile_anchors: most anchors of a tile.
+        within: the first Morton code of `MAX_TILE_DEPTH` bits an axis, and the one past the last.
+    """
+    cubes = cut(root, positions, tile_anchors, within)
+    bits = np.minimum(_local_bits(cubes, wanted_step, root), lattice_bits - cubes.depth)
+    return _placed(positions, root, cubes, bits, lattice_bits)
+
+
+def finest_bits(positions: F64, wanted_step: F64, root: Root, tile_anchors: int) -> int:
+    """Bits of a lattice that gives every tile the cells that it wants."""
+    cubes = cut(root, positions, tile_anchors)
+    return int((cubes.depth + _local_bits(cubes, wanted_step, root)).max())
+
+
+@dataclass(frozen=True)
+class Cubes:
+    """Where tiles lie.
+
+    Attributes:
+        depth, prefix: (T,) of each tile, ascending.
+        tile: (N,) int64 tile of each anchor.
+    """
+
+    depth: I64
+    prefix: U64
+    tile: I64
+
+
+def cut(root: Root, positions: F64, most: int, within: tuple[int, int] = EVERYWHERE) -> Cubes:
+    """The largest cubes, none reaching beyond an interval, that hold at most so many of (N, 3) positions."""
+    path = root.paths(positions)
     order = np.argsort(path, kind="stable")
-    depth, prefix, first = split(path[order], MAX_TILE_DEPTH, tile_anchors or usual_tile(len(positions)))
+    depth, prefix, first = split(path[order], MAX_TILE_DEPTH, most, within)
     tile = np.empty(len(positions), np.int64)
     tile[order] = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(positions))))
-    bits = _local_bits(depth, tile, wanted_step, side, reach)
-    lattice_bits = int(max(1, (depth + bits).max()))
-    shift = lattice_bits - depth - bits
-    tiles = tuple(Tile(int(d), int(s), int(p)) for d, s, p in zip(depth, shift, prefix, strict=True))
-    lattice = Lattice((float(low[0]), float(low[1]), float(low[2])), side / 2.0**lattice_bits, lattice_bits)
-    return _cells(positions, lattice, tiles, tile, depth, bits)
+    return Cubes(depth, prefix, tile)
 
 
 def usual_tile(count: int) -> int:
@@ -67,13 +138,14 @@ def usual_tile(count: int) -> int:
     return LARGE_SCENE_TILE_ANCHORS if count > LARGE_SCENE else TILE_ANCHORS
 
 
-def split(path: U64, bits: int, most: int) -> tuple[I64, U64, I64]:
+def split(path: U64, bits: int, most: int, within: tuple[int, int] | None = None) -> tuple[I64, U64, I64]:
     """The largest cubes that hold at most `most` of the points on sorted paths; at the last bit, more.
 
     Args:
         path: (n,) Morton codes of `bits` bits an axis, not descending; n >= 1.
         bits: of a path; no cube is deeper.
         most: points of a cube, at least 1.
+        within: codes that cubes do not reach beyond, the first and the one past the last; None for all.
 
     Returns:
         Depth, Morton prefix and first point of each cube, in Morton order.
@@ -82,8 +154,11 @@ def split(path: U64, bits: int, most: int) -> tuple[I64, U64, I64]:
     stack = [(0, 0, len(path))]
     while stack:
         depth, first, past = stack.pop()
-        if past - first <= most or depth == bits:
-            found.append((depth, int(path[first]) >> (3 * (bits - depth)), first))
+        free = 3 * (bits - depth)
+        prefix = int(path[first]) >> free
+        fits = within is None or (prefix << free >= within[0] and (prefix + 1) << free <= within[1])
+        if (fits and past - first <= most) or depth == bits:
+            found.append((depth, prefix, first))
             continue
         digits = path[first:past] >> np.uint64(3 * (bits - depth - 1))
         edges = np.append(np.flatnonzero(np.diff(digits)) + 1, past - first) + first
@@ -96,19 +171,23 @@ def split(path: U64, bits: int, most: int) -> tuple[I64, U64, I64]:
     return np.array(depths, np.int64), np.array(prefixes, np.uint64), np.array(firsts, np.int64)
 
 
-def _local_bits(depth: I64, tile: I64, wanted: F64, side: float, reach: float) -> I64:
-    order = np.argsort(tile, kind="stable")
-    groups = np.split(wanted[order], np.cumsum(np.bincount(tile))[:-1])
+def _local_bits(cubes: Cubes, wanted: F64, root: Root) -> I64:
+    order, depth = np.argsort(cubes.tile, kind="stable"), cubes.depth
+    groups = np.split(wanted[order], np.cumsum(np.bincount(cubes.tile))[:-1])
     cell = CELL_FACTOR * np.array([np.percentile(group, CELL_PERCENTILE) for group in groups])
-    cell = np.maximum(cell, max(reach * _RELATIVE_FLOOR, 1e-300))
-    bits = np.ceil(np.log2(np.maximum(side / 2.0**depth / cell, 1.0))).astype(np.int64)
+    cell = np.maximum(cell, max(root.reach * RELATIVE_FLOOR, 1e-300))
+    bits = np.ceil(np.log2(np.maximum(root.side / 2.0**depth / cell, 1.0))).astype(np.int64)
     return np.minimum(bits, np.minimum(MAX_LOCAL_BITS, MAX_LATTICE_BITS - depth))
 
 
-def _cells(positions: F64, lattice: Lattice, tiles: tuple[Tile, ...], tile: I64, depth: I64, bits: I64) -> Placement:
-    prefix = np.array([t.prefix for t in tiles], np.uint64)
-    shift = np.array([t.shift for t in tiles], np.int64)
-    corner = deinterleave(prefix).astype(np.float64) * 2.0 ** (lattice.bits - depth)[:, None]
+def _placed(positions: F64, root: Root, cubes: Cubes, bits: I64, lattice_bits: int) -> Placement:
+    """Anchors in the cells of their tiles, which have so many `bits` an axis each."""
+    depth, tile = cubes.depth, cubes.tile
+    shift = lattice_bits - depth - bits
+    rows = zip(depth, shift, cubes.prefix, strict=True)
+    tiles = tuple(Tile(int(d), int(s), int(p)) for d, s, p in rows)
+    lattice = Lattice(root.low, root.side / 2.0**lattice_bits, lattice_bits)
+    corner = deinterleave(cubes.prefix).astype(np.float64) * 2.0 ** (lattice_bits - depth)[:, None]
     cell = np.exp2(shift.astype(np.float64))
     local = ((positions - np.array(lattice.origin)) / lattice.voxel - corner[tile]) / cell[tile][:, None]
     top = (2.0**bits)[tile][:, None]

@@ -45,27 +45,27 @@ def planned(problem: Problem) -> Plans:
     for stream, caps in channels.coarsest.items():
         weight = channels.weights[stream]
         step = aligned_steps(caps, weight, classes, count, problem.budget.lambda_)
-        plans.append(plan_channel(stream, channels.values[stream], step, weight, classes, count))
+        plans.append(plan_channel(stream, channels.values[stream], step, weight, classes, count, problem.repeat))
     if problem.fitted is None:
         none = np.zeros((count, 1))
         unused = ChannelPlan(Stream.LATENT, (1.0,), none, none)
         return Plans(plans, unused, LatentChain(0, none, none), np.zeros((len(classes), 1)))
-    return Plans(plans, *_latent_plans(problem.fitted, classes, count, problem.budget.lambda_))
+    return Plans(plans, *_latent_plans(problem.fitted, classes, count, problem.budget.lambda_, problem.repeat))
 
 
 def _latent_plans(
-    fitted: FittedLatent, classes: I64, count: int, lambda_: float
+    fitted: FittedLatent, classes: I64, count: int, lambda_: float, repeat: float
 ) -> tuple[ChannelPlan, LatentChain, F64]:
     """The plan of the LATENT channel, what the latent can receive, and what the RVQ leaves for that channel."""
     latent, rvq = fitted.latent, fitted.rvq
-    error = np.stack([np.bincount(classes, row, count) for row in rvq.distortion], axis=1)
+    error = repeat * np.stack([np.bincount(classes, row, count) for row in rvq.distortion], axis=1)
     bits = np.concatenate([np.zeros((1, len(classes))), np.cumsum(rvq.bits, axis=0)])
-    bits = np.stack([np.bincount(classes, row, count) for row in bits], axis=1)
+    bits = repeat * np.stack([np.bincount(classes, row, count) for row in bits], axis=1)
     stages = len(rvq.bits)
     left = latent.values.astype(np.float64) - fitted.books.latents(rvq.indices, np.full(len(classes), stages))
     weight = latent.weight[:, None].astype(np.float64)
     step = aligned_steps((COARSEST_LATENT,), weight, classes, count, lambda_) * left.shape[1]
-    plan = plan_channel(Stream.LATENT, left, step, weight, classes, count)
+    plan = plan_channel(Stream.LATENT, left, step, weight, classes, count, repeat)
     chain = LatentChain(
         stages,
         np.concatenate([bits, bits[:, -1:] + plan.bits[:, 1:]], axis=1),
@@ -82,12 +82,13 @@ def position_bits(classes: I64, count: int) -> F64:
 def layer_costs(problem: Problem, plans: Plans) -> LayerCosts:
     """What layers cost and gain."""
     classes = problem.classes
-    absence = COARSE_ABSENCE * np.bincount(classes.of, classes.importance, classes.count)
+    absence = problem.repeat * COARSE_ABSENCE * np.bincount(classes.of, classes.importance, classes.count)
+    sizes = np.rint(problem.repeat * np.bincount(classes.of, minlength=classes.count)).astype(np.int64)
     return LayerCosts(
         plans=plans.channels,
         latent=plans.chain,
         position_bits=classes.presence_bits,
-        sizes=np.bincount(classes.of, minlength=classes.count),
+        sizes=sizes,
         absence=absence.astype(np.float64),
         lost=problem.budget.lost,
         model_bits=_model_bits(problem.fitted),

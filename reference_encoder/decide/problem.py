@@ -94,7 +94,7 @@ class Classes:
         return self.standing < np.concatenate([parts, np.zeros(self.count - len(parts))])[self.of]
 
 
-def standing(positions: F64, classes: I64, extent: F64) -> F64:
+def standing(positions: F64, classes: I64, extent: F64, box: tuple[F64, F64] | None = None) -> F64:
     """(N,) rank, 0 to below 1, of each anchor among its :data:`NEIGHBOURS` of the same class: who covers most is first.
 
     So any part of a class is spread evenly over the scene, and those that are shown hide that others are not.
@@ -103,8 +103,9 @@ def standing(positions: F64, classes: I64, extent: F64) -> F64:
         positions: (N, 3).
         classes: (N,).
         extent: (N,) how much an anchor covers, in any unit.
+        box: two corners, (3,) each, of where neighbours are told apart; None for where nearly all of these are.
     """
-    low, high = np.percentile(positions, (1, 99), axis=0)
+    low, high = np.percentile(positions, (1, 99), axis=0) if box is None else box
     cells = np.clip((positions - low) / np.maximum(high - low, 1e-300), 0, 1) * ((1 << MAX_BITS) - 1)
     order = np.lexsort((interleave(cells), classes))
     sizes = np.bincount(classes)
@@ -137,8 +138,10 @@ class Problem:
     """A scene without what is not worth sending, its latent fitted, nothing else decided.
 
     Attributes:
-        geometry, channels, classes, budget: as their names say.
+        geometry, channels, classes, budget: as their names say; what presence costs and what is lost is of all
+            anchors that these stand for.
         fitted: latent and codewords, or None.
+        repeat: how many anchors each stands for.
     """
 
     geometry: Geometry
@@ -146,6 +149,7 @@ class Problem:
     classes: Classes
     fitted: FittedLatent | None
     budget: Budget
+    repeat: float = 1.0
 
     def split(self, parts: Sequence[float]) -> Problem:
         """The problem with the given parts of the first classes as classes of their own, before the rest of those."""

@@ -26,6 +26,7 @@ class Wanted:
         lambda_: of the last layer, squared picture error per bit.
         metric: (D, D), which errors matter; None for all alike.
         extra_stages: RVQ stages beyond the effort level's.
+        repeat: how many vectors each stands for.
     """
 
     vectors: F32
@@ -34,6 +35,7 @@ class Wanted:
     lambda_: float
     metric: F64 | None = None
     extra_stages: int = 0
+    repeat: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,8 @@ def fit_latent(wanted: Wanted, options: EncodeOptions, report: Report) -> Fitted
     """Latent and codewords; None when nothing in the vectors is worth sending."""
     effort, count = EFFORTS[options.effort], len(wanted.classes)
     stages = effort.stages + wanted.extra_stages
-    rvq = RvqOptions(codebook_size(count), stages, wanted.lambda_, effort.sample, effort.epochs, options.seed)
+    size = codebook_size(round(wanted.repeat * count))
+    rvq = RvqOptions(size, stages, wanted.lambda_, effort.sample, effort.epochs, options.seed)
     tolerance = wanted.lambda_ * count
 
     def tell(fraction: float) -> None:

@@ -24,12 +24,15 @@ class Latent:
         weight: (N,) float32: squared picture error per squared lattice unit.
         decoder: the network of SPEC §9.2, integers in, coefficients out.
         lost: (N,) float64 squared picture error of the dropped dimensions.
+        projection: (D, d) float64 from vectors, centred and turned into the metric if there is one, to latents; None
+            where that is not linear.
     """
 
     values: F32
     weight: F32
     decoder: QuantisedMlp
     lost: F64
+    projection: F64 | None = None
 
 
 def linear_latent(vectors: F32, weight: F64, tolerance: float, metric: F64 | None = None) -> Latent | None:
@@ -59,7 +62,8 @@ def linear_latent(vectors: F32, weight: F64, tolerance: float, metric: F64 | Non
     unit = max(float(np.percentile(np.abs(z), 99.9)) / CODEWORD_RANGE, 1e-12)
     decoder = QuantisedMlp((Linear.quantised(inverse @ basis * unit, centre, bits=DECODER_BITS),))
     lost = weight * np.maximum((x * x).sum(1) - (z * z).sum(1), 0.0)
-    return Latent((z / unit).astype(np.float32), (weight * unit * unit).astype(np.float32), decoder, lost)
+    heavy = (weight * unit * unit).astype(np.float32)
+    return Latent((z / unit).astype(np.float32), heavy, decoder, lost, basis / unit)
 
 
 def metric_roots(metric: F64) -> tuple[F64, F64]:

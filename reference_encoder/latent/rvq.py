@@ -68,13 +68,18 @@ class RvqResult:
     bits: F32
 
 
-class _Prices:
-    """Bits of each code in each class, from soft counts."""
+class Prices:
+    """Bits of each code in each class, from soft counts.
+
+    Attributes:
+        bits: (classes, codewords) float32.
+    """
 
     def __init__(self, codewords: int, classes: int) -> None:
         self.bits = np.full((classes, codewords), np.log2(max(codewords, 2)), np.float32)
 
     def update(self, codes: I64, classes: I64) -> None:
+        """Those of (n,) codes in (n,) classes."""
         count, size = self.bits.shape
         flat = np.bincount(classes * size + codes, minlength=count * size).reshape(count, size).astype(np.float32)
         pooled = flat.sum(axis=0, keepdims=True)
@@ -151,14 +156,14 @@ def _fill_nearest(x: F32, weight: F32, classes: I64, words: F32, half: F32, pric
         out[row] = first_of_least(scores)
 
 
-def _train(vectors: Vectors, options: RvqOptions, draws: Draws, start: F32 | None) -> tuple[F32, _Prices]:
+def _train(vectors: Vectors, options: RvqOptions, draws: Draws, start: F32 | None) -> tuple[F32, Prices]:
     """A codebook (n, d) for `vectors`: k-means start, then EMA batches with stale-code replacement."""
     if start is None:
         importance = np.sqrt(vectors.energy) + np.float32(1e-20)
         start = vectors.x[draws.weighted(importance, min(options.codewords, len(importance)))]
     book = start.copy()
     book[0] = 0
-    prices = _Prices(len(book), int(vectors.classes.max()) + 1)
+    prices = Prices(len(book), int(vectors.classes.max()) + 1)
     mass, total = np.zeros((len(book), 1), np.float32), np.zeros_like(book)
     weight = vectors.weight[:, None]
     for epoch in range(options.epochs):
@@ -227,7 +232,7 @@ def _sample(count: int, options: RvqOptions, draws: Draws) -> I64:
     return np.arange(count) if count <= options.sample else draws.permutation(count)[: options.sample]
 
 
-def _settle(prices: _Prices, sample: Vectors, book: F32, lambda_: float) -> None:
+def _settle(prices: Prices, sample: Vectors, book: F32, lambda_: float) -> None:
     """Make code prices agree with the choices they cause (two rounds on the sample)."""
     for _ in range(2):
         prices.update(assign(sample, book, prices.bits, lambda_), sample.classes)

@@ -9,14 +9,14 @@ model.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from reference_encoder.measure.attributes import Attributes
-from reference_encoder.measure.weights import Weights
 from reference_encoder.tuning import ASPECT_CAP, BLUR_PX2, GAUSSIAN_ABSENCE, OPACITY_SHARE, SCALE_SHARE
-from scarfmt.arrays import F64
+from scarfmt.arrays import F32, F64
 from scarfmt.container.schema import Stream
 
 SH_C0 = 0.28209479177387814
@@ -42,9 +42,20 @@ class Sensitivity:
         return Sensitivity(channels, self.colour[index], self.absence[index])
 
 
-def measure(attributes: Attributes, weights: Weights) -> Sensitivity:
+class Weighed(Protocol):
+    """What N Gaussians weigh, as :class:`reference_encoder.measure.weights.Weights` has it."""
+
+    @property
+    def shape(self) -> NDArray[np.floating]: ...
+    @property
+    def colour(self) -> NDArray[np.floating]: ...
+    @property
+    def pixel(self) -> F32: ...
+
+
+def measure(attributes: Attributes, weights: Weighed) -> Sensitivity:
     """Sensitivities of all N Gaussians that weigh so much."""
-    shape, colour = weights.shape, weights.colour * SH_C0**2
+    shape, colour = weights.shape.astype(np.float64), weights.colour.astype(np.float64) * SH_C0**2
     variance = np.exp(2 * np.clip(attributes.log_scales, -40, 40))
     blurred = variance + BLUR_PX2 * (weights.pixel.astype(np.float64) ** 2)[:, None]
     visible = variance / blurred

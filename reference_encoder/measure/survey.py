@@ -61,10 +61,15 @@ class Survey:
         return replace(self, views=views)
 
 
-def survey(scene: GaussianScene, options: EncodeOptions) -> Survey:
+def survey(scene: GaussianScene, options: EncodeOptions, count: int | None = None) -> Survey:
     """The views of a scene: from everywhere, from the given cameras and beside them, or from these alone.
 
     Where it is doubtful which way is up, half of those from everywhere are for either guess.
+
+    Args:
+        scene: all of it, or Gaussians drawn evenly from it.
+        options: `effort`, `frame`, `cameras`, `only_cameras`.
+        count: Gaussians of the whole scene; None where these are all.
 
     Raises:
         InvalidInput: ``input-frame``; ``input-empty`` if no position is finite.
@@ -79,7 +84,7 @@ def survey(scene: GaussianScene, options: EncodeOptions) -> Survey:
         kind: [
             sparse(camera) for each in every for camera in viewpoints(each, kind, -(-count // len(every)), SURVEY_SEED)
         ]
-        for kind, count in view_counts(options.effort, len(scene)).items()
+        for kind, count in view_counts(options.effort, count or len(scene)).items()
     }
     if not given:
         return Survey(views, KIND_SHARES, around.radius, up)

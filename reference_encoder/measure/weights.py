@@ -77,8 +77,8 @@ class Weights:
         return np.asarray(np.maximum(total ** (1 / SURVEY_POWER), of(self.floor)))
 
 
-class _Sums:
-    """Power sums over views.
+class Sums:
+    """Power sums over views of so many Gaussians.
 
     Attributes:
         shape, colour: (N,) float64 sums of weights to the power.
@@ -105,10 +105,16 @@ class _Sums:
             (self.shape, self.colour, self.log_pixel, self.weight, self.largest),
         )
 
-    def means(self, views: int) -> KindWeights:
+    def means(self, views: float) -> KindWeights:
         """Power means over as many views."""
         shape, colour = ((total / max(views, 1)) ** (1 / SURVEY_POWER) for total in (self.shape, self.colour))
         return KindWeights(shape.astype(np.float32), colour.astype(np.float32))
+
+    def pixel(self, radius: float) -> F32:
+        """(N,) width of a pixel at each, world units; of those not seen, a usual one in a scene of that radius."""
+        usual = np.full(len(self.weight), np.log(FLOOR_DISTANCE * radius * PIXEL))
+        logs = np.divide(self.log_pixel, self.weight, where=self.weight > 0, out=usual)
+        return np.asarray(np.exp(logs).astype(np.float32))
 
 
 @compiled
@@ -119,7 +125,7 @@ def _add_view(
     eye: tuple[F64, F64, float],
     sums: tuple[F64, F64, F64, F64, F32],
 ) -> None:
-    """Add what one view shows of the Gaussians `index` to `sums`, as :class:`_Sums` has them."""
+    """Add what one view shows of the Gaussians `index` to `sums`, as :class:`Sums` has them."""
     contrast, squared, largest = seen
     positions, centre, angle = eye
     for k in range(len(index)):
@@ -145,7 +151,7 @@ def weighed(scene: GaussianScene, survey: Survey, report: Callable[[float], None
     Args:
         report: told the part of the views that are done.
     """
-    drawable, sums, kinds, done = Drawable.of(scene), _Sums(len(scene)), {}, 0
+    drawable, sums, kinds, done = Drawable.of(scene), Sums(len(scene)), {}, 0
     for kind, cameras in survey.views.items():
         sums.start()
         for camera, seen in zip(cameras, contributions_by_view(drawable, cameras), strict=True):
@@ -153,24 +159,27 @@ def weighed(scene: GaussianScene, survey: Survey, report: Callable[[float], None
             done += 1
             report(done / len(survey.cameras))
         kinds[kind] = sums.means(len(cameras))
-    usual = FLOOR_DISTANCE * survey.radius * PIXEL
-    logs = np.divide(sums.log_pixel, sums.weight, where=sums.weight > 0, out=np.full(len(scene), np.log(usual)))
-    floor = unoccluded(drawable, FLOOR_DISTANCE * survey.radius)
-    return Weights(kinds, survey.shares, floor, np.exp(logs).astype(np.float32), sums.largest)
+    floor = unoccluded(scene, FLOOR_DISTANCE * survey.radius, len(scene))
+    return Weights(kinds, survey.shares, floor, sums.pixel(survey.radius), sums.largest)
 
 
-def unoccluded(drawable: Drawable, distance: float) -> KindWeights:
+def unoccluded(scene: GaussianScene, distance: float, count: int) -> KindWeights:
     """A share of what each Gaussian would weigh with nothing in front of it, so far away, world units.
 
     A splat of opacity o whose ellipse has the area pi s t covers o^2 pi s t of squared weights; seen from all sides,
     its two longest axes show about two thirds of that. It contrasts by `FLOOR_CONTRAST` with what is behind.
+
+    Args:
+        scene: of Gaussians.
+        distance: world units.
+        count: Gaussians of the whole scene.
     """
     width = distance * PIXEL
     blur = DILATION_PX2 * width**2
-    scales = np.sort(drawable.scene.log_scales, axis=1)[:, 1:].astype(np.float64)
+    scales = np.sort(scene.log_scales, axis=1)[:, 1:].astype(np.float64)
     area = np.sqrt(np.prod(np.exp(2 * scales) + blur, axis=1)) / width**2
-    opacity = 1 / (1 + np.exp(-drawable.scene.opacity_logits.astype(np.float64)))
+    opacity = 1 / (1 + np.exp(-scene.opacity_logits.astype(np.float64)))
     covered = np.minimum(np.pi * 2 / 3 * area, WIDTH * HEIGHT) * opacity**2 * (opacity >= MIN_ALPHA)
-    share = FLOOR_SHARE * min(1.0, len(drawable.scene) / FLOOR_GAUSSIANS)
+    share = FLOOR_SHARE * min(1.0, count / FLOOR_GAUSSIANS)
     weight = share * covered / (3 * WIDTH * HEIGHT)
     return KindWeights((FLOOR_CONTRAST**2 * weight).astype(np.float32), weight.astype(np.float32))

@@ -139,6 +139,7 @@ def choose_predictors(
     seed: int = 0,
     effort: int = 2,
     bits_per_ns: float = 0.0,
+    repeat: float = 1.0,
 ) -> dict[int, tuple[Predictor, ...]]:
     """Predictors that pay, by the layer that sends them, keys ascending. Deterministic.
 
@@ -147,9 +148,11 @@ def choose_predictors(
         contents, bits: its tiles, at the last layer, and their local bits per axis.
         effort: 1..3.
         bits_per_ns: what a nanosecond of decoding is worth.
+        repeat: how many anchors of the scene each of these stands for.
     """
     model, contents = _predicted_only(model, contents)
-    whole, frames, training = _totals(model, contents), [TileFrame(b) for b in bits], EFFORTS[effort].predictors
+    frames, training = [TileFrame(b) for b in bits], EFFORTS[effort].predictors
+    whole = {key: round(repeat * total) for key, total in _totals(model, contents).items()}
     promising = {key for key, total in whole.items() if total >= PREDICTOR_LEAST_SYMBOLS}
     seeds = {key: seed + number for number, key in enumerate(sorted(whole))}
     if bits_per_ns:

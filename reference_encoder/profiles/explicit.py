@@ -111,21 +111,18 @@ class ExplicitProfile:
         every, count = classify(ranked, lambda_, GAUSSIAN_BITS, MOST_GAUSSIAN_CLASSES)
         kept = np.flatnonzero(every >= 0)
         classes, seen, attributes = every[kept], self.sensitivity.take(kept), self.attributes.take(kept)
-        weights = {stream: SHAPE_SHARE.get(stream, 1.0) * s for stream, s in seen.channels.items()}
-        wanted = best_width(weights[Stream.POSITION_RESIDUAL][:, 0], lambda_)
-        placement = place(attributes.positions, wanted, self.options.tile_anchors)
-        weights[Stream.POSITION_RESIDUAL] = weights[Stream.POSITION_RESIDUAL] * (placement.cell**2)[:, None]
-        values = {Stream.POSITION_RESIDUAL: placement.residual, **{s: attributes.channel(s) for s in _CHANNELS}}
+        placement = place(attributes.positions, wanted_step(seen, lambda_), self.options.tile_anchors)
+        channels = channels_of(attributes, seen, placement)
         fixed = position_bits(classes, count)
         return Problem(
             geometry=self._geometry(attributes, placement),
-            channels=Channels(values=values, weights=weights, coarsest=GAUSSIAN_COARSEST),
+            channels=channels,
             fitted=self._fitted(attributes, seen, classes, lambda_),
             classes=Classes(
                 of=classes,
                 count=count,
                 importance=seen.absence,
-                standing=standing(attributes.positions, classes, _log_extent(values)),
+                standing=standing(attributes.positions, classes, log_extent(attributes)),
                 presence_bits=lambda _: fixed,
             ),
             budget=Budget(lambda_=lambda_, lost=float(absence[every < 0].sum()), base_share=GAUSSIAN_BASE_SHARE),
@@ -161,6 +158,19 @@ class ExplicitProfile:
         return finished_gaussians(scene)
 
 
-def _log_extent(values: Mapping[Stream, F64]) -> F64:
+def wanted_step(seen: Sensitivity, lambda_: float) -> F64:
+    """(N,) quantiser step of positions that pays, world units."""
+    return best_width(seen.channels[Stream.POSITION_RESIDUAL][:, 0], lambda_)
+
+
+def channels_of(attributes: Attributes, seen: Sensitivity, placement: Placement) -> Channels:
+    """The channels of Gaussians that lie there."""
+    weights = {stream: SHAPE_SHARE.get(stream, 1.0) * s for stream, s in seen.channels.items()}
+    weights[Stream.POSITION_RESIDUAL] = weights[Stream.POSITION_RESIDUAL] * (placement.cell**2)[:, None]
+    values = {Stream.POSITION_RESIDUAL: placement.residual, **{s: attributes.channel(s) for s in _CHANNELS}}
+    return Channels(values=values, weights=weights, coarsest=GAUSSIAN_COARSEST)
+
+
+def log_extent(attributes: Attributes) -> F64:
     """(N,) logarithm of what a Gaussian covers: its face, the two longest axes, times its opacity."""
-    return np.asarray(values[Stream.SCALE][:, :2].sum(axis=1) + values[Stream.OPACITY][:, 0])
+    return np.asarray(attributes.log_scales[:, :2].sum(axis=1) + attributes.log_opacity[:, 0])

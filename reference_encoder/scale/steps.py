@@ -42,18 +42,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from reference_encoder.decide.lattice import Root
 from scarfmt.arrays import F32, F64, I64, U64
 from scarfmt.coding.tile import TileContent
+from scarfmt.coding.writer import Histogram
 from scarfmt.container.directory import Tile
 from scarfmt.container.file import Block
-from scarfmt.container.morton import interleave
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
-from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.scene.gaussians import GaussianScene
-
-RELATIVE_FLOOR = 2.0**-44
-"""Never finer than this fraction of the magnitude of the coordinates: binary64 has no more to give."""
 
 
 @dataclass(frozen=True)
@@ -72,20 +69,13 @@ class Bounds:
     sh_degree: int
 
     @property
-    def reach(self) -> float:
-        """The largest magnitude of a coordinate."""
-        return max(abs(value) for value in (*self.low, *self.high))
-
-    @property
-    def side(self) -> float:
-        """Of the octree's root, whose corner is `low`."""
-        longest = max(high - low for low, high in zip(self.low, self.high, strict=True))
-        return max(longest * (1 + 1e-9), self.reach * RELATIVE_FLOOR * 4, 1e-300)
+    def root(self) -> Root:
+        """Of the octree."""
+        return Root.of(np.array(self.low), np.array(self.high))
 
     def paths(self, positions: F64) -> U64:
         """(N,) uint64 Morton codes of `MAX_TILE_DEPTH` bits an axis of (N, 3) positions in the root."""
-        unit = np.clip((positions - np.array(self.low)) / self.side, 0.0, np.nextafter(1.0, 0.0))
-        return interleave((unit * (1 << MAX_TILE_DEPTH)).astype(np.uint64))
+        return self.root.paths(positions)
 
 
 @dataclass(frozen=True)
@@ -142,7 +132,7 @@ class Judged:
 
     Attributes:
         error: (V,) float64 mean squared error of the picture, peak 1, from every view; 0 where it is not seen.
-        cover: (V,) float64 part of the picture that the range makes up, 0..1.
+        cover: (V,) float64 part of what the picture shows that the range makes up, 0..1.
     """
 
     error: F64
@@ -163,10 +153,6 @@ class RangeContent:
     contents: tuple[TileContent, ...]
     left_out: tuple[int, int] = (0, 0)
     without_view_dependence: int = 0
-
-
-Histogram = Mapping[TableKey, tuple[I64, I64]]
-"""By table, its alphabet, ascending, and how often each value of it comes; both (m,) int64."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from scarfmt.arrays import Ints
+from scarfmt.arrays import I64, Ints
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.blocks.registry import BLOCKS
 from scarfmt.blocks.spec import Writing
@@ -42,6 +42,8 @@ from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
 
 Report = Callable[[str, float], None]
+Histogram = Mapping[TableKey, tuple[I64, I64]]
+"""By table, its alphabet, ascending, and how often each value of it comes; both (m,) int64."""
 
 
 def silent(_stage: str, _fraction: float) -> None:
@@ -91,17 +93,22 @@ class QuantisedScene:
         return index_coder(self.network, self.codebooks, self.grid)
 
 
-def _model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, SymbolTable]) -> Iterator[Block]:
+def model_blocks(scene: QuantisedScene, layer: int, tables: Mapping[TableKey, SymbolTable]) -> Iterator[Block]:
+    """The blocks of a layer that belong to no tile, in file order; `tables` are those that the layer sends."""
     for spec in BLOCKS.values():
         value = spec.taken(Writing(scene, layer, tables))
         if value is not None:
             yield Block(spec.kind, layer, spec.pack(value), count=spec.count(value))
 
 
-def _fit_tables(counter: SymbolCounter, known: Mapping[TableKey, SymbolTable]) -> dict[TableKey, SymbolTable]:
-    """Tables worth sending in a layer, given those of earlier layers."""
+def fitted_tables(histograms: Histogram, known: Mapping[TableKey, SymbolTable]) -> dict[TableKey, SymbolTable]:
+    """Tables worth sending in a layer with these symbols, given those of earlier layers.
+
+    Args:
+        histograms: by table, keys ascending.
+    """
     sent: dict[TableKey, SymbolTable] = {}
-    for key, (alphabet, counts) in counter.histograms().items():
+    for key, (alphabet, counts) in histograms.items():
         table = fit_table(alphabet, counts)
         if key in known:
             own = float((table.table.bits * counts).sum()) + 8 * len(pack_table(key, table))
@@ -112,7 +119,7 @@ def _fit_tables(counter: SymbolCounter, known: Mapping[TableKey, SymbolTable]) -
 
 
 @dataclass(frozen=True)
-class _RecordedTile:
+class RecordedTile:
     """One layer of one tile before it is coded: how many anchors are new, and the symbols of every stream."""
 
     new: int
@@ -127,9 +134,15 @@ class _RecordedTile:
         return Block(BlockKind.TILE, layer, pack_substreams(streams), tile=tile, count=self.new, stream_bytes=sizes)
 
 
-def _record_tile(
+def record_tile(
     scene: QuantisedScene, layer: int, tile: int, neural: NeuralModels, counter: SymbolCounter, engine: Engine
-) -> _RecordedTile:
+) -> RecordedTile:
+    """One layer of one tile, its symbols counted by `counter`.
+
+    Args:
+        neural: of the scene and the layer.
+        engine: what computes.
+    """
     recorders: dict[Stream, SymbolRecorder] = {}
 
     def recorder(stream: Stream) -> SymbolRecorder:
@@ -139,7 +152,7 @@ def _record_tile(
     new = put_layer(scene.model, layer, frame, scene.contents[tile], recorder, neural, engine)
     for one in recorders.values():
         one.settle()
-    return _RecordedTile(new, recorders)
+    return RecordedTile(new, recorders)
 
 
 def _check(scene: QuantisedScene) -> None:
@@ -183,10 +196,10 @@ def write_scene(scene: QuantisedScene, report: Report = silent, engine: Engine =
         recorded = []
         for tile in range(len(scene.tiles)):
             report("code", (layer - 1 + tile / len(scene.tiles)) / layers)
-            recorded.append(_record_tile(scene, layer, tile, neural, counter, engine))
-        sent = _fit_tables(counter, known)
+            recorded.append(record_tile(scene, layer, tile, neural, counter, engine))
+        sent = fitted_tables(counter.histograms(), known)
         known = StaticTables({**known, **sent})
-        blocks += _model_blocks(scene, layer, sent)
+        blocks += model_blocks(scene, layer, sent)
         coded = (each.block(layer, tile, known) for tile, each in enumerate(recorded))
         blocks += [block for block in coded if block is not None]
     data = write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))

@@ -96,7 +96,12 @@ def directory_row(block: Block) -> tuple[int, ...]:
     return kind, flags, layer, 0, tile, 0, len(block.payload), block.count, zlib.crc32(block.payload)
 
 
-def _streams_of(block: Block) -> list[int]:
+def streams_of(block: Block) -> list[int]:
+    """Bytes of a block by kind of stream.
+
+    Raises:
+        InvalidInput: ``input-container``.
+    """
     streams = [0] * STREAM_COUNT
     if block.kind != BlockKind.TILE:
         streams[Stream.MODELS] = len(block.payload)
@@ -137,7 +142,7 @@ def write_container(
         for block in ordered:
             if not 1 <= block.layer <= len(layer_counts):
                 raise InvalidInput("input-container", f"block of layer {block.layer} of {len(layer_counts)}")
-            streams[block.layer] += _streams_of(block)
+            streams[block.layer] += streams_of(block)
         directory = np.array([directory_row(block) for block in ordered], dtype=ENTRY_DTYPE)
         front = encode_front(fields, tile_table(tiles), directory, layer_counts, streams[1:].tolist())
     except (ConstructError, OverflowError, ValueError, struct.error) as error:

@@ -1,0 +1,110 @@
+"""A small scene in ranges, encoded step by step in one process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from reference_encoder.decide.lattice import split
+from reference_encoder.options import EncodeOptions
+from reference_encoder.scale.applied import apply
+from reference_encoder.scale.coded import code, histograms, reduce
+from reference_encoder.scale.fit import Fit
+from reference_encoder.scale.fitted import settled
+from reference_encoder.scale.glance import Overview, glance, overlook
+from reference_encoder.scale.judged import judge, pictures, quality_of
+from reference_encoder.scale.measured import measure
+from reference_encoder.scale.sample import sample
+from reference_encoder.scale.steps import Bounds, Judged, Measured, Models, Range, RangeContent, Segment
+from scarfmt.formats import load
+from scarfmt.limits import MAX_TILE_DEPTH
+from scarfmt.scene.gaussians import GaussianScene
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "plush-toys.ply"
+EVERY = 3
+OPTIONS = EncodeOptions(effort=1, corrections=0, tile_anchors=1024)
+
+
+@lru_cache
+def example() -> GaussianScene:
+    """Some Gaussians of the example scene."""
+    scene = load(EXAMPLE)
+    assert isinstance(scene, GaussianScene)
+    return scene.take(np.arange(0, len(scene), EVERY))
+
+
+def bounds_of(scene: GaussianScene) -> Bounds:
+    """Of a whole scene."""
+    (lx, ly, lz), (hx, hy, hz) = scene.positions.min(axis=0).tolist(), scene.positions.max(axis=0).tolist()
+    return Bounds((lx, ly, lz), (hx, hy, hz), len(scene), scene.sh_degree)
+
+
+def cut(scene: GaussianScene, size: int) -> list[tuple[Range, GaussianScene]]:
+    """Ranges of about `size` Gaussians."""
+    path = bounds_of(scene).paths(scene.positions)
+    order = np.argsort(path, kind="stable")
+    depth, prefix, first = split(path[order], MAX_TILE_DEPTH, max(1, size // 8))
+    past = np.append(first[1:], len(scene))
+    edges, codes = [0], [0]
+    for at, end, here, code_ in zip(first, past, depth, prefix, strict=True):
+        if end - edges[-1] > size:
+            edges.append(int(at))
+            codes.append(int(code_) << 3 * (MAX_TILE_DEPTH - int(here)))
+    edges.append(len(scene))
+    codes.append(1 << 3 * MAX_TILE_DEPTH)
+    return [
+        (Range(k, codes[k], codes[k + 1], edges[k + 1] - edges[k]), scene.take(order[edges[k] : edges[k + 1]]))
+        for k in range(len(edges) - 1)
+    ]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """All that the steps hand on."""
+
+    overview: Overview
+    ranges: Sequence[tuple[Range, GaussianScene]]
+    measured: Sequence[Measured]
+    fit: Fit
+    contents: Sequence[RangeContent]
+    models: Models
+    segments: Sequence[Segment]
+
+    @property
+    def whole(self) -> RangeContent:
+        """All ranges as one."""
+        tiles = tuple(tile for each in self.contents for tile in each.tiles)
+        return RangeContent(tiles, tuple(content for each in self.contents for content in each.contents))
+
+
+def overviewed(
+    scene: GaussianScene, ranges: Sequence[tuple[Range, GaussianScene]], options: EncodeOptions = OPTIONS
+) -> Overview:
+    """Of all ranges."""
+    bounds = bounds_of(scene)
+    glances = [glance(here, part, bounds, options) for part, here in ranges]
+    return overlook(glances, [part for part, _ in ranges], bounds, options)
+
+
+@lru_cache
+def encoded(size: int) -> Chain:
+    """The example in ranges of about `size` Gaussians."""
+    ranges = cut(example(), size)
+    overview = overviewed(example(), ranges)
+    measured = [measure(overview, *each) for each in ranges]
+    samples = [sample(overview, *each, weights) for each, weights in zip(ranges, measured, strict=True)]
+    shown = {number: pictures(overview, *ranges[number]) for number in overview.judging}
+
+    def judged(fit: Fit) -> list[Judged]:
+        return [judge(overview, fit, *ranges[k], measured[k], seen) for k, seen in shown.items()]
+
+    fit = settled(overview, samples, judged)
+    quality = quality_of(overview, judged(fit))
+    contents = [apply(overview, fit, *each, weights) for each, weights in zip(ranges, measured, strict=True)]
+    models = reduce(overview, fit, [histograms(fit, content) for content in contents], {"quality": quality.figures()})
+    segments = [code(fit, models, content) for content in contents]
+    return Chain(overview, ranges, measured, fit, contents, models, segments)
