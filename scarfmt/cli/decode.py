@@ -158,16 +158,7 @@ def decode(
     with doubts_told(quiet):
         baking = _baking(cameras, bake_steps) if bake else None
     with open_scene_output(output, format_id, options, force) as out, open_input(input_) as source:
-        opened = source.bytes_read, source.reads
-        scene = opens_index(source) or any(view.values())
-        looked = source.bytes_read - opened[0], source.reads - opened[1]
-        if scene:
-            done, whole = write_part(input_, source, out, request, view, baking, counters, quiet)
-        else:
-            done = _write(source, out, baking, request, counters, quiet)
-            # What it took to tell that this is a file is no part of decoding it.
-            counters.bytes_read, counters.reads = source.bytes_read - looked[0], source.reads - looked[1]
-            whole = whole_file(source)
+        done, whole = _write(input_, source, out, baking, request, view, counters, quiet)
     if not quiet:
         click.echo(done, err=True)
     if stats or as_json:
@@ -195,6 +186,28 @@ def _report(found: dict[str, Any], stats: bool, as_json: bool) -> None:
 
 
 def _write(
+    name: str,
+    source: ByteSource,
+    out: SceneOutput,
+    baking: Baking | None,
+    request: DecodeRequest,
+    view: dict[str, Any],
+    counters: Counters,
+    quiet: bool,
+) -> tuple[str, dict[str, int]]:
+    """Write a scene, a file or a part; returns what was written, for people, and what there was."""
+    opened = source.bytes_read, source.reads
+    scene = opens_index(source) or any(view.values())
+    looked = source.bytes_read - opened[0], source.reads - opened[1]
+    if scene:
+        return write_part(name, source, out, request, view, baking, counters, quiet)
+    done = _write_file(source, out, baking, request, counters, quiet)
+    # What it took to tell that this is a file is no part of decoding it.
+    counters.bytes_read, counters.reads = source.bytes_read - looked[0], source.reads - looked[1]
+    return done, whole_file(source)
+
+
+def _write_file(
     source: ByteSource,
     out: SceneOutput,
     baking: Baking | None,
