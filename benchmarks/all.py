@@ -32,6 +32,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "time_to_picture": (SHORT, FULL),
     "scaling": (SHORT, FULL),
     "survey_time": (SHORT, FULL),
+    "large_scene": (SHORT, ("--gaussians", "10000000", "--workers", "1", "2")),
     "decoder_costs": (SHORT, FULL),
     "regions": (SHORT, FULL),
     "stability": (SHORT, FULL),
