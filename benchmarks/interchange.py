@@ -55,8 +55,8 @@ def measure(scene: Scene) -> dict[str, Any]:
     """Write and read a scene in every setting.
 
     Returns:
-        ``count``, ``sh_degree``; ``formats``, of each setting its title, ``bytes``, the figures of `judgement`, notes of
-        the writer, and ``write`` and ``read``, times by those of a PLY; ``ply_seconds`` of writing and reading that.
+        ``count``, ``sh_degree``; ``formats``, of each setting its title, ``bytes``, the figures of `judgement`, notes
+        of the writer, and ``write`` and ``read``, times by those of a PLY; ``ply_seconds`` of writing and reading that.
     """
     source = _explicit(load(scene.path))
     original = Subject(source, source).remembering()

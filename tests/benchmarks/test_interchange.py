@@ -21,8 +21,8 @@ def test_a_turn_writes_and_reads_every_setting_once() -> None:
 def test_the_table_says_bytes_decibels_and_ratios() -> None:
     row = {"title": "SPZ 4", "bytes": 5000, "psnr_db": 40.04, "p5_psnr_db": 33.3, "worst_psnr_db": 20.0, "kinds": {}}
     plain = {**row, "title": "PLY", "bytes": 25_000, "worst_psnr_db": 100.0, "write": 1.0, "read": 1.0}
-    found = {"count": 100, "sh_degree": 3, "ply_seconds": [0.1, 0.2], "formats": [plain, {**row, "write": 5, "read": 2}]}
-    text = markdown({"bed": found})
+    rows = [plain, {**row, "write": 5, "read": 2}]
+    text = markdown({"bed": {"count": 100, "sh_degree": 3, "ply_seconds": [0.1, 0.2], "formats": rows}})
     assert "| PLY | 25,000 | 250.0 | equal | 1.0 | 1.0 |" in text
     assert "| SPZ 4 | 5,000 | 50.0 | 40.0 / 33.3 / 20.0 | 5.0 | 2.0 |" in text
     assert "bed: 100 Gaussians, SH 3" in text
