@@ -37,6 +37,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "regions": (SHORT, FULL),
     "stability": (SHORT, FULL),
     "streaming": (SHORT, FULL),
+    "detail": (SHORT, FULL),
     "streaming_browser": (SHORT, FULL),
     "streaming_time": (SHORT, FULL),
     "entropy_speed": (SHORT, ("--full",)),
