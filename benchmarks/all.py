@@ -29,6 +29,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "positions": (SHORT, FULL),
     "time_error": (SHORT, FULL),
     "rivals_run": (SHORT, FULL),
+    "interchange": (SHORT, FULL),
     "time_to_picture": (SHORT, FULL),
     "scaling": (SHORT, FULL),
     "survey_time": (SHORT, FULL),

@@ -16,7 +16,7 @@ from reference_encoder.scale.source import Chunk
 from reference_encoder.scale.steps import Bounds, Range
 from reference_encoder.scale.work import Work
 from scarfmt.arrays import I64
-from scarfmt.formats.streamed_sog import widened
+from scarfmt.formats.joined import widened
 from scarfmt.scene.gaussians import GaussianScene
 
 INDEX = "bins/index"

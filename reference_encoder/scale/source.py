@@ -21,7 +21,7 @@ from reference_encoder.scale.places import beside, exists, files_in, is_folder, 
 from scarfmt.arrays import F64, I64
 from scarfmt.container.source import ByteSource, open_source
 from scarfmt.errors import InvalidInput, Truncated
-from scarfmt.formats import FORMATS, Format, detect, inria_ply, ply, ply_body, scaffold, sog, streamed_sog
+from scarfmt.formats import FORMATS, Format, detect, inria_ply, joined, ply, ply_body, scaffold, sog, streamed_sog
 from scarfmt.formats.source import Source
 from scarfmt.limits import MAX_ANCHORS
 from scarfmt.scene.gaussians import GaussianScene
@@ -330,4 +330,4 @@ def _whole(source: Source, part: Part) -> GaussianScene:
 
 def together(parts: Sequence[GaussianScene]) -> GaussianScene:
     """One scene of some, in order."""
-    return parts[0] if len(parts) == 1 else streamed_sog.together(list(parts))
+    return parts[0] if len(parts) == 1 else joined.together(parts)
