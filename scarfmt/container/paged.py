@@ -209,7 +209,8 @@ class PagedDirectory:
         starts = np.cumsum([0, *map(len, tables)])
         index = np.searchsorted(pages, tiles >> self._header.page_bits)
         within = tiles - (pages[index] << self._header.page_bits)
-        return np.concatenate([np.zeros(0, TILE_DTYPE), *tables])[starts[index] + within]
+        rows: Table = np.concatenate([np.zeros(0, TILE_DTYPE), *tables])[starts[index] + within]
+        return rows
 
     def tile_counts(self, layers: int, tiles: I64) -> I64:
         """(n, layers) int64 anchors that first appear in each of the first layers of n tiles."""
