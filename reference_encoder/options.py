@@ -19,6 +19,8 @@ MIN_QUALITY, MAX_QUALITY = 20.0, 80.0
 MAX_CORRECTIONS = 10
 MIN_TILE_ANCHORS = 1024
 """Below, framing outweighs content."""
+DEFAULT_RANGE, MIN_RANGE = 1_000_000, 1000
+"""Gaussians of a range, where a scene is encoded in ranges: about a gigabyte of memory at effort 1."""
 DEFAULT_MBIT = 20.0
 MIN_MBIT, MAX_MBIT = 0.01, 100_000.0
 

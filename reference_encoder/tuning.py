@@ -340,8 +340,8 @@ RANGE_VIEWS = {1: 16, 2: 24, 3: 48}
 """By effort, views of each kind that a range is surveyed from at most; all views of the scene are many more [0044]."""
 MEETING_ROWS = 2048
 """Gaussians of a range, drawn evenly, that tell which views meet it [0044]."""
-JUDGING_RANGES, JUDGING_PART = 3, 0.125
-"""Ranges that lambda is corrected by: at least so many, and about this part of all [0044]."""
+JUDGING_RANGES, JUDGED_ROWS = 8, 131_072
+"""Ranges that lambda is corrected by, at most, and how many neighbours of each [0044]."""
 LEAST_COVER = 0.02
 """Part of a picture that judging ranges make up at least, or it tells nothing [0044]."""
 LATTICE_MARGIN_BITS = 1

@@ -13,9 +13,6 @@ from reference_encoder.scale.steps import Range
 from scarfmt.arrays import I64, U64
 from scarfmt.limits import MAX_TILE_DEPTH
 
-RANGE_SIZE = 1_000_000
-"""Gaussians of a range, about: they take about a gigabyte of memory at effort 1."""
-
 END = 1 << 3 * MAX_TILE_DEPTH
 """One past the last Morton code."""
 

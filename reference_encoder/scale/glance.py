@@ -16,7 +16,7 @@ from reference_encoder.judge.views import Sight, Views, judged_views
 from reference_encoder.measure.survey import Survey, survey
 from reference_encoder.options import EncodeOptions
 from reference_encoder.scale.steps import Bounds, Range
-from reference_encoder.tuning import JUDGING_PART, JUDGING_RANGES, MOST_PROXIES, OVERVIEW_ROWS, PROXY_RUN
+from reference_encoder.tuning import JUDGING_RANGES, MOST_PROXIES, OVERVIEW_ROWS, PROXY_RUN
 from scarfmt.arrays import F64, I64
 from scarfmt.errors import InvalidInput
 from scarfmt.render.projection import Drawable
@@ -48,6 +48,7 @@ class Overview:
         bounds: of the scene.
         survey: where it is looked at from.
         proxies: of all ranges, one after another, without view-dependent colour.
+        run: Gaussians that each stands for, neighbours in Morton order.
         edges: (ranges + 1,) int64: proxies of range k are those from `edges[k]` to below `edges[k + 1]`.
         judging: numbers of the ranges by which results are judged.
         views: what these are judged by.
@@ -57,14 +58,22 @@ class Overview:
     bounds: Bounds
     survey: Survey
     proxies: GaussianScene
+    run: int
     edges: I64
     judging: tuple[int, ...]
     views: Mapping[Sight, Views]
 
-    def drawn(self, part: Range, scene: GaussianScene) -> Drawable:
-        """The Gaussians of a range, then proxies of all others, ready to be drawn."""
-        first, past = self.edges[part.number : part.number + 2]
-        others = [self.proxies.rows(slice(0, first)), self.proxies.rows(slice(past, None))]
+    def drawn(self, part: Range, scene: GaussianScene, runs: tuple[int, int] | None = None) -> Drawable:
+        """Gaussians of a range, then proxies of all others, ready to be drawn.
+
+        Args:
+            part: the range.
+            scene: all its Gaussians, or some that stand for those of some runs.
+            runs: of the range, the first of these runs and the one past the last; None for all.
+        """
+        begin, end = (int(edge) for edge in self.edges[part.number : part.number + 2])
+        first, past = (0, end - begin) if runs is None else runs
+        others = [self.proxies.rows(slice(0, begin + first)), self.proxies.rows(slice(begin + past, None))]
         return Drawable.of(joined([scene, *others]))
 
 
@@ -91,9 +100,13 @@ def glance(scene: GaussianScene, part: Range, bounds: Bounds, options: EncodeOpt
     """
     order = np.argsort(bounds.paths(scene.positions), kind="stable")
     plain = scene.with_sh_degree(0)
-    run = max(PROXY_RUN, -(-bounds.count // MOST_PROXIES))
     rows = drawn_evenly(len(order), OVERVIEW_ROWS / bounds.count, options.seed + part.number)
-    return Glance(plain.take(order[rows]), merged(plain.take(order), run))
+    return Glance(plain.take(order[rows]), merged(plain.take(order), run_of(bounds)))
+
+
+def run_of(bounds: Bounds) -> int:
+    """Neighbours that one proxy stands for."""
+    return max(PROXY_RUN, -(-bounds.count // MOST_PROXIES))
 
 
 def overlook(
@@ -116,12 +129,12 @@ def overlook(
     looked = survey(rows, options, bounds.count)
     told = replace(options, frame=looked.up.up)
     views = {sight: judged_views(rows, options, looked.up, sight, bounds.count) for sight in Sight}
-    return Overview(told, bounds, looked, proxies, edges, judging(len(parts), options.seed), views)
+    return Overview(told, bounds, looked, proxies, run_of(bounds), edges, judging(len(parts), options.seed), views)
 
 
 def judging(ranges: int, seed: int) -> tuple[int, ...]:
     """Numbers of the ranges, of so many, by which results are judged: spread over the scene."""
-    count = min(ranges, max(JUDGING_RANGES, round(JUDGING_PART * ranges)))
+    count = min(ranges, JUDGING_RANGES)
     shift = np.random.default_rng(seed).random()
     return tuple(int((k + shift) * ranges / count) for k in range(count))
 

@@ -1,8 +1,8 @@
 """How good pictures are, from ranges that are judged each by itself (encoder only; docs/decisions/0044).
 
 Errors of ranges that lie elsewhere have nothing in common: what each adds to the mean squared error of a picture, all
-others being drawn as they are, adds up. Where some ranges stand for all, the rest of a picture is taken to err as the
-part does that they make up.
+others being drawn as they are, adds up. Where pieces of some ranges stand for all, the rest of a picture is taken to
+err as the part does that they make up.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from reference_encoder.scale.applied import apply
 from reference_encoder.scale.fit import Fit
 from reference_encoder.scale.glance import Overview
 from reference_encoder.scale.measured import met
+from reference_encoder.scale.sample import rows_of
 from reference_encoder.scale.steps import Judged, Measured, Range
-from reference_encoder.tuning import LEAST_COVER
+from reference_encoder.tuning import JUDGED_ROWS, LEAST_COVER
 from scarfmt.arrays import F32, F64, I64
 from scarfmt.render.camera import Camera
 from scarfmt.render.rasterise import render
@@ -52,6 +53,16 @@ def cameras_of(overview: Overview, sight: Sight) -> list[Camera]:
     return list(chain.from_iterable(overview.views[sight].cameras.values()))
 
 
+def piece(overview: Overview, part: Range, scene: GaussianScene) -> tuple[I64, tuple[int, int]]:
+    """What a range is judged by: (n,) Gaussians, neighbours; the first of their runs and the one past the last."""
+    order, run = np.argsort(overview.bounds.paths(scene.positions), kind="stable"), overview.run
+    runs, most = -(-len(order) // run), JUDGED_ROWS // run
+    if runs <= most:
+        return order, (0, runs)
+    first = int(np.random.default_rng([overview.options.seed, part.number]).integers(runs - most + 1))
+    return order[first * run : (first + most) * run], (first, first + most)
+
+
 def pictures(overview: Overview, part: Range, scene: GaussianScene, sight: Sight = Sight.LOOP) -> Pictures:
     """Pictures of the source to judge a range by.
 
@@ -60,7 +71,9 @@ def pictures(overview: Overview, part: Range, scene: GaussianScene, sight: Sight
         part, scene: the range and its Gaussians.
         sight: which views.
     """
-    cameras, drawable = cameras_of(overview, sight), overview.drawn(part, scene)
+    rows, runs = piece(overview, part, scene)
+    scene = scene.take(rows)
+    cameras, drawable = cameras_of(overview, sight), overview.drawn(part, scene, runs)
     views = met(cameras, scene)
     looked = [cameras[number] for number in views]
     own = np.ones((len(drawable.scene), 3))
@@ -83,11 +96,13 @@ def judge(
         part, scene, measured: the range, its Gaussians, and what they weigh.
         shown: pictures of it.
     """
+    rows, runs = piece(overview, part, scene)
+    scene, measured = scene.take(rows), rows_of(measured, rows)
     content = apply(overview, fit, part, scene, measured)
     finished = finished_gaussians(fit.scene(content)) if content.tiles else scene.rows(slice(0, 0))
     cameras = cameras_of(overview, shown.sight)
     error, cover = np.zeros(len(cameras)), np.zeros(len(cameras))
-    drawn = each_view(partial(render, overview.drawn(part, finished)), [cameras[k] for k in shown.views])
+    drawn = each_view(partial(render, overview.drawn(part, finished, runs)), [cameras[k] for k in shown.views])
     for view, picture, truth in zip(shown.views, drawn, shown.pictures, strict=True):
         error[view] = float(((np.clip(picture, 0, 1).astype(np.float64) - np.clip(truth, 0, 1)) ** 2).mean())
     cover[shown.views] = shown.cover

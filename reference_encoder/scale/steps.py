@@ -21,15 +21,19 @@ In modules of :mod:`reference_encoder.scale`, `options` being :class:`EncodeOpti
     glance.overlook(glances, parts, bounds, options) -> Overview
     measured.measure(overview, part, scene) -> Measured
     sample.sample(overview, part, scene, measured) -> Sample
-    judged.pictures(overview, part, scene) -> Pictures
+    judged.pictures(overview, part, scene, sight) -> Pictures, `Sight.LOOP` for `settled`, `Sight.REPORT` at the end
     judged.judge(overview, fit, part, scene, measured, pictures) -> Judged
+    judged.quality_of(overview, judged, sight) -> Quality, for METADATA
     fitted.settled(overview, samples, judge: Callable[[Fit], Sequence[Judged]]) -> Fit
     trained.some_tiles(overview, part, content) -> RangeContent
-    trained.train(overview, fit, tiles: Sequence[RangeContent]) -> Fit
+    trained.train(overview, fit, tiles: Sequence[RangeContent], anchors) -> Fit
     applied.apply(overview, fit, part, scene, measured) -> RangeContent
     coded.histograms(fit, content) -> Histograms
     coded.reduce(overview, fit, histograms, metadata) -> Models
     coded.code(fit, models, content) -> Segment
+
+Where `options.trains_networks`, histograms wait for predictors: `apply` of all ranges, `some_tiles` of each, one
+`train` on all of these, then `histograms`. Contents stay as they are; only how they are coded changes.
 
 A step of a range is a pure function of its arguments: which process runs it, and when, changes nothing. Everything
 here is made of arrays, numbers and tuples, so that it can be pickled. Memory of a step is bounded by its range.

@@ -77,7 +77,7 @@ class Work:
         Raises:
             InvalidInput: ``input-source``: there is none.
         """
-        with opened(self._origin(name)) as source:
+        with opened(self.origin(name)) as source:
             return source.read(0, source.size)
 
     def read_ranges(self, name: str, ranges: list[tuple[int, int]]) -> list[bytes]:
@@ -86,10 +86,11 @@ class Work:
         Raises:
             InvalidInput: ``input-source``: there is none.
         """
-        with opened(self._origin(name)) as source:
+        with opened(self.origin(name)) as source:
             return [source.read(offset, length) for offset, length in ranges]
 
-    def _origin(self, name: str) -> str:
+    def origin(self, name: str) -> str:
+        """What a source of bytes opens to read a file."""
         path = local_path(self.path(name))
         return self.path(name) if path is None else str(path)
 

@@ -21,7 +21,9 @@ from reference_encoder.options import (
     EncodeOptions,
 )
 from scarfmt.cli.failures import doubts_told, requires_extra
-from scarfmt.cli.files import open_output, read_origin
+from scarfmt.cli.files import open_output
+from scarfmt.cli.inputs import FORMAT_IDS, read_scene
+from scarfmt.cli.out_of_core import OutOfCore, Reading, advise, out_of_core_options
 from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import CAMERAS_HELP, FRAME_HELP
 from scarfmt.errors import InvalidInput
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
     from reference_encoder.pipeline import Encoded
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-FORMAT_IDS = ("compressed-ply", "scaffold", "ply", "spz", "streamed-sog", "sog", "anchor-npz", "splat")
 DEFAULTS = EncodeOptions()
 
 
@@ -172,6 +173,7 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
 @click.option(
     "--metadata", multiple=True, metavar="KEY=VALUE", callback=parse_metadata, help="Annotate the file; repeatable."
 )
+@out_of_core_options
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @requires_extra("encode")
@@ -180,8 +182,9 @@ def encode(
 ) -> None:
     """Compress the scene INPUT into the .scar file OUTPUT. Either may be - (stdin, stdout).
 
-    INPUT is a 3DGS or compressed PLY, SPZ, SOG, .splat, or an anchor model (.npz, or a folder of Scaffold-GS). What is
-    rarely seen is stored coarsely: --cameras or --frame say from where the scene will be looked at.
+    INPUT is a 3DGS or compressed PLY, SPZ, glTF (.glb, .gltf), SOG, .splat, or an anchor model (.npz, or a folder of
+    Scaffold-GS). What is rarely seen is stored coarsely: --cameras or --frame say from where the scene will be looked
+    at.
 
     \b
     Examples:
@@ -192,40 +195,33 @@ def encode(
       scarfmt encode scene.ply mobile.scar --mbit 2
       scarfmt encode scene.ply fast.scar --decode-budget 0
       scarfmt encode scene.ply scene.scar --metadata title="Old oak" --metadata year=2024
+      scarfmt encode city.ply city.scar --work city.work --workers 4
+      scarfmt encode city/lod-meta.json city.scar --work city.work --workers 4 --resume
     """
     quiet = said.pop("quiet")
+    ranges = OutOfCore.of(said)
     if said["quality"] is not None and said["worst"] is not None:
         raise click.UsageError("--quality and --worst exclude each other")
     if said["archive"] and said["mbit"] is not None:
         raise click.UsageError("--archive and --mbit exclude each other")
     if said["only_cameras"] and said["cameras"] is None:
         raise click.UsageError("--only-cameras needs --cameras")
+    if ranges is not None:
+        options, reading = _options(said), Reading(format_id, sh_degree, drop_invalid)
+        quality = ranges.encode(input_, output, reading, options, force, quiet)
+        if not quiet:
+            _print_quality(quality, options.asked_db)
+        return
     with doubts_told(quiet), open_output(output, force) as target, progress(quiet) as report:
         report("read", 0.0)
         options = _options(said)
-        scene = _read_scene(input_, format_id, sh_degree, drop_invalid, quiet)
+        scene = read_scene(input_, format_id, sh_degree, drop_invalid, quiet)
+        advise(len(scene))
         data = _encode(scene, options, report)
         target.write(data)
     if not quiet:
         _print_summary(data)
         _print_quality(data.quality, options.asked_db)
-
-
-def _read_scene(
-    name: str, format_id: str | None, sh_degree: int | None, drop_invalid: bool, quiet: bool
-) -> GaussianScene | AnchorModel:
-    from scarfmt.formats import MAX_PIPE_BYTES, load
-    from scarfmt.formats.clean import clean
-    from scarfmt.scene.gaussians import GaussianScene
-
-    scene, dropped = clean(load(read_origin(name, MAX_PIPE_BYTES), format=format_id), drop_invalid)
-    if dropped and not quiet:
-        click.echo(f"left out {dropped:,} Gaussians with NaN or infinite values", err=True)
-    if sh_degree is None:
-        return scene
-    if not isinstance(scene, GaussianScene):
-        raise click.UsageError("--sh-degree does not apply to an anchor model")
-    return scene.with_sh_degree(min(sh_degree, scene.sh_degree))
 
 
 def _options(said: dict[str, Any]) -> EncodeOptions:

@@ -2,7 +2,7 @@
 
 import type { Streaming } from "../../conformance/decoders/js/streaming.js";
 import type { Camera } from "../src/plan/types.js";
-import type { Front } from "../src/stream/directory.js";
+import type { Outline } from "./feed.js";
 
 export interface Frame {
   position: [number, number, number];
@@ -71,7 +71,7 @@ function unit(vector: number[]): [number, number, number] {
 }
 
 /** A view from outside onto the middle of the scene. */
-export function outsideView({ header, index }: Front): Frame {
+export function outsideView({ header, index }: Outline): Frame {
   const up = UPWARD[header.coordinate_frame === FRAME_RUB ? 1 : 0];
   const counts = Float64Array.from({ length: index.tiles }, (_, tile) => {
     return index.counts.subarray(tile * index.layers, (tile + 1) * index.layers).reduce((a, b) => a + b, 0);

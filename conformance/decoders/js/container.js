@@ -3,9 +3,9 @@
 import { BLOCK, NO_TILE } from "./constants.js";
 import { crc32 } from "./crc32.js";
 import { demand } from "./errors.js";
-import { directoryEnd, readHeader } from "./header.js";
+import { readHeader } from "./header.js";
 import { readRowPage, readTilePage } from "./pages.js";
-import { readRoot, tilesInPage } from "./root.js";
+import { readRoot } from "./root.js";
 
 /**
  * @typedef {import("./constants.js").Limits} Limits
@@ -84,23 +84,29 @@ function joinEntries({ header, layers, root }, rows) {
   const ofTiles = rows.flat().reduce((sum, page) => sum + (page?.length.filter((bytes) => bytes > 0).length ?? 0), 0);
   const entries = emptyEntries(root.blocks.length + ofTiles);
   let e = 0;
-  let offset = directoryEnd(layers);
-  const add = (/** @type {Omit<import("./root.js").Row, "at" | "offset"> & {tile: number}} */ row) => {
-    putEntry(entries, e++, { ...row, offset });
-    offset += row.length;
-  };
-  layers.forEach((_, i) => {
+  const add = (/** @type {import("./root.js").Row} */ row) => putEntry(entries, e++, { ...row, tile: NO_TILE });
+  layers.forEach(({ end_offset, byte_count }, i) => {
     const blocks = root.blocks.filter(({ layer }) => layer === i + 1);
-    for (const row of blocks) if (row.kind < BLOCK.TILE) add({ ...row, tile: NO_TILE });
+    const models = blocks.filter(({ kind }) => kind < BLOCK.TILE);
+    models.forEach(add);
+    let offset = models.reduce((sum, { length }) => sum + length, end_offset - byte_count);
     rows[i].forEach((page, p) => {
+      if (page === null) return;
       const first = p * 2 ** header.page_bits;
-      for (let t = 0; page !== null && t < tilesInPage(header, p); t++) {
-        const [length, count, crc] = [page.length[t], page.count[t], page.crc32[t]];
-        if (length === 0) continue;
-        add({ kind: BLOCK.TILE, flags: 1, layer: i + 1, tile: first + t, length, count, crc32: crc });
+      for (let t = 0; t < page.length.length; t++) {
+        if (page.length[t] === 0) continue;
+        entries.kind[e] = BLOCK.TILE;
+        entries.flags[e] = 1;
+        entries.layer[e] = i + 1;
+        entries.tile[e] = first + t;
+        entries.offset[e] = offset;
+        entries.length[e] = page.length[t];
+        entries.count[e] = page.count[t];
+        entries.crc32[e++] = page.crc32[t];
+        offset += page.length[t];
       }
     });
-    for (const row of blocks) if (row.kind > BLOCK.TILE) add({ ...row, tile: NO_TILE });
+    blocks.filter(({ kind }) => kind > BLOCK.TILE).forEach(add);
   });
   return entries;
 }

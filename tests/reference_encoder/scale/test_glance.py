@@ -7,6 +7,7 @@ import pytest
 
 from reference_encoder.options import EncodeOptions
 from reference_encoder.scale.glance import check_options, drawn_evenly, joined, judging, merged
+from reference_encoder.tuning import JUDGING_RANGES
 from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import orbit_cameras
 from scarfmt.render.rasterise import render
@@ -51,7 +52,7 @@ def test_rows_are_drawn_evenly() -> None:
 def test_judging_ranges_are_different_and_spread() -> None:
     for count in (1, 2, 3, 8, 1000):
         found = judging(count, 7)
-        assert len(set(found)) == len(found) == min(count, max(3, round(count / 8)))
+        assert len(set(found)) == len(found) == min(count, JUDGING_RANGES)
         assert all(0 <= number < count for number in found)
 
 

@@ -13,9 +13,10 @@ from reference_encoder.judge.quality import most_db
 from reference_encoder.judge.views import Sight
 from reference_encoder.measure.survey import survey
 from reference_encoder.measure.weights import weighed
+from reference_encoder.scale import judged
 from reference_encoder.scale import measured as module
 from reference_encoder.scale.applied import apply
-from reference_encoder.scale.judged import judge, pictures, quality_of
+from reference_encoder.scale.judged import judge, pictures, piece, quality_of
 from reference_encoder.scale.measured import measure, met, spread
 from scarfmt.render.camera import look_at
 from tests.reference_encoder.scale.chain import OPTIONS, cut, encoded, example, overviewed
@@ -61,6 +62,20 @@ def test_one_range_is_judged_as_the_scene_is() -> None:
     views = overview.views[Sight.LOOP]
     expected = Judge.of(scene, gaussian_view, views, most_db(OPTIONS.asked_db))
     assert found.mean_db == pytest.approx(expected.quality(finished_gaussians(chain.fit.scene(content))).mean_db)
+
+
+def test_a_piece_of_a_range_and_proxies_of_the_rest_stand_for_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    chain = encoded(1200)
+    part, scene = chain.ranges[1]
+    whole, runs = piece(chain.overview, part, scene)
+    assert sorted(whole) == list(range(len(scene)))
+    assert runs == (0, chain.overview.edges[2] - chain.overview.edges[1])
+    monkeypatch.setattr(judged, "JUDGED_ROWS", 3 * chain.overview.run)
+    rows, (first, past) = piece(chain.overview, part, scene)
+    assert past - first == 3
+    assert np.array_equal(rows, whole[first * chain.overview.run : past * chain.overview.run])
+    drawn = chain.overview.drawn(part, scene.take(rows), (first, past)).scene
+    assert len(drawn) == len(rows) + len(chain.overview.proxies) - 3
 
 
 def test_views_that_look_away_do_not_meet_a_range() -> None:

@@ -158,15 +158,18 @@ export class ScarSplats implements SplatSource {
     this.harmonics = texture(renderer, shDegree * total);
   }
 
-  /** Takes a tile; `upload` brings it to the GPU. Throws RangeError where it has no room: its stream has larger budgets. */
-  put(words: PackedTile): void {
-    this.pending.set(words.tile, { spans: this.places.take(words.tile, words.count), words, done: 0 });
+  /**
+   * Takes a tile; `upload` brings it to the GPU. Throws RangeError where it has no room: its stream has larger budgets.
+   * @param key tells it from tiles of other files that are drawn with it
+   */
+  put(words: PackedTile, key: number = words.tile): void {
+    this.pending.set(key, { spans: this.places.take(key, words.count), words, done: 0 });
   }
 
   /** Makes a tile draw nothing: what a budget evicts. */
-  clear(tile: number): void {
-    this.pending.delete(tile);
-    for (const { first, count } of this.places.give(tile)) {
+  clear(key: number): void {
+    this.pending.delete(key);
+    for (const { first, count } of this.places.give(key)) {
       write(this.renderer, this.geometry, GEOMETRY_TEXELS * first, new Uint32Array(8 * count));
     }
   }
@@ -175,11 +178,11 @@ export class ScarSplats implements SplatSource {
   upload(bytes: number = UPLOAD_BYTES): boolean {
     let left = bytes;
     const each = 16 * (GEOMETRY_TEXELS + this.shDegree);
-    for (const [tile, part] of this.pending) {
+    for (const [key, part] of this.pending) {
       if (left < each && left < bytes) break;
       left -= each * this.writePart(part, Math.max(1, Math.floor(left / each)));
       if (part.done < part.words.count) continue;
-      this.pending.delete(tile);
+      this.pending.delete(key);
       this.onWritten(part.words);
     }
     return left < bytes;
@@ -295,8 +298,8 @@ export class ScarMesh {
   }
 
   /** Takes away what was put for a tile. */
-  remove(tile: number): void {
-    this.source.clear(tile);
+  remove(key: number): void {
+    this.source.clear(key);
     this.stale = true;
   }
 

@@ -75,7 +75,6 @@ export class Refiner {
   /** Whether a plan is about to be made. */
   #planning = false;
   #timer: ReturnType<typeof setTimeout> | undefined;
-  /** What the last plan took. */
   #planMs = 0;
   #blocked = false;
   #closed = false;
@@ -101,6 +100,11 @@ export class Refiner {
   /** Bytes of memory in use, as decoders say. */
   get used(): number {
     return this.tiles.shownBytes + this.tiles.waitingBytes + this.transfers.underWay + this.parts.pool.memory;
+  }
+
+  /** What the last plan took, milliseconds. */
+  get planMs(): number {
+    return this.#planMs;
   }
 
   /** Fetches at once; decoders get the front first of all, and need not be ready. */

@@ -5,7 +5,7 @@ import type { Output, TileOutput } from "../decoder/protocol.js";
 import type { Engine } from "../decoder/types.js";
 import { byView } from "../plan/by_view.js";
 import type { Budgets, Camera, Planner } from "../plan/types.js";
-import { Backoff, type RetryOptions } from "./backoff.js";
+import type { RetryOptions } from "./backoff.js";
 import { Emitter } from "./emitter.js";
 import { asStreamError, type StreamError } from "./errors.js";
 import type { Front } from "./directory.js";
@@ -14,7 +14,8 @@ import { Meter } from "./meter.js";
 import { FRONT_SIZES, type FrontSizes, openFront, type OpenedFront } from "./open_front.js";
 import { Pool } from "./pool.js";
 import { Refiner, type RefinerEvents } from "./refiner.js";
-import { makeSource, type ByteSource, type SourceLike } from "./source.js";
+import { RETRY, retrying } from "./retrying.js";
+import { makeSource, STALL_MS, type ByteSource, type SourceLike } from "./source.js";
 
 export interface StreamOptions extends Partial<HttpOptions>, Partial<FrontSizes> {
   /** Decides what to fetch first. `byView` unless given: by what the camera sees, in file order before the first view. */
@@ -30,7 +31,7 @@ export interface StreamOptions extends Partial<HttpOptions>, Partial<FrontSizes>
   /** Makes decoders in another way. */
   channel?: MakeChannel;
   retry?: Partial<RetryOptions>;
-  /** Milliseconds between two plans while the camera moves. */
+  /** Least milliseconds between two plans while the camera moves. */
   replanMs?: number;
 }
 
@@ -101,10 +102,10 @@ export interface StreamEvents {
 }
 
 const MIB = 1 << 20;
-const BUDGETS: Budgets = { splats: Infinity, bytes: 512 * MIB };
-const RETRY: RetryOptions = { retries: 6, firstMs: 250, mostMs: 8000 };
-const STALL_MS = 10_000;
+export const BUDGETS: Budgets = { splats: Infinity, bytes: 512 * MIB };
 const REPLAN_MS = 100;
+/** Of large scenes plans take long: they are made after so many times as long. */
+const PAUSE = 4;
 const MOST_WORKERS = 4;
 /** Tiles that a worker is given before it has answered. */
 const MOST_AHEAD = 2;
@@ -172,7 +173,8 @@ export class ScarStream {
   setView(camera: Camera): void {
     this.#camera = camera;
     if (this.#refiner === null || this.#timer !== undefined || this.#controller.signal.aborted) return;
-    const wait = this.#planned + (this.#options.replanMs ?? REPLAN_MS) - performance.now();
+    const pause = Math.max(this.#options.replanMs ?? REPLAN_MS, PAUSE * this.#refiner.planMs);
+    const wait = this.#planned + pause - performance.now();
     if (wait <= 0) this.#replan();
     else this.#timer = setTimeout(() => this.#replan(), wait);
   }
@@ -247,23 +249,15 @@ export class ScarStream {
     }
   }
 
-  async #openRetrying(): Promise<OpenedFront> {
+  #openRetrying(): Promise<OpenedFront> {
     const { signal } = this.#controller;
-    const backoff = new Backoff(this.#retry);
     const { firstBytes = FRONT_SIZES.firstBytes, frontBytes = FRONT_SIZES.frontBytes } = this.#options;
-    for (let damages = 0; ;) {
-      try {
-        return await openFront(this.#source, signal, { firstBytes, frontBytes });
-      } catch (cause) {
-        if (signal.aborted) throw signal.reason;
-        const error = asStreamError(cause, { source: this.#source.name });
-        const again = isOfTransport(error) || (isDamage(error) && damages++ === 0);
-        const delayMs = again ? backoff.failed(error) : null;
-        if (delayMs === null) throw error;
-        this.#emitter.emit("retry", { error, delayMs });
-        await pause(delayMs, signal);
-      }
-    }
+    return retrying(() => openFront(this.#source, signal, { firstBytes, frontBytes }), {
+      signal,
+      source: this.#source.name,
+      retry: this.#retry,
+      onRetry: (error, delayMs) => this.#emitter.emit("retry", { error, delayMs }),
+    });
   }
 
   #begin(opened: OpenedFront, pool: Pool): Front {
@@ -363,32 +357,7 @@ export class ScarStream {
   }
 }
 
-/** Refusals are of the file: asking again gives the same. */
-function isOfTransport({ id }: StreamError): boolean {
-  return ["network", "http-status", "stalled", "cut", "no-range"].includes(id);
-}
-
-/** Bytes that changed on their way come right the second time, those that changed on a disk do not. */
-function isDamage({ id }: StreamError): boolean {
-  return ["header-crc-mismatch", "directory-crc-mismatch", "page-crc-mismatch"].includes(id);
-}
-
-function defaultWorkers(): number {
+export function defaultWorkers(): number {
   if (typeof Worker === "undefined") return 0;
   return Math.min(Math.max((navigator.hardwareConcurrency ?? 2) - 1, 1), MOST_WORKERS);
-}
-
-/** Waits; rejects with the reason of the signal. */
-function pause(milliseconds: number, signal: AbortSignal): Promise<void> {
-  return new Promise((resolve, reject) => {
-    const stop = () => {
-      clearTimeout(timer);
-      reject(signal.reason);
-    };
-    const timer = setTimeout(() => {
-      signal.removeEventListener("abort", stop);
-      resolve();
-    }, milliseconds);
-    signal.addEventListener("abort", stop, { once: true });
-  });
 }
