@@ -49,8 +49,10 @@ def _of(name: str, page: str, *sections: str, parts: bool = False) -> list[Shown
 
 
 _TRAINED = tuple(one for name in ("trained", "trained-ablations", "poses") for one in _of(name, "docs/trained.md"))
+_INTERCHANGE = _of("interchange", "docs/formats-in-and-out.md")
 _PORTABILITY = _of("portability", "docs/stability.md")
 _STREAMING = (*_of("streaming", "docs/streaming.md"), *_of("streaming-browser", "docs/viewing.md"))
+_DETAIL = _of("detail", "docs/scene-index.md")
 _OVER_TIME = _of("streaming-time", "docs/streaming.md", "streaming-rivals", "streaming-times", "streaming-policies")
 _PICTURES = _of("time-to-picture", "docs/time-to-picture.md", "picture-crossings", "picture-times", "picture-start-up")
 SHOWN: tuple[Shown, ...] = (
@@ -73,7 +75,7 @@ SHOWN: tuple[Shown, ...] = (
     # Nothing is shown until it was measured.
     *(
         shown
-        for shown in (*_PORTABILITY, *_STREAMING, *_OVER_TIME, *_PICTURES, *_TRAINED)
+        for shown in (*_INTERCHANGE, *_PORTABILITY, *_STREAMING, *_DETAIL, *_OVER_TIME, *_PICTURES, *_TRAINED)
         if shown.results.exists()
     ),
     *(Shown("docs/fuzzing.md", "campaigns", path) for path in sorted(CAMPAIGNS.glob("*.json"))),

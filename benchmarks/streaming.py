@@ -60,7 +60,7 @@ def measure(scene: Scene, most: int, count: int, effort: int, recordings: int) -
     fetching, film = Fetching(with_streaming(data, streaming)), Film(quantised)
     marks = MARKS * len(data)
     found: dict[str, list[list[float]]] = {name: [] for name in ORDERS}
-    for view in _views(scene, count, recordings):
+    for view in views_of(scene, count, recordings):
         for name, (order, needs) in ORDERS.items():
             steps = order(fetching.index, streaming if needs else None, planned_for(view))
             found[name].append(curve(film, view, steps, fetching.sizes(steps, needs), marks))
@@ -79,7 +79,7 @@ def _mean_bytes(decibels: float, marks: Any, curves: Sequence[Sequence[float]]) 
     return int(np.mean([bytes_to(decibels, marks, curve) for curve in curves]))
 
 
-def _views(scene: Scene, count: int, recordings: int) -> list[Any]:
+def views_of(scene: Scene, count: int, recordings: int) -> list[Any]:
     source = load(scene.path)
     assert isinstance(source, GaussianScene)
     around = Surroundings.of(source, scene.up)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from itertools import groupby
@@ -29,17 +29,30 @@ WINDOW = 64
 
 
 class _Levels:
-    """One open file, its tiles after any number of layers."""
+    """One open file, its tiles after different numbers of layers.
 
-    def __init__(self, source: ByteSource, request: DecodeRequest, counters: Counters | None) -> None:
+    Args:
+        source: the file.
+        request: all but layers and tiles.
+        tiles: that will be asked for, by the layers they are wanted after.
+        counters: what is computed is added to them.
+    """
+
+    def __init__(
+        self,
+        source: ByteSource,
+        request: DecodeRequest,
+        tiles: Mapping[int, Sequence[int]],
+        counters: Counters | None,
+    ) -> None:
         self._reader = reader_for(source, request)
-        self._request, self._counters = request, counters
+        self._request, self._tiles, self._counters = request, tiles, counters
         self._decodings: dict[int, Decoding] = {}
 
     def made(self, layers: int, tiles: Sequence[int], make: Callable[[Decoded, Counters | None], T]) -> Iterator[T]:
         """What is made of each tile that has something of what was asked for."""
         if layers not in self._decodings:
-            asked = replace(self._request, layers=layers, tiles=())
+            asked = replace(self._request, layers=layers, tiles=self._tiles[layers])
             self._decodings[layers] = Decoding(self._reader.twin(), asked, self._counters)
         return self._decodings[layers].made(make, tiles)
 
@@ -55,6 +68,7 @@ class LevelReader:
 
     def __init__(self, scene: SceneFiles, request: DecodeRequest, counters: Counters | None) -> None:
         self._scene, self._request, self._counters = scene, request, counters
+        self._tiles: dict[int, dict[int, list[int]]] = {}
         self._open: OrderedDict[int, tuple[_Levels, ExitStack]] = OrderedDict()
 
     def made(self, needs: Sequence[Need], make: Make[T], *, by_need: bool) -> Iterator[T]:
@@ -68,6 +82,8 @@ class LevelReader:
         Raises:
             InvalidInput, Malformed, Truncated, Unsupported, LimitExceeded: a file is refused.
         """
+        for need in needs:
+            self._tiles.setdefault(need.file, {}).setdefault(need.layers, []).append(need.tile)
         if not by_need:
             yield from (one for _, one in self._grouped(sorted(needs, key=_place), make))
             return
@@ -102,7 +118,7 @@ class LevelReader:
         with ExitStack() as stack:
             source = stack.enter_context(self._scene.opened(file))
             stack.enter_context(transfers(source, self._counters))
-            return _Levels(source, asked, self._counters), stack.pop_all()
+            return _Levels(source, asked, self._tiles[file], self._counters), stack.pop_all()
 
     def __enter__(self) -> Self:
         return self

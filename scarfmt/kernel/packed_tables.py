@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Collection, Mapping, Sequence
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,22 +121,12 @@ class PackedStaticTables:
     """
 
     def __init__(self, tables: StaticTables) -> None:
-        self._tables = tables
+        # Not the tables themselves: they keep this, and what holds itself is in memory until the collector comes.
+        self._arrays = TableArrays(tables.values())
+        """All of them: packing some at a time would take longer."""
+        self._places = _places(tables)
         self._packed: dict[StepKey, PackedTables] = {}
         self._steps: dict[tuple[int, int, range], PackedSteps] = {}
-
-    @cached_property
-    def _arrays(self) -> TableArrays:
-        """All of them: packing some at a time would take longer."""
-        return TableArrays(self._tables.values())
-
-    @cached_property
-    def _places(self) -> dict[tuple[int, int], tuple[I64, I64, I64]]:
-        """By stream and step: component, context and number of the tables."""
-        found: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
-        for number, (stream, component, step, context) in enumerate(self._tables):
-            found.setdefault((stream, step), []).append((component, context, number))
-        return {key: tuple(np.array(rows, np.int64).T) for key, rows in found.items()}
 
     def step(self, key: StepKey) -> PackedTables:
         """The tables of one step of some components."""
@@ -165,3 +154,11 @@ class PackedStaticTables:
     def used(self) -> set[TableKey]:
         """Keys of the tables that a symbol was read with."""
         return {key.table(kind) for key, tables in self._packed.items() for kind in tables.used.tolist()}
+
+
+def _places(tables: StaticTables) -> dict[tuple[int, int], tuple[I64, I64, I64]]:
+    """By stream and step: component, context and number of the tables."""
+    found: dict[tuple[int, int], list[tuple[int, int, int]]] = {}
+    for number, (stream, component, step, context) in enumerate(tables):
+        found.setdefault((stream, step), []).append((component, context, number))
+    return {key: tuple(np.array(rows, np.int64).T) for key, rows in found.items()}

@@ -115,7 +115,8 @@ class Placement:
 def _times(matrix: F64, points: F64) -> F64:
     """(..., 3) points, each times a matrix: the same bits whichever other points are there, unlike with BLAS."""
     x, y, z = (points[..., axis, None] for axis in range(3))
-    return np.asarray(x * matrix[:, 0] + y * matrix[:, 1] + z * matrix[:, 2])
+    with np.errstate(over="ignore", invalid="ignore"):  # coordinates may be any finite numbers
+        return np.asarray(x * matrix[:, 0] + y * matrix[:, 1] + z * matrix[:, 2])
 
 
 def _corners(low: F64, high: F64) -> F64:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import pytest
@@ -104,3 +105,31 @@ def test_boxes_are_placed() -> None:
 
 def test_other_documents_are_no_index() -> None:
     assert not any(map(is_index, (b"", b"\x89SCAR", b"[1]", b"ply\n", b"  ")))
+
+
+def _places(value: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """Ways to every value in a document."""
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [at, *(place for key, one in inner for place in _places(one, (*at, key)))]
+
+
+@pytest.mark.parametrize("odd", [None, True, -1, 0, 1e308, 2**63, "x", "", [], {}, [[]], [1, 2, 3], 1e-300, -0.5])
+def test_whatever_stands_where_is_read_or_refused(odd: object) -> None:
+    """Every value of every sound index replaced by something else: no error but the package's own."""
+    for data in valid().values():
+        document = json.loads(data)
+        for *way, last in _places(document)[1:]:
+            changed = json.loads(data)
+            holder = changed
+            for key in way:
+                holder = holder[key]
+            holder[last] = odd
+            assert _answer(json.dumps(changed).encode()) in ("read", *CLASSES)
+
+
+def _answer(data: bytes) -> str:
+    try:
+        found = parse_index(data)
+    except ScarError as error:
+        return error.refusal
+    return "read" if all(len(file.box) == 2 for file in found.files) else "no box"
