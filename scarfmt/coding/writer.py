@@ -131,7 +131,7 @@ class RecordedTile:
         return _tile_block(layer, tile, self.new, streams)
 
 
-def _tile_block(layer: int, tile: int, new: int, streams: Mapping[Stream, bytes]) -> Block | None:
+def _tile_block(layer: int, tile: int, new: int, streams: dict[Stream, bytes]) -> Block | None:
     """The TILE block of coded streams, of which so many anchors are new; None where there is nothing to say."""
     if not new and not any(streams.values()):
         return None
