@@ -36,6 +36,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "large_scene": (SHORT, ("--gaussians", "10000000", "--workers", "1", "2")),
     "decoder_costs": (SHORT, FULL),
     "regions": (SHORT, FULL),
+    "directory": (SHORT, FULL),
     "stability": (SHORT, FULL),
     "streaming": (SHORT, FULL),
     "detail": (SHORT, FULL),
