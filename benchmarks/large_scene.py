@@ -35,8 +35,10 @@ PAGE = REPOSITORY / "docs" / "large-scenes.md"
 SCENE, SIZES = "flowers", (10_000_000, 50_000_000)
 SHORT_SCENE, SHORT_SIZES, SHORT_RANGE = "plush-toys", (4_000, 8_000), 2_000
 EXECUTORS = ("processes", "dask")
-SERIAL_STEPS = ("overlook", "pictures", "fit", "quality", "train", "reduce", "merge")
-"""Steps of one task, or of as many as judge results: they hardly shorten with more workers."""
+SERIAL_STEPS = ("overlook", "fit", "train", "reduce", "merge")
+"""Steps of one task: more workers do not shorten them."""
+LEAST_MODELLED = 1_000_000
+"""Gaussians of a scene that tells anything of a larger one."""
 BANDWIDTH = 1e9
 """Bytes a second that the store of a cluster is taken to give each worker."""
 CLUSTER = 100
@@ -205,8 +207,9 @@ def _is_alone(run: Figures) -> bool:
 def models(results: Mapping[str, Figures], gaussians: float = 1e9) -> list[str]:
     """What the model says of a cluster, by effort."""
     lines = []
-    for effort in sorted({run["effort"] for run in results.values() if _is_alone(run)}):
-        runs = [run for run in results.values() if run["effort"] == effort and _is_alone(run)]
+    alone = [run for run in results.values() if _is_alone(run) and run["gaussians"] >= LEAST_MODELLED]
+    for effort in sorted({run["effort"] for run in alone}):
+        runs = [run for run in alone if run["effort"] == effort]
         serial, parallel, moving = model(runs, gaussians, CLUSTER)
         total = serial + parallel + moving
         lines.append(

@@ -49,6 +49,7 @@ def _of(name: str, page: str, *sections: str, parts: bool = False) -> list[Shown
 
 
 _TRAINED = tuple(one for name in ("trained", "trained-ablations", "poses") for one in _of(name, "docs/trained.md"))
+_INTERCHANGE = _of("interchange", "docs/formats-in-and-out.md")
 _PORTABILITY = _of("portability", "docs/stability.md")
 _STREAMING = (*_of("streaming", "docs/streaming.md"), *_of("streaming-browser", "docs/viewing.md"))
 _DETAIL = _of("detail", "docs/scene-index.md")
@@ -64,6 +65,7 @@ SHOWN: tuple[Shown, ...] = (
     *_of("survey-time", "docs/scaling.md"),
     *_of("training-step", "docs/training.md"),
     *_of("regions", "docs/scaling.md"),
+    *_of("directory", "docs/scaling.md"),
     *_of("stability", "docs/stability.md"),
     *_of("entropy-speed", "docs/entropy-speed.md"),
     *_of("entropy-stress", "docs/entropy-stress.md"),
@@ -74,7 +76,7 @@ SHOWN: tuple[Shown, ...] = (
     # Nothing is shown until it was measured.
     *(
         shown
-        for shown in (*_PORTABILITY, *_STREAMING, *_DETAIL, *_OVER_TIME, *_PICTURES, *_TRAINED)
+        for shown in (*_INTERCHANGE, *_PORTABILITY, *_STREAMING, *_DETAIL, *_OVER_TIME, *_PICTURES, *_TRAINED)
         if shown.results.exists()
     ),
     *(Shown("docs/fuzzing.md", "campaigns", path) for path in sorted(CAMPAIGNS.glob("*.json"))),

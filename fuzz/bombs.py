@@ -119,7 +119,7 @@ def _filler(size: int) -> list[tuple[int, int, bytes, int]]:
 
 
 def empty_tiles() -> bytes:
-    """Tile records of which nothing is said."""
+    """Tiles of which nothing is said."""
     model = SceneModel(Profile.EXPLICIT, 1, channels(SCALE), (LayerRow((0,), ((1,),)),) * 16)
     return build(model, [0] * 86_000, tables=zero_tables(model))
 

@@ -44,7 +44,7 @@ class Inputs:
 
 
 class DeepMutants(Inputs):
-    """Sound files whose models, tables, tile records or rANS words say something else, with all checksums right."""
+    """Sound files whose models, tables, sub-streams or rANS words say something else, with all checksums right."""
 
     def __call__(self, number: int) -> Input:
         rng = Random(f"deep {self._seed}/{number}")

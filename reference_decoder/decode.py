@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from typing import TypeVar, Unpack
 
 import numpy as np
@@ -21,9 +22,10 @@ from scarfmt.arrays import F64, I64
 from scarfmt.coding.reader import ALL_STREAMS, Act, SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import tile_frame
-from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.schema import Profile, Stream
 from scarfmt.container.source import ByteSource, Origin, opened
 from scarfmt.counters import Counters, transfers
+from scarfmt.errors import LimitExceeded
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
 
@@ -48,6 +50,8 @@ def decode(
     Raises:
         InvalidInput: ``input-layers``, ``input-tiles``, ``input-box``, ``input-attributes``, ``input-backend`` for
             a request that does not fit; ``input-source`` when the source cannot be opened.
+        LimitExceeded: ``limit-gathered`` where there are more anchors than :class:`~scarfmt.limits.Limits` allow to be
+            held at once.
         Malformed, Unsupported, LimitExceeded: the file is refused (SPEC §12).
         TypeError: `request` and `fields` were given, or a field that there is not.
     """
@@ -151,8 +155,10 @@ class Decoding:
         self.reader = reader
         self.threads = request.workers
         self.counters = counters
-        self.models = self.reader.models(request.layers, counters)
+        self.limits = request.limits
         self.tiles = self._chosen(request.tiles)
+        every = request.tiles is None and request.box is None
+        self.models = self.reader.models(request.layers, counters, None if every else self.tiles)
 
     @classmethod
     def of(cls, source: ByteSource, request: DecodeRequest, counters: Counters | None) -> Decoding:
@@ -188,14 +194,25 @@ class Decoding:
     @property
     def most_anchors(self) -> int:
         """Anchors of the tiles asked for: as many as are decoded, unless a box leaves some out."""
-        return int(self._tile_counts()[self.tiles].sum())
+        return int(self._counts.sum())
 
-    def _tile_counts(self) -> I64:
-        """(T,) int64 anchors of each tile of the file after the last layer decoded."""
-        rows = self.reader.container.directory
-        counted = (rows["kind"] == BlockKind.TILE) & (rows["layer"] <= len(self.models.model.layers))
-        counts = np.zeros(self.reader.header.tile_count, np.int64)
-        np.add.at(counts, rows["tile"][counted], rows["count"][counted])
+    @cached_property
+    def _counts(self) -> I64:
+        """(n,) int64 anchors of each tile asked for after the last layer decoded.
+
+        Raises:
+            LimitExceeded: ``limit-gathered``: they are more than this reader holds at once.
+        """
+        layers = len(self.models.model.layers)
+        counts: I64 = self.reader.container.tile_counts(layers, np.array(self.tiles, np.int64)).sum(axis=1)
+        anchors, slots = int(counts.sum()), self.reader.header.fields.slots
+        for number, most, what in (
+            (anchors, self.limits.gathered, "anchors"),
+            (anchors * slots, self.limits.gathered_slots, "Gaussian slots"),
+        ):
+            if number > most:
+                message = f"{number} {what} at once, this reader's limit is {most}: decode a region, fewer layers, or "
+                raise LimitExceeded("limit-gathered", f"{message}tile by tile (iter_tiles), or raise it")
         return counts
 
     def parts(self) -> Iterator[Decoded]:
@@ -237,7 +254,7 @@ class Decoding:
 
     def scene(self) -> GaussianScene:
         """The Gaussians of all anchors of the tiles asked for: each written once, where it stays."""
-        counts = self._tile_counts()[self.tiles]
+        counts = self._counts
         rows = {tile: slice(end - n, end) for tile, n, end in zip(self.tiles, counts, np.cumsum(counts), strict=True)}
         degree = self.reader.header.fields.sh_degree
         out = explicit.empty_scene(int(counts.sum()), degree)
@@ -251,7 +268,7 @@ class Decoding:
                 assert isinstance(made, GaussianScene)
                 here.assign(made)
             elif len(content):
-                frame = tile_frame(self.reader.header.fields, self.reader.container.tiles[tile])
+                frame = tile_frame(self.reader.header.fields, self.reader.container.tile(tile))
                 activation.put_tile(here, self.reader.lattice, frame, content)
                 explicit.count_decoder(self.models, len(content), counters)
 

@@ -205,7 +205,7 @@ Residuals = tuple[Channel, I32, I64]
 def _positions(reader: SceneReader, tile: int, content: TileContent, residuals: Residuals | None) -> F64:
     if not len(content):
         return np.zeros((0, 3))
-    place = reader.container.tiles[tile]
+    place = reader.container.tile(tile)
     frame = tile_frame(reader.header.fields, place)
     found = reader.engine.world_positions(reader.lattice, frame, content.codes, residuals)
     if found is not None:

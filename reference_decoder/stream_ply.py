@@ -85,7 +85,7 @@ def export_ply(
     """
     wanted, baking = requested(request, fields), baking or Baking()
     ply_header(0, [], comments)  # a comment that cannot be written is better refused before than after decoding
-    header, anchors = _facts(source, wanted, counters)
+    header, anchors = header_fields(source, wanted, counters)
     explicit = header.profile == Profile.EXPLICIT
     names = property_names(((header.sh_degree if explicit else baking.sh_degree) + 1) ** 2 - 1)
     rows = _rows(source, wanted, counters) if explicit else _baked(source, wanted, baking, counters, report)
@@ -98,7 +98,7 @@ def export_ply(
         return anchors
 
 
-def _facts(source: Origin, request: DecodeRequest, counters: Counters | None) -> tuple[HeaderFields, int]:
+def header_fields(source: Origin, request: DecodeRequest, counters: Counters | None) -> tuple[HeaderFields, int]:
     """Header fields, and anchors after the layers requested, which the directory confirms."""
     with opened(source) as stream, transfers(stream, counters):
         reader = SceneReader(stream, limits=request.limits, allow_truncated=request.allow_truncated)

@@ -336,7 +336,7 @@ OVERVIEW_ROWS = 262_144
 """Gaussians of all ranges together that tell where the scene is and which way is up [0044]."""
 SAMPLE_ROWS = 131_072
 """Gaussians of all ranges together that what holds for the whole scene is fitted to [0044]."""
-RANGE_VIEWS = {1: 16, 2: 24, 3: 48}
+RANGE_VIEWS = {1: 16, 2: 40, 3: 80}
 """By effort, views of each kind that a range is surveyed from at most; all views of the scene are many more [0044]."""
 MEETING_ROWS = 2048
 """Gaussians of a range, drawn evenly, that tell which views meet it [0044]."""

@@ -27,18 +27,21 @@ MAX_TILE_DEPTH = 21
 MAX_LOCAL_BITS = 21
 """A Morton code of coordinates inside a tile fits in 63 bits."""
 
-MAX_TILES = 1 << 20
-"""A tile table of 12 MiB."""
+MAX_TILES = 1 << 24
+"""A scene of 10^9 Gaussians in tiles of a few hundred; the number fits 24 bits of anything."""
 
-MAX_ENTRIES = 1 << 22
-"""A directory of 128 MiB."""
+MAX_PAGE_BITS = 16
+"""A page of so many tiles is read at once: at most 1.8 MB."""
+
+MAX_ROOT_BYTES = (1 << 32) - 1
+"""What its field holds."""
 
 MAX_ANCHORS = 1 << 31
 """Indices fit in 32 bits, signed too."""
 
 MAX_ANCHORS_PER_TILE = 1 << 16
-"""Per TILE block. One block is decoded at once: this bounds the memory of a streaming reader. With 32 bytes of
-directory per block it also bounds expansion, to 2048 anchors per byte of file."""
+"""Per TILE block. One block is decoded at once: this bounds the memory of a streaming reader. With at least 8 bytes of
+row page and 5 of its own per block it also bounds expansion, to 5041 anchors per byte of file."""
 
 MAX_BLOCK_BYTES = 1 << 31
 """A block is read and checked at once."""
@@ -73,10 +76,13 @@ class Limits:
     """What a reader accepts; a file that declares more is refused with LimitExceeded.
 
     Attributes:
-        tiles: records in the tile table.
-        entries: entries in the directory.
-        anchors: anchors after the last layer. 2^26 is ten times the largest public scene.
+        tiles: in the file. 2^20 of them are 10^9 Gaussians and more.
+        root_bytes: bytes of ROOT, which is read at once.
+        anchors: anchors after the last layer. A scene need not fit the memory of who reads it tile by tile.
         gaussians: Gaussians after the last layer.
+        gathered: anchors that a decoder holds at once, where it gives a whole scene. 2^26 is ten times the largest
+            public scene.
+        gathered_slots: as `gathered`, anchors times slots.
         tile_anchors: anchors that first appear in one TILE block.
         block_bytes: bytes of one block. 2^28 is far above a full tile with all its attributes.
         anchors_per_byte: anchors per byte of the whole file, beyond `FREE_ANCHORS`. Real scenes stay below 0.2; only
@@ -89,10 +95,12 @@ class Limits:
         metadata_bytes: bytes of the METADATA block, when it is parsed.
     """
 
-    tiles: int = MAX_TILES
-    entries: int = MAX_ENTRIES
-    anchors: int = 1 << 26
-    gaussians: int = 1 << 28
+    tiles: int = 1 << 20
+    root_bytes: int = 1 << 24
+    anchors: int = MAX_ANCHORS
+    gaussians: int = MAX_ANCHORS * MAX_SLOTS
+    gathered: int = 1 << 26
+    gathered_slots: int = 1 << 28
     tile_anchors: int = MAX_ANCHORS_PER_TILE
     block_bytes: int = 1 << 28
     anchors_per_byte: int = 1
@@ -105,8 +113,10 @@ class Limits:
 DEFAULT_LIMITS = Limits()
 
 FORMAT_LIMITS = Limits(
-    anchors=MAX_ANCHORS,
-    gaussians=MAX_ANCHORS * MAX_SLOTS,
+    tiles=MAX_TILES,
+    root_bytes=MAX_ROOT_BYTES,
+    gathered=MAX_ANCHORS,
+    gathered_slots=MAX_ANCHORS * MAX_SLOTS,
     block_bytes=MAX_BLOCK_BYTES,
     anchors_per_byte=MAX_ANCHORS_PER_TILE,
     slots_per_byte=MAX_ANCHORS_PER_TILE * MAX_SLOTS,

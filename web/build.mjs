@@ -8,7 +8,8 @@ const ROOT = import.meta.dirname;
 /** What tests and people run, beside the tests. */
 const PROGRAMS = [
   ...["benchmark.ts", "conformance.ts", "dump.ts", "node_worker.ts", "plans.ts"],
-  ...["measure.ts", "page.browser.ts", "playcanvas.browser.ts", "shot.ts", "shot_playcanvas.ts", "suite.ts"],
+  ...["page.browser.ts", "page_trouble.browser.ts", "playcanvas.browser.ts"],
+  ...["measure.ts", "shot.ts", "shot_playcanvas.ts", "suite.ts"],
 ];
 const COMMON = {
   absWorkingDir: ROOT,

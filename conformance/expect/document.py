@@ -20,7 +20,7 @@ from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.schema import Profile
 
 FORMAT = "scar-conformance 2"
-BITSTREAM = "0.1"
+BITSTREAM = "0.2"
 ACTIVATED_ANCHORS = 300
 ACTIVATED_SLOTS = 1500
 """Activated values are pinned up to so many anchors and slots: each takes up to a kilobyte."""

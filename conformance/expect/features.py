@@ -57,6 +57,8 @@ def _shape(decoder: Decoder, anchors: int) -> Iterator[str]:
     yield "anchors" if anchors else "no-anchors"
     if len(decoder.tiles) > 1:
         yield "several-tiles"
+    if decoder.pages > 1:
+        yield "several-pages"
     if decoder.classes(decoder.k) > 1:
         yield "several-classes"
     if decoder.degree:

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
-from conformance.decoders.python.container import (
-    DIRECTORY_ENTRY,
-    FILE_HEADER,
-    HEADER_CHECKSUM,
-    LAYER_SUMMARY,
-    TILE_RECORD,
-    Layout,
-)
+from conformance.decoders.python.container import FILE_HEADER, HEADER_CHECKSUM, LAYER_SUMMARY, Layout
+from conformance.decoders.python.front import Entry, Tile
 from conformance.expect.document import BITSTREAM, FORMAT
 from conformance.expect.stages import EXACT
 
@@ -68,12 +63,12 @@ def _list(items: dict[str, Any], least: int = 0, unique: bool = False) -> dict[s
 
 
 def _structure(*layouts: Layout) -> dict[str, Any]:
-    fields = {}
+    numbers = {}
     for name, kind, count in (field for layout in layouts for field in layout):
         number = _NUMBERS.get(kind, _DECIMAL)
         single = kind == "bytes" or count == 1
-        fields[name] = number if single else {**_list(number, count), "maxItems": count}
-    return _object(fields)
+        numbers[name] = number if single else {**_list(number, count), "maxItems": count}
+    return _object(numbers)
 
 
 def _stages() -> dict[str, Any]:
@@ -91,8 +86,8 @@ def _stages() -> dict[str, Any]:
     container = _object({
         "header": _structure(FILE_HEADER, HEADER_CHECKSUM),
         "layers": _list(_structure(LAYER_SUMMARY), 1),
-        "tiles": _list(_structure(TILE_RECORD)),
-        "entries": _list(_structure(DIRECTORY_ENTRY)),
+        "tiles": _list(_object(dict.fromkeys(Tile._fields, _DECIMAL))),
+        "entries": _list(_object({field.name: _DECIMAL for field in fields(Entry)})),
     })
     stages = {"container": _object({"container": container})}
     stages |= {stage: _object({"arrays": _named(_ARRAY_NAMES[stage], array)}) for stage in EXACT}

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from conformance.scenes.cases import Case
-from conformance.scenes.container_scenes import anchor_file, anchor_scene, plain_file, plain_scene
+from conformance.scenes.container_scenes import anchor_file, anchor_scene, paged_file, plain_file, plain_scene
 from conformance.surgery.parts import Change, Parts, block_added, block_with, broken, remade, taken_apart
 from scarfmt.coding.writer import QuantisedScene
 
@@ -31,7 +31,7 @@ def either_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterator[
     for name, kind in _KINDS.items():
         data = broken(neural, _counted_more(kind))
         yield _taken(f"count-{name}", f"the directory counts one element too many in {name.upper()}", data, scene,
-                     "R-5.5-14", "entry-count")
+                     "R-5.4-19", "entry-count")
     yield from _short_cases()
     yield from _idle_block_cases()
 
@@ -75,11 +75,12 @@ def _moved(parts: Parts, source: int, target: int) -> None:
 
 
 def _short_cases() -> Iterator[Case]:
-    data = plain_file()
+    data = paged_file()
     parts = taken_apart(data)
-    first = parts.entries[0]["offset"]
+    root, first = parts.header["header_length"] + parts.root_length, parts.entries[0]["offset"]
     for name, length, rule, refusal, purpose in (
-        ("cut-in-tables", first - 40, "R-5.4-1", "truncated-directory", "the file ends inside the directory"),
+        ("cut-in-root", root - 4, "R-5.4-1", "truncated-directory", "the file ends inside ROOT"),
+        ("cut-in-pages", root + 2, "R-5.4-1", "truncated-directory", "the file ends inside the first tile page"),
         ("cut-in-first-block", first + 4, "R-5.3-8", "truncated-block", "the file ends inside its first block"),
     ):
         yield Case(f"either/{name}", f"{purpose}; the second id is that of a reader of incomplete files", data[:length],

@@ -1,6 +1,6 @@
 """Files beyond a limit (SPEC §13): of the format, to be refused; of a reader, which it may have raised.
 
-The header declares sizes that nothing has been written for: a file is refused before, or its end is zeros.
+The header or ROOT declares sizes that nothing has been written for: a file is refused before, or its end is zeros.
 """
 
 from __future__ import annotations
@@ -17,12 +17,11 @@ from conformance.scenes.container_scenes import (
     plain_scene,
     root_file,
 )
-from conformance.spec.spec_text import size_of
 from conformance.surgery.files import vector_file
 from conformance.surgery.parts import TILE_KIND, Parts, broken, header_with, remade, taken_apart
 
-_MAX_TILES, _MAX_ENTRIES = 1 << 20, 1 << 22
-_MAX_ANCHORS, _READER_ANCHORS, _READER_GAUSSIANS = 1 << 31, 1 << 26, 1 << 28
+_MAX_TILES, _READER_TILES, _READER_ROOT = 1 << 24, 1 << 20, 1 << 24
+_MAX_ANCHORS, _READER_GAUSSIANS = 1 << 31, 1 << 36
 _MAX_BLOCK, _READER_BLOCK = 1 << 31, 1 << 28
 _MAX_TILE_ANCHORS = 1 << 16
 _METADATA, _PRIVATE = 64, 200
@@ -46,35 +45,18 @@ def _either(id_: str, purpose: str, rule: str, data: bytes, *refusals: str) -> C
 
 def _header_limits() -> Iterator[Case]:
     base = root_file()
-    for name, field, number, size in (
-        ("limit-tiles", "tile_count", _MAX_TILES + 1, size_of("TILE_RECORD")),
-        ("limit-entries", "entry_count", _MAX_ENTRIES + 1, size_of("DIRECTORY_ENTRY")),
-    ):
-        parts = _longer_tables(base, field, number, size)
-        yield _refused(name, f"{field} is {number}, and so many are there, all zeros", "R-5.2-19", name,
-                       parts.raw(), parts.header["file_length"])
-    yield _refused("limit-tiles-top", "tile_count is 2^32 - 1 in a small file", "R-5.2-19", "limit-tiles",
-                   broken(base, header_with(tile_count=(1 << 32) - 1)))
-    yield _refused("limit-entries-top", "entry_count is 2^32 - 1 in a small file", "R-5.2-19", "limit-entries",
-                   broken(base, header_with(entry_count=(1 << 32) - 1)))
+    for name, count in (("limit-tiles", _MAX_TILES + 1), ("limit-tiles-top", (1 << 32) - 1)):
+        yield _refused(name, f"tile_count is {count} in a small file", "R-5.2-19", "limit-tiles",
+                       broken(base, header_with(tile_count=count)))
+    yield _either("limit-tiles", "tile_count is 2^20 + 1, and ROOT has one page", "R-5.2-19",
+                  broken(base, header_with(tile_count=_READER_TILES + 1)), "limit-tiles", "payload-short")
+    yield _either("limit-root", "root_length is 2^24 + 1, and the blocks begin before that", "R-5.2-19",
+                  broken(base, header_with(root_length=_READER_ROOT + 1)), "limit-root", "layer-offset")
     for name, count in (("limit-anchors", _MAX_ANCHORS + 1), ("limit-anchors-2-63", 1 << 63)):
         yield _refused(name, f"{count} anchors declared", "R-5.2-19", "limit-anchors", _with_anchors(base, count))
-    yield _either("limit-anchors", "2^26 + 1 anchors declared; the TILE blocks have three", "R-5.2-19",
-                  _with_anchors(base, _READER_ANCHORS + 1), "limit-anchors", "limit-expansion",
-                  "layer-directory-anchors")
-    yield _either("limit-gaussians", "2^28 + 1 Gaussians declared, more than the anchors can have", "R-5.2-19",
+    yield _either("limit-gaussians", "2^36 + 1 Gaussians declared, more than the anchors can have", "R-5.2-19",
                   broken(anchor_file(), lambda p: _set_gaussians(p, _READER_GAUSSIANS + 1)), "limit-gaussians",
                   "layer-counts")
-
-
-def _longer_tables(base: bytes, field: str, number: int, size: int) -> Parts:
-    """The front of `base` with `number` records in one table; the header fits a file that long."""
-    parts = taken_apart(base)
-    more = (number - parts.header[field]) * size
-    parts.header[field] = number
-    parts.header["file_length"] += more
-    parts.layers[0]["end_offset"] += more
-    return parts
 
 
 def _with_anchors(base: bytes, count: int) -> bytes:
@@ -111,17 +93,14 @@ def _expansion_met() -> Case:
 def _block_limits() -> Iterator[Case]:
     for name, length in (("limit-block-bytes", _MAX_BLOCK + 1), ("limit-block-bytes-4-gib", (1 << 32) + 8)):
         parts = long_last_block(root_file(), length, kind=_PRIVATE)
-        yield _refused(name, f"an unknown block of {length} zeros", "R-5.5-8", "limit-block-bytes", parts.sealed(),
+        yield _refused(name, f"an unknown block of {length} zeros", "R-5.4-9", "limit-block-bytes", parts.sealed(),
                        parts.header["file_length"])
     parts = long_last_block(plain_file(), _READER_BLOCK + 1, kind=_PRIVATE, layer=2)
     yield Case("either/limit-block-bytes", "an unknown block of 2^28 + 1 zeros, which no decoder needs", parts.sealed(),
-               ("R-5.5-8", "R-13.2-1", "R-5.6-3"), scene=plain_scene(), refusals=("limit-block-bytes",),
+               ("R-5.4-9", "R-13.2-1", "R-5.6-3"), scene=plain_scene(), refusals=("limit-block-bytes",),
                stage="container", extend_to=parts.header["file_length"])
-    yield _refused("limit-tile-anchors", "65537 anchors in one TILE block; all is well otherwise", "R-5.5-10",
+    yield _refused("limit-tile-anchors", "65537 anchors in one TILE block; all is well otherwise", "R-5.5-9",
                    "limit-tile-anchors", _crowded())
-    yield _refused("limit-tile-anchors-top", "a TILE block that says 2^32 - 1 anchors", "R-5.5-10",
-                   "limit-tile-anchors",
-                   broken(root_file(), lambda p: p.entry(TILE_KIND).update(count=(1 << 32) - 1)))
 
 
 def long_last_block(base: bytes, length: int, kind: int, layer: int = 1, start: bytes = b"") -> Parts:

@@ -13,14 +13,11 @@ from conformance.faults.table_records import Record, Records, number, rans_words
 from conformance.scenes.cases import Case, refused
 from conformance.scenes.made import PLAIN, Plan, build, channel
 from conformance.scenes.neural_models import PredictorPlan
-from conformance.surgery.files import blocks_of, rebuilt, tile_parts, vector_file
-from conformance.writer.container import write_container
+from conformance.surgery.files import blocks_of, layer_counts_of, rebuilt, tile_parts, vector_file
 from conformance.writer.tile import tile_block
 from scarfmt.coding.writer import QuantisedScene
-from scarfmt.container.file import Block, Container, Tile
+from scarfmt.container.file import Block, Tile
 from scarfmt.container.schema import BlockKind, Stream
-from scarfmt.container.source import BytesSource
-from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.scene.model import Channel, DecodedContext, LayerRow
 
 Files = dict[str, tuple[bytes, QuantisedScene]]
@@ -157,12 +154,11 @@ def _idle_faults(base: bytes, constant: bytes) -> Iterator[Fault]:
 
 def _second_block(constant: bytes, parts: dict[Stream, bytes], new: int) -> bytes:
     """The file, which has no TILE block in layer 2, with one there, in which `new` anchors appear."""
-    container = Container.open(BytesSource(constant), limits=FORMAT_LIMITS)
-    (first, _), _ = ((layer.anchor_count, layer.gaussian_count) for layer in container.header.layers)
+    first = layer_counts_of(constant)[0][0]
     sizes = {int(stream): len(part) for stream, part in parts.items()}
     block = Block(BlockKind.TILE, 2, tile_block(parts), tile=0, count=new, stream_bytes=sizes)
     counts = [(first, first), (first + new, first + new)]
-    return write_container(container.header.fields, container.tiles, [*blocks_of(constant), block], counts)
+    return rebuilt(constant, [*blocks_of(constant), block], counts)
 
 
 # ---------------------------------------------------------------------------------------------- rANS streams, tables

@@ -42,7 +42,7 @@ _FAULTS = (
      _block(layers=1, rest=_HIGH + _REACH + _GAINS[:6])),
     ("tiles-fewer", "two tiles, the file has three", "R-7.13-1", "bad-streaming",
      _block(tiles=2, low=_LOW[:6], rest=_HIGH[:6] + _REACH[:2] + _GAINS[:8])),
-    ("tiles-beyond", "2^20 + 1 tiles", "R-5.7-3", "count-limit", _block(tiles=(1 << 20) + 1)),
+    ("tiles-beyond", "2^24 + 1 tiles", "R-5.7-3", "count-limit", _block(tiles=(1 << 24) + 1)),
     ("views-two", "two views", "R-5.7-3", "count-limit", _block(views=2, view=2 * _VIEW)),
     ("view-infinite", "a view of an infinite position", "R-7.13-1", "bad-streaming",
      _block(view=_view(n2=_NOT_FINITE))),
@@ -80,13 +80,12 @@ def streaming_either() -> Iterator[Case]:
     payload = streaming_block(told)
     for name, purpose, entry in (
         ("late", "STREAMING in layer 2", {"layer": 2, "flags": _SAFE}),
-        ("of-tile", "STREAMING of tile 0", {"tile": 0, "flags": _SAFE}),
         ("not-safe", "STREAMING that is not safe to copy", {"flags": 0}),
     ):
         data = remade(plain, block_added(payload, kind=_STREAMING, count=2, **entry))
         yield _taken(name, purpose, data, "R-7.13-2", "bad-streaming")
     counted = broken(streaming_file(), lambda p: p.entry(_STREAMING).update(count=3))
-    yield _taken("count", "the directory counts one viewpoint too many", counted, "R-5.5-14", "entry-count")
+    yield _taken("count", "the directory counts one viewpoint too many", counted, "R-5.4-19", "entry-count")
     text = remade(streaming_file(), block_with(_STREAMING, b"soon"))
     yield _taken("text", "STREAMING that is text, which a decoder does not look at", text, "R-7.13-1", "payload-short",
                  "bad-streaming")

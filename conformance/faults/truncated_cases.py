@@ -1,4 +1,4 @@
-"""What an editor makes of a file for fewer layers (SPEC §14), and files whose end did not arrive (§5.1-§5.4)."""
+"""What an editor makes of a file for fewer layers (SPEC §14), and files whose end did not arrive (§5.1-§5.3)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from conformance.faults.limit_faults import long_last_block
 from conformance.scenes.cases import Case
-from conformance.scenes.container_scenes import plain_file
+from conformance.scenes.container_scenes import paged_file
 from conformance.spec.spec_text import size_of
 from conformance.surgery.parts import Parts, broken, remade, taken_apart
 from scarfmt.coding.writer import QuantisedScene
@@ -21,6 +21,8 @@ _CUTS: tuple[tuple[str, tuple[int, ...]], ...] = (
     ("anchors", (1,)),
     ("anchors-32-slots", (1, 2)),
     ("annotations", (1, 2)),
+    ("pages", (1, 2)),
+    ("pages-neural", (1, 2)),
     ("streaming", (1,)),
     ("predictors", (1, 2)),
     ("predictors-deep", (2,)),
@@ -50,7 +52,7 @@ def truncated_cases(files: Mapping[str, tuple[bytes, QuantisedScene]]) -> Iterat
             yield Case(f"truncated/{name}-{layers}", purpose, cut_to_layers(whole, layers), ("R-14-1", "R-14-2"),
                        scene=scene, layers=layers, origin=f"valid/{name}")
     yield from _later_faults(*files["explicit-refined"])
-    yield from _short_files(plain_file())
+    yield from _short_files(paged_file())
 
 
 def _later_faults(data: bytes, scene: QuantisedScene) -> Iterator[Case]:
@@ -74,7 +76,7 @@ def cut_to_layers(data: bytes, layers: int) -> bytes:
         and (layers == len(parts.layers) or entry["kind"] in _KNOWN or entry["flags"] & _SAFE_TO_COPY)
     ]
     cut = Parts(parts.header, parts.layers[:layers], parts.tiles, [parts.entries[n] for n in kept],
-                [parts.blocks[n] for n in kept])
+                [parts.blocks[n] for n in kept], parts.page_bits)
     cut.settle()
     return cut.sealed()
 
@@ -99,7 +101,7 @@ def _cut(name: str, purpose: str, data: bytes, rule: str, refusal: str) -> Case:
 def _places(parts: Parts) -> Iterator[tuple[str, int, str]]:
     """Name, length and words for it."""
     header = parts.header["header_length"]
-    directory = header + size_of("TILE_RECORD") * len(parts.tiles)
+    root = header + parts.root_length
     first = parts.entries[0]["offset"]
     layer = parts.layers[0]["end_offset"]
     yield "empty", 0, "before it starts"
@@ -113,10 +115,12 @@ def _places(parts: Parts) -> Iterator[tuple[str, int, str]]:
     yield "in-summary", size_of("FILE_HEADER") + size_of("LAYER_SUMMARY") + 50, "inside a layer summary"
     yield "before-header-end", header - 1, "one byte before the end of the header"
     yield "header", header, "after the header"
-    yield "in-tiles", header + 1, "inside the tile table"
-    yield "in-directory", directory + size_of("DIRECTORY_ENTRY") + 7, "inside the directory"
+    yield "in-root", header + 1, "inside ROOT"
+    yield "root", root, "after ROOT"
+    yield "in-tile-page", root + 7, "inside a tile page"
+    yield "in-row-page", first - 3, "inside the last row page"
     yield "before-blocks", first - 1, "one byte before the first block"
-    yield "directory", first, "after the directory"
+    yield "pages", first, "after the last page"
     yield "in-block", first + 9, "inside the first block"
     yield "before-layer-1", layer - 1, "one byte before the end of layer 1"
     yield "layer-1", layer, "after layer 1: those of a decoder that was not told to take what there is are refused"

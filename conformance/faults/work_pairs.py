@@ -41,6 +41,8 @@ from scarfmt.scene.model import DecodedContext, LayerRow
 _FREE, _PER_BYTE = 1 << 32, 1 << 17
 _PRIVATE = 200
 _MOST_ANCHORS, _ENOUGH = 1 << 16, 100
+_ROOM = 100
+"""Bytes by which ROOT and pages may grow with the counts in them."""
 _KINDS = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
 _RUNS = WriteOptions(frames=dict.fromkeys(_KINDS, FrameStyle(BlockForm.RUNS)))
 
@@ -76,14 +78,25 @@ def _pair(data: bytes) -> tuple[bytes, bytes]:
     # Beyond 17 anchors of a tile, one more costs what the next does.
     start = [work.total(_declared(_with_anchors(data, count))) for count in (_ENOUGH, _ENOUGH + 1)]
     shortest = len(_filled(data, 0, 1))
-    missing = _FREE + _PER_BYTE * (shortest + 1) - start[0]
+    missing = _FREE + _PER_BYTE * (shortest + _ROOM) - start[0]
     more = _ENOUGH + -(-missing // (start[1] - start[0]))
     total = work.total(_declared(_with_anchors(data, more)))
-    size = -(-(total - _FREE) // _PER_BYTE) - shortest + 1
+    size = _least_size(data, more, total)
     within, beyond = _filled(data, more, size), _filled(data, more, size - 1)
     if not _FREE + _PER_BYTE * len(beyond) < total <= _FREE + _PER_BYTE * len(within):
         raise ValueError("the pair is not on both sides of the limit of work")
     return within, beyond
+
+
+def _least_size(data: bytes, more: int, total: int) -> int:
+    """Bytes of the block that fills a file up to where its work is allowed; ROOT grows a little with them."""
+    least = -(-(total - _FREE) // _PER_BYTE)
+    size = 1
+    while (short := least - len(_filled(data, more, size))) > 0:
+        size += short
+    while len(_filled(data, more, size - 1)) >= least:
+        size -= 1
+    return size
 
 
 def _declared(parts: Parts) -> Declared:

@@ -1,4 +1,4 @@
-# Made by `make ksy` from scar.ksy, sha256 ef21a708c4e26a5749f881cf88244b8962298aacc2cab20c7e3a9917ad880309
+# Made by `make ksy` from scar.ksy, sha256 9298fca88752bf20c217bcbf4373d8cb4c9b1f46f49c104adaebab55b51d9edf
 # This is a generated file! Please edit source .ksy file and use kaitai-struct-compiler to rebuild
 # type: ignore
 
@@ -11,8 +11,8 @@ if getattr(kaitaistruct, 'API_VERSION', (0, 9)) < (0, 11):
     raise Exception("Incompatible Kaitai Struct Python API: 0.11 or later is required, but you have %s" % (kaitaistruct.__version__))
 
 class Scar(KaitaiStruct):
-    """A scene of 3D Gaussians in layers. The header and the directory say where every block lies; blocks are in the order
-    in which a reader wants them, layer by layer, so a file cut after a layer is that scene, coarser.
+    """A scene of 3D Gaussians in layers. Header, ROOT and pages say where every block lies; blocks are in the order in which
+    a reader wants them, layer by layer, so a file cut after a layer is that scene, coarser.
     
     .. seealso::
        SPEC.md
@@ -73,16 +73,22 @@ class Scar(KaitaiStruct):
         self.header = Scar.FileHeader(self._io, self, self._root)
         self.layers = []
         for i in range(self.header.layer_count):
-            self.layers.append(Scar.LayerSummary(self._io, self, self._root))
+            self.layers.append(Scar.LayerSummary(i, self._io, self, self._root))
 
         self.header_crc32 = self._io.read_u4le()
-        self.tiles = []
-        for i in range(self.header.tile_count):
-            self.tiles.append(Scar.TileRecord(self._io, self, self._root))
+        self._raw_root = self._io.read_bytes(self.header.root_length)
+        _io__raw_root = KaitaiStream(BytesIO(self._raw_root))
+        self.root = Scar.Root(_io__raw_root, self, self._root)
+        self._raw_tile_pages = []
+        self.tile_pages = []
+        for i in range(self.page_count):
+            self._raw_tile_pages.append(self._io.read_bytes(self.root.pages[i].tile_bytes.value))
+            _io__raw_tile_pages = KaitaiStream(BytesIO(self._raw_tile_pages[i]))
+            self.tile_pages.append(Scar.TilePage(i, _io__raw_tile_pages, self, self._root))
 
-        self.entries = []
-        for i in range(self.header.entry_count):
-            self.entries.append(Scar.DirectoryEntry(self._io, self, self._root))
+        self.row_pages = []
+        for i in range(self.header.layer_count):
+            self.row_pages.append(Scar.LayerPages(i, self._io, self, self._root))
 
 
 
@@ -93,13 +99,14 @@ class Scar(KaitaiStruct):
             pass
             self.layers[i]._fetch_instances()
 
-        for i in range(len(self.tiles)):
+        self.root._fetch_instances()
+        for i in range(len(self.tile_pages)):
             pass
-            self.tiles[i]._fetch_instances()
+            self.tile_pages[i]._fetch_instances()
 
-        for i in range(len(self.entries)):
+        for i in range(len(self.row_pages)):
             pass
-            self.entries[i]._fetch_instances()
+            self.row_pages[i]._fetch_instances()
 
 
     class Channel(KaitaiStruct):
@@ -173,102 +180,6 @@ class Scar(KaitaiStruct):
             self.low._fetch_instances()
 
 
-    class DirectoryEntry(KaitaiStruct):
-        """DIRECTORY_ENTRY (§5.5)."""
-        def __init__(self, _io, _parent=None, _root=None):
-            super(Scar.DirectoryEntry, self).__init__(_io)
-            self._parent = _parent
-            self._root = _root
-            self._read()
-
-        def _read(self):
-            self.kind = KaitaiStream.resolve_enum(Scar.BlockKind, self._io.read_u1())
-            _ = self.kind
-            if not int(self.kind) != 0:
-                raise kaitaistruct.ValidationExprError(self.kind, self._io, u"/types/directory_entry/seq/0")
-            self.flags = self._io.read_u1()
-            if not self.flags <= 2:
-                raise kaitaistruct.ValidationGreaterThanError(2, self.flags, self._io, u"/types/directory_entry/seq/1")
-            self.layer = self._io.read_u1()
-            if not self.layer >= 1:
-                raise kaitaistruct.ValidationLessThanError(1, self.layer, self._io, u"/types/directory_entry/seq/2")
-            if not self.layer <= self._root.header.layer_count:
-                raise kaitaistruct.ValidationGreaterThanError(self._root.header.layer_count, self.layer, self._io, u"/types/directory_entry/seq/2")
-            self.reserved = self._io.read_u1()
-            if not self.reserved == 0:
-                raise kaitaistruct.ValidationNotEqualError(0, self.reserved, self._io, u"/types/directory_entry/seq/3")
-            self.tile = self._io.read_u4le()
-            _ = self.tile
-            if not  ((_ < self._root.header.tile_count) or (_ == 4294967295)) :
-                raise kaitaistruct.ValidationExprError(self.tile, self._io, u"/types/directory_entry/seq/4")
-            self.offset = self._io.read_u8le()
-            self.length = self._io.read_u8le()
-            if not self.length >= 1:
-                raise kaitaistruct.ValidationLessThanError(1, self.length, self._io, u"/types/directory_entry/seq/6")
-            self.count = self._io.read_u4le()
-            self.crc32 = self._io.read_u4le()
-
-
-        def _fetch_instances(self):
-            pass
-            _ = self.body
-            if hasattr(self, '_m_body'):
-                pass
-                _on = self.kind
-                if _on == Scar.BlockKind.hash_grid:
-                    pass
-                    self._m_body._fetch_instances()
-                elif _on == Scar.BlockKind.layer:
-                    pass
-                    self._m_body._fetch_instances()
-                elif _on == Scar.BlockKind.streaming:
-                    pass
-                    self._m_body._fetch_instances()
-                elif _on == Scar.BlockKind.tile:
-                    pass
-                    self._m_body._fetch_instances()
-                else:
-                    pass
-                    self._m_body._fetch_instances()
-
-
-        @property
-        def body(self):
-            if hasattr(self, '_m_body'):
-                return self._m_body
-
-            _pos = self._io.pos()
-            self._io.seek(self.offset)
-            _on = self.kind
-            if _on == Scar.BlockKind.hash_grid:
-                pass
-                self._raw__m_body = self._io.read_bytes(self.length)
-                _io__raw__m_body = KaitaiStream(BytesIO(self._raw__m_body))
-                self._m_body = Scar.HashGridBlock(_io__raw__m_body, self, self._root)
-            elif _on == Scar.BlockKind.layer:
-                pass
-                self._raw__m_body = self._io.read_bytes(self.length)
-                _io__raw__m_body = KaitaiStream(BytesIO(self._raw__m_body))
-                self._m_body = Scar.LayerBlock(self.layer, _io__raw__m_body, self, self._root)
-            elif _on == Scar.BlockKind.streaming:
-                pass
-                self._raw__m_body = self._io.read_bytes(self.length)
-                _io__raw__m_body = KaitaiStream(BytesIO(self._raw__m_body))
-                self._m_body = Scar.StreamingBlock(_io__raw__m_body, self, self._root)
-            elif _on == Scar.BlockKind.tile:
-                pass
-                self._raw__m_body = self._io.read_bytes(self.length)
-                _io__raw__m_body = KaitaiStream(BytesIO(self._raw__m_body))
-                self._m_body = Scar.TileBlock(_io__raw__m_body, self, self._root)
-            else:
-                pass
-                self._raw__m_body = self._io.read_bytes(self.length)
-                _io__raw__m_body = KaitaiStream(BytesIO(self._raw__m_body))
-                self._m_body = Scar.RawBlock(_io__raw__m_body, self, self._root)
-            self._io.seek(_pos)
-            return getattr(self, '_m_body', None)
-
-
     class FileHeader(KaitaiStruct):
         """FILE_HEADER (§5.2)."""
         def __init__(self, _io, _parent=None, _root=None):
@@ -285,8 +196,8 @@ class Scar(KaitaiStruct):
             if not self.major == 0:
                 raise kaitaistruct.ValidationNotEqualError(0, self.major, self._io, u"/types/file_header/seq/1")
             self.minor = self._io.read_u1()
-            if not self.minor == 1:
-                raise kaitaistruct.ValidationNotEqualError(1, self.minor, self._io, u"/types/file_header/seq/2")
+            if not self.minor == 2:
+                raise kaitaistruct.ValidationNotEqualError(2, self.minor, self._io, u"/types/file_header/seq/2")
             self.version_reserved = self._io.read_u1()
             if not self.version_reserved == 0:
                 raise kaitaistruct.ValidationNotEqualError(0, self.version_reserved, self._io, u"/types/file_header/seq/3")
@@ -323,15 +234,13 @@ class Scar(KaitaiStruct):
             self.colour_space = KaitaiStream.resolve_enum(Scar.ColourSpace, self._io.read_u1())
             if not isinstance(self.colour_space, Scar.ColourSpace):
                 raise kaitaistruct.ValidationNotInEnumError(self.colour_space, self._io, u"/types/file_header/seq/12")
-            self.reserved = self._io.read_u1()
-            if not self.reserved == 0:
-                raise kaitaistruct.ValidationNotEqualError(0, self.reserved, self._io, u"/types/file_header/seq/13")
+            self.page_bits = self._io.read_u1()
+            if not self.page_bits <= 16:
+                raise kaitaistruct.ValidationGreaterThanError(16, self.page_bits, self._io, u"/types/file_header/seq/13")
             self.tile_count = self._io.read_u4le()
-            if not self.tile_count <= 1048576:
-                raise kaitaistruct.ValidationGreaterThanError(1048576, self.tile_count, self._io, u"/types/file_header/seq/14")
-            self.entry_count = self._io.read_u4le()
-            if not self.entry_count <= 4194304:
-                raise kaitaistruct.ValidationGreaterThanError(4194304, self.entry_count, self._io, u"/types/file_header/seq/15")
+            if not self.tile_count <= 16777216:
+                raise kaitaistruct.ValidationGreaterThanError(16777216, self.tile_count, self._io, u"/types/file_header/seq/14")
+            self.root_length = self._io.read_u4le()
             self.anchor_count = self._io.read_u8le()
             self.gaussian_count = self._io.read_u8le()
             self.origin = []
@@ -345,7 +254,7 @@ class Scar(KaitaiStruct):
             self.source_count = self._io.read_u8le()
             if not self.source_count <= 9007199254740991:
                 raise kaitaistruct.ValidationGreaterThanError(9007199254740991, self.source_count, self._io, u"/types/file_header/seq/20")
-            self.directory_crc32 = self._io.read_u4le()
+            self.root_crc32 = self._io.read_u4le()
 
 
         def _fetch_instances(self):
@@ -523,12 +432,80 @@ class Scar(KaitaiStruct):
             return getattr(self, '_m_channels_of_rows', None)
 
 
+    class LayerBlocks(KaitaiStruct):
+        """The blocks of a layer, in the order of their kinds, those of tiles in the order of the tiles."""
+        def __init__(self, layer, _io, _parent=None, _root=None):
+            super(Scar.LayerBlocks, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self.layer = layer
+            self._read()
+
+        def _read(self):
+            self.models = []
+            for i in range(self._root.root.layers[self.layer].block_count.value):
+                self.models.append(Scar.Placed(self.layer, i, False, self._io, self, self._root))
+
+            self.tiles = []
+            for i in range(self._root.page_count):
+                self.tiles.append(Scar.PageBlocks(self.layer, i, self._io, self, self._root))
+
+            self.annotations = []
+            for i in range(self._root.root.layers[self.layer].block_count.value):
+                self.annotations.append(Scar.Placed(self.layer, i, True, self._io, self, self._root))
+
+
+
+        def _fetch_instances(self):
+            pass
+            for i in range(len(self.models)):
+                pass
+                self.models[i]._fetch_instances()
+
+            for i in range(len(self.tiles)):
+                pass
+                self.tiles[i]._fetch_instances()
+
+            for i in range(len(self.annotations)):
+                pass
+                self.annotations[i]._fetch_instances()
+
+
+
+    class LayerPages(KaitaiStruct):
+        """The row pages of a layer."""
+        def __init__(self, layer, _io, _parent=None, _root=None):
+            super(Scar.LayerPages, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self.layer = layer
+            self._read()
+
+        def _read(self):
+            self._raw_pages = []
+            self.pages = []
+            for i in range(self._root.page_count):
+                self._raw_pages.append(self._io.read_bytes(self._root.root.pages[i].rows[self.layer].row_bytes.value))
+                _io__raw_pages = KaitaiStream(BytesIO(self._raw_pages[i]))
+                self.pages.append(Scar.RowPage(self.layer, i, _io__raw_pages, self, self._root))
+
+
+
+        def _fetch_instances(self):
+            pass
+            for i in range(len(self.pages)):
+                pass
+                self.pages[i]._fetch_instances()
+
+
+
     class LayerSummary(KaitaiStruct):
         """LAYER_SUMMARY (§5.3); counts are cumulative."""
-        def __init__(self, _io, _parent=None, _root=None):
+        def __init__(self, index, _io, _parent=None, _root=None):
             super(Scar.LayerSummary, self).__init__(_io)
             self._parent = _parent
             self._root = _root
+            self.index = index
             self._read()
 
         def _read(self):
@@ -547,6 +524,150 @@ class Scar(KaitaiStruct):
             for i in range(len(self.stream_bytes)):
                 pass
 
+            _ = self.blocks
+            if hasattr(self, '_m_blocks'):
+                pass
+                self._m_blocks._fetch_instances()
+
+
+        @property
+        def blocks(self):
+            if hasattr(self, '_m_blocks'):
+                return self._m_blocks
+
+            _pos = self._io.pos()
+            self._io.seek(self.end_offset - self.byte_count)
+            self._raw__m_blocks = self._io.read_bytes(self.byte_count)
+            _io__raw__m_blocks = KaitaiStream(BytesIO(self._raw__m_blocks))
+            self._m_blocks = Scar.LayerBlocks(self.index, _io__raw__m_blocks, self, self._root)
+            self._io.seek(_pos)
+            return getattr(self, '_m_blocks', None)
+
+
+    class PageBlocks(KaitaiStruct):
+        """The TILE blocks of a page in a layer."""
+        def __init__(self, layer, index, _io, _parent=None, _root=None):
+            super(Scar.PageBlocks, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self.layer = layer
+            self.index = index
+            self._read()
+
+        def _read(self):
+            self.blocks = []
+            for i in range((0 if self._root.root.pages[self.index].rows[self.layer].row_bytes.value == 0 else self._root.root.pages[self.index].size)):
+                self.blocks.append(Scar.PlacedTile(self.layer, self.index, i, self._io, self, self._root))
+
+
+
+        def _fetch_instances(self):
+            pass
+            for i in range(len(self.blocks)):
+                pass
+                self.blocks[i]._fetch_instances()
+
+
+
+    class Placed(KaitaiStruct):
+        """A block of no tile, where blocks of its kind lie, before or behind those of tiles; elsewhere nothing."""
+        def __init__(self, layer, number, behind, _io, _parent=None, _root=None):
+            super(Scar.Placed, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self.layer = layer
+            self.number = number
+            self.behind = behind
+            self._read()
+
+        def _read(self):
+            if (int(self.entry.kind) > 16) == self.behind:
+                pass
+                _on = self.entry.kind
+                if _on == Scar.BlockKind.hash_grid:
+                    pass
+                    self._raw_body = self._io.read_bytes(self.entry.length.value)
+                    _io__raw_body = KaitaiStream(BytesIO(self._raw_body))
+                    self.body = Scar.HashGridBlock(_io__raw_body, self, self._root)
+                elif _on == Scar.BlockKind.layer:
+                    pass
+                    self._raw_body = self._io.read_bytes(self.entry.length.value)
+                    _io__raw_body = KaitaiStream(BytesIO(self._raw_body))
+                    self.body = Scar.LayerBlock(self.layer + 1, _io__raw_body, self, self._root)
+                elif _on == Scar.BlockKind.streaming:
+                    pass
+                    self._raw_body = self._io.read_bytes(self.entry.length.value)
+                    _io__raw_body = KaitaiStream(BytesIO(self._raw_body))
+                    self.body = Scar.StreamingBlock(_io__raw_body, self, self._root)
+                else:
+                    pass
+                    self._raw_body = self._io.read_bytes(self.entry.length.value)
+                    _io__raw_body = KaitaiStream(BytesIO(self._raw_body))
+                    self.body = Scar.RawBlock(_io__raw_body, self, self._root)
+
+
+
+        def _fetch_instances(self):
+            pass
+            if (int(self.entry.kind) > 16) == self.behind:
+                pass
+                _on = self.entry.kind
+                if _on == Scar.BlockKind.hash_grid:
+                    pass
+                    self.body._fetch_instances()
+                elif _on == Scar.BlockKind.layer:
+                    pass
+                    self.body._fetch_instances()
+                elif _on == Scar.BlockKind.streaming:
+                    pass
+                    self.body._fetch_instances()
+                else:
+                    pass
+                    self.body._fetch_instances()
+
+
+        @property
+        def entry(self):
+            if hasattr(self, '_m_entry'):
+                return self._m_entry
+
+            self._m_entry = self._root.root.layers[self.layer].entries[self.number]
+            return getattr(self, '_m_entry', None)
+
+
+    class PlacedTile(KaitaiStruct):
+        def __init__(self, layer, index, number, _io, _parent=None, _root=None):
+            super(Scar.PlacedTile, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self.layer = layer
+            self.index = index
+            self.number = number
+            self._read()
+
+        def _read(self):
+            if self.length > 0:
+                pass
+                self._raw_body = self._io.read_bytes(self.length)
+                _io__raw_body = KaitaiStream(BytesIO(self._raw_body))
+                self.body = Scar.TileBlock(_io__raw_body, self, self._root)
+
+
+
+        def _fetch_instances(self):
+            pass
+            if self.length > 0:
+                pass
+                self.body._fetch_instances()
+
+
+        @property
+        def length(self):
+            if hasattr(self, '_m_length'):
+                return self._m_length
+
+            self._m_length = self._root.row_pages[self.layer].pages[self.index].rows.lengths[self.number].value
+            return getattr(self, '_m_length', None)
 
 
     class RansStream(KaitaiStruct):
@@ -586,6 +707,223 @@ class Scar(KaitaiStruct):
 
         def _fetch_instances(self):
             pass
+
+
+    class Root(KaitaiStruct):
+        """ROOT (§5.4)."""
+        def __init__(self, _io, _parent=None, _root=None):
+            super(Scar.Root, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self._read()
+
+        def _read(self):
+            self.layers = []
+            for i in range(self._root.header.layer_count):
+                self.layers.append(Scar.RootLayer(self._io, self, self._root))
+
+            self.pages = []
+            for i in range(self._root.page_count):
+                self.pages.append(Scar.RootPage(i, self._io, self, self._root))
+
+
+
+        def _fetch_instances(self):
+            pass
+            for i in range(len(self.layers)):
+                pass
+                self.layers[i]._fetch_instances()
+
+            for i in range(len(self.pages)):
+                pass
+                self.pages[i]._fetch_instances()
+
+
+
+    class RootEntry(KaitaiStruct):
+        def __init__(self, _io, _parent=None, _root=None):
+            super(Scar.RootEntry, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self._read()
+
+        def _read(self):
+            self.kind = KaitaiStream.resolve_enum(Scar.BlockKind, self._io.read_u1())
+            _ = self.kind
+            if not  ((int(self.kind) != 0) and (self.kind != Scar.BlockKind.tile)) :
+                raise kaitaistruct.ValidationExprError(self.kind, self._io, u"/types/root_entry/seq/0")
+            self.flags = self._io.read_u1()
+            if not self.flags <= 2:
+                raise kaitaistruct.ValidationGreaterThanError(2, self.flags, self._io, u"/types/root_entry/seq/1")
+            self.length = Scar.Varint(self._io, self, self._root)
+            self.count = Scar.Varint(self._io, self, self._root)
+            self.crc32 = self._io.read_u4le()
+
+
+        def _fetch_instances(self):
+            pass
+            self.length._fetch_instances()
+            self.count._fetch_instances()
+
+
+    class RootLayer(KaitaiStruct):
+        """The blocks of a layer that belong to no tile."""
+        def __init__(self, _io, _parent=None, _root=None):
+            super(Scar.RootLayer, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self._read()
+
+        def _read(self):
+            self.block_count = Scar.Varint(self._io, self, self._root)
+            self.entries = []
+            for i in range(self.block_count.value):
+                self.entries.append(Scar.RootEntry(self._io, self, self._root))
+
+
+
+        def _fetch_instances(self):
+            pass
+            self.block_count._fetch_instances()
+            for i in range(len(self.entries)):
+                pass
+                self.entries[i]._fetch_instances()
+
+
+
+    class RootPage(KaitaiStruct):
+        def __init__(self, index, _io, _parent=None, _root=None):
+            super(Scar.RootPage, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self.index = index
+            self._read()
+
+        def _read(self):
+            self.gap = Scar.Varint(self._io, self, self._root)
+            self.tile_bytes = Scar.Varint(self._io, self, self._root)
+            self.tile_crc32 = self._io.read_u4le()
+            self.rows = []
+            for i in range(self._root.header.layer_count):
+                self.rows.append(Scar.RootRows(self._io, self, self._root))
+
+
+
+        def _fetch_instances(self):
+            pass
+            self.gap._fetch_instances()
+            self.tile_bytes._fetch_instances()
+            for i in range(len(self.rows)):
+                pass
+                self.rows[i]._fetch_instances()
+
+
+        @property
+        def base(self):
+            """Morton code at depth 21 where the first tile of the page begins."""
+            if hasattr(self, '_m_base'):
+                return self._m_base
+
+            self._m_base = (0 if self.index == 0 else self._root.root.pages[self.index - 1].base) + self.gap.value
+            return getattr(self, '_m_base', None)
+
+        @property
+        def size(self):
+            """Tiles of the page."""
+            if hasattr(self, '_m_size'):
+                return self._m_size
+
+            self._m_size = (self._root.header.tile_count - self.index * self._root.page_size if (self.index + 1) * self._root.page_size > self._root.header.tile_count else self._root.page_size)
+            return getattr(self, '_m_size', None)
+
+
+    class RootRows(KaitaiStruct):
+        """What ROOT says of a row page; one of 0 bytes is not there."""
+        def __init__(self, _io, _parent=None, _root=None):
+            super(Scar.RootRows, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self._read()
+
+        def _read(self):
+            self.row_bytes = Scar.Varint(self._io, self, self._root)
+            if self.row_bytes.value > 0:
+                pass
+                self.row_crc32 = self._io.read_u4le()
+
+            if self.row_bytes.value > 0:
+                pass
+                self.block_bytes = Scar.Varint(self._io, self, self._root)
+
+            if self.row_bytes.value > 0:
+                pass
+                self.anchors = Scar.Varint(self._io, self, self._root)
+
+
+
+        def _fetch_instances(self):
+            pass
+            self.row_bytes._fetch_instances()
+            if self.row_bytes.value > 0:
+                pass
+
+            if self.row_bytes.value > 0:
+                pass
+                self.block_bytes._fetch_instances()
+
+            if self.row_bytes.value > 0:
+                pass
+                self.anchors._fetch_instances()
+
+
+
+    class RowPage(KaitaiStruct):
+        """The TILE blocks of a page in a layer (§5.5)."""
+        def __init__(self, layer, index, _io, _parent=None, _root=None):
+            super(Scar.RowPage, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self.layer = layer
+            self.index = index
+            self._read()
+
+        def _read(self):
+            if (not (self._io.is_eof())):
+                pass
+                self.rows = Scar.Rows(self._root.root.pages[self.index].size, self._io, self, self._root)
+
+
+
+        def _fetch_instances(self):
+            pass
+            if (not (self._io.is_eof())):
+                pass
+                self.rows._fetch_instances()
+
+
+
+    class Rows(KaitaiStruct):
+        def __init__(self, size, _io, _parent=None, _root=None):
+            super(Scar.Rows, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self.size = size
+            self._read()
+
+        def _read(self):
+            self.lengths = []
+            for i in range(self.size):
+                self.lengths.append(Scar.Varint(self._io, self, self._root))
+
+            self.numbers = self._io.read_bytes_full()
+
+
+        def _fetch_instances(self):
+            pass
+            for i in range(len(self.lengths)):
+                pass
+                self.lengths[i]._fetch_instances()
+
 
 
     class StreamingBlock(KaitaiStruct):
@@ -653,6 +991,81 @@ class Scar(KaitaiStruct):
             pass
 
 
+    class Tile(KaitaiStruct):
+        """A cube; its prefix follows from the gap and from where the one before ends."""
+        def __init__(self, number, _io, _parent=None, _root=None):
+            super(Scar.Tile, self).__init__(_io)
+            self._parent = _parent
+            self._root = _root
+            self.number = number
+            self._read()
+
+        def _read(self):
+            pass
+
+
+        def _fetch_instances(self):
+            pass
+
+        @property
+        def before(self):
+            if hasattr(self, '_m_before'):
+                return self._m_before
+
+            self._m_before = (self._root.root.pages[self._parent.index].base if self.number == 0 else self._parent.tiles[self.number - 1].past)
+            return getattr(self, '_m_before', None)
+
+        @property
+        def depth(self):
+            if hasattr(self, '_m_depth'):
+                return self._m_depth
+
+            self._m_depth = self._parent.depths[self.number]
+            return getattr(self, '_m_depth', None)
+
+        @property
+        def free(self):
+            if hasattr(self, '_m_free'):
+                return self._m_free
+
+            self._m_free = 3 * (21 - self.depth)
+            return getattr(self, '_m_free', None)
+
+        @property
+        def local_bits(self):
+            """Bits per axis of a position within the tile, 0..21 (R-5.5-5)."""
+            if hasattr(self, '_m_local_bits'):
+                return self._m_local_bits
+
+            self._m_local_bits = (self._root.header.lattice_bits - self.depth) - self.shift
+            return getattr(self, '_m_local_bits', None)
+
+        @property
+        def past(self):
+            if hasattr(self, '_m_past'):
+                return self._m_past
+
+            self._m_past = self.prefix + 1 << self.free
+            return getattr(self, '_m_past', None)
+
+        @property
+        def prefix(self):
+            """Morton code of the cube, 3 * depth bits."""
+            if hasattr(self, '_m_prefix'):
+                return self._m_prefix
+
+            self._m_prefix = ((self.before + (1 << self.free)) - 1 >> self.free) + self._parent.gaps[self.number].value
+            return getattr(self, '_m_prefix', None)
+
+        @property
+        def shift(self):
+            if hasattr(self, '_m_shift'):
+                return self._m_shift
+
+            self._m_shift = self._parent.shifts[self.number]
+            return getattr(self, '_m_shift', None)
+
+
     class TileBlock(KaitaiStruct):
         """TILE (§7.1)."""
         def __init__(self, _io, _parent=None, _root=None):
@@ -688,38 +1101,65 @@ class Scar(KaitaiStruct):
 
 
 
-    class TileRecord(KaitaiStruct):
-        """TILE_RECORD (§5.4), a cube of the position lattice."""
-        def __init__(self, _io, _parent=None, _root=None):
-            super(Scar.TileRecord, self).__init__(_io)
+    class TilePage(KaitaiStruct):
+        """Cubes of the position lattice (§5.5)."""
+        def __init__(self, index, _io, _parent=None, _root=None):
+            super(Scar.TilePage, self).__init__(_io)
             self._parent = _parent
             self._root = _root
+            self.index = index
             self._read()
 
         def _read(self):
-            self.depth = self._io.read_u1()
-            if not self.depth <= 21:
-                raise kaitaistruct.ValidationGreaterThanError(21, self.depth, self._io, u"/types/tile_record/seq/0")
-            self.shift = self._io.read_u1()
-            if not self.shift <= 31:
-                raise kaitaistruct.ValidationGreaterThanError(31, self.shift, self._io, u"/types/tile_record/seq/1")
-            self.reserved = self._io.read_u2le()
-            if not self.reserved == 0:
-                raise kaitaistruct.ValidationNotEqualError(0, self.reserved, self._io, u"/types/tile_record/seq/2")
-            self.prefix = self._io.read_u8le()
+            self.depths = []
+            for i in range(self._root.root.pages[self.index].size):
+                self.depths.append(self._io.read_u1())
+                if not self.depths[i] <= 21:
+                    raise kaitaistruct.ValidationGreaterThanError(21, self.depths[i], self._io, u"/types/tile_page/seq/0")
+
+            self.shifts = []
+            for i in range(self._root.root.pages[self.index].size):
+                self.shifts.append(self._io.read_u1())
+                if not self.shifts[i] <= 31:
+                    raise kaitaistruct.ValidationGreaterThanError(31, self.shifts[i], self._io, u"/types/tile_page/seq/1")
+
+            self.gaps = []
+            for i in range(self._root.root.pages[self.index].size):
+                self.gaps.append(Scar.Varint(self._io, self, self._root))
+
 
 
         def _fetch_instances(self):
             pass
+            for i in range(len(self.depths)):
+                pass
+
+            for i in range(len(self.shifts)):
+                pass
+
+            for i in range(len(self.gaps)):
+                pass
+                self.gaps[i]._fetch_instances()
+
+            _ = self.tiles
+            if hasattr(self, '_m_tiles'):
+                pass
+                for i in range(len(self._m_tiles)):
+                    pass
+                    self._m_tiles[i]._fetch_instances()
+
+
 
         @property
-        def local_bits(self):
-            """Bits per axis of a position within the tile, 0..21 (R-5.4-6)."""
-            if hasattr(self, '_m_local_bits'):
-                return self._m_local_bits
+        def tiles(self):
+            if hasattr(self, '_m_tiles'):
+                return self._m_tiles
 
-            self._m_local_bits = (self._root.header.lattice_bits - self.depth) - self.shift
-            return getattr(self, '_m_local_bits', None)
+            self._m_tiles = []
+            for i in range(self._root.root.pages[self.index].size):
+                self._m_tiles.append(Scar.Tile(i, self._io, self, self._root))
+
+            return getattr(self, '_m_tiles', None)
 
 
     class Varint(KaitaiStruct):
@@ -779,7 +1219,24 @@ class Scar(KaitaiStruct):
         if hasattr(self, '_m_first_layer_block'):
             return self._m_first_layer_block
 
-        self._m_first_layer_block = self.entries[0].body
+        self._m_first_layer_block = self.layers[0].blocks.models[0].body
         return getattr(self, '_m_first_layer_block', None)
+
+    @property
+    def page_count(self):
+        if hasattr(self, '_m_page_count'):
+            return self._m_page_count
+
+        self._m_page_count = ((self.header.tile_count + self.page_size) - 1) // self.page_size
+        return getattr(self, '_m_page_count', None)
+
+    @property
+    def page_size(self):
+        """Tiles of a page; the last may have fewer."""
+        if hasattr(self, '_m_page_size'):
+            return self._m_page_size
+
+        self._m_page_size = 1 << self.header.page_bits
+        return getattr(self, '_m_page_size', None)
 
 

@@ -1,40 +1,50 @@
-# The container of a .scar file for Kaitai Struct: header, tile table, directory, blocks, and within blocks the parts
-# that are plain fields. SPEC.md is the authority; section numbers are its. Not expressed here: checksums, the rules
-# between fields that R-5.3 to R-5.5 state, entropy coding, Zstandard frames and Rice codes.
+# The container of a .scar file for Kaitai Struct: header, ROOT, pages, blocks, and within blocks the parts that are plain
+# fields. SPEC.md is the authority; section numbers are its. Not expressed here: checksums, the rules between fields that
+# R-5.3 to R-5.5 state, entropy coding, Zstandard frames and Rice codes.
 #
 # Compile with kaitai-struct-compiler 0.11:  kaitai-struct-compiler -t python scar.ksy
 meta:
   id: scar
-  title: Progressive neural-compressed scene of 3D Gaussians (.scar 0.1)
+  title: Progressive neural-compressed scene of 3D Gaussians (.scar 0.2)
   file-extension: scar
   license: CC0-1.0
   ks-version: 0.11
   endian: le
 doc: |
-  A scene of 3D Gaussians in layers. The header and the directory say where every block lies; blocks are in the order
-  in which a reader wants them, layer by layer, so a file cut after a layer is that scene, coarser.
+  A scene of 3D Gaussians in layers. Header, ROOT and pages say where every block lies; blocks are in the order in which
+  a reader wants them, layer by layer, so a file cut after a layer is that scene, coarser.
 doc-ref: SPEC.md
 seq:
   - id: header
     type: file_header
   - id: layers
-    type: layer_summary
+    type: layer_summary(_index)
     repeat: expr
     repeat-expr: header.layer_count
   - id: header_crc32
     type: u4
     doc: CRC-32 of every byte before this field (R-5.2-4)
-  - id: tiles
-    type: tile_record
+  - id: root
+    type: root
+    size: header.root_length
+  - id: tile_pages
+    type: tile_page(_index)
+    size: root.pages[_index].tile_bytes.value
     repeat: expr
-    repeat-expr: header.tile_count
-  - id: entries
-    type: directory_entry
+    repeat-expr: page_count
+  - id: row_pages
+    type: layer_pages(_index)
     repeat: expr
-    repeat-expr: header.entry_count
+    repeat-expr: header.layer_count
+    doc: The row pages of every layer
 instances:
+  page_size:
+    value: 1 << header.page_bits
+    doc: Tiles of a page; the last may have fewer
+  page_count:
+    value: (header.tile_count + page_size - 1) / page_size
   first_layer_block:
-    value: entries[0].body.as<layer_block>
+    value: layers[0].blocks.models[0].body.as<layer_block>
     doc: The LAYER block of layer 1, the first of every conforming file, which has the channel table.
 types:
   file_header:
@@ -47,7 +57,7 @@ types:
         valid: 0
       - id: minor
         type: u1
-        valid: 1
+        valid: 2
       - id: version_reserved
         type: u1
         valid: 0
@@ -91,17 +101,16 @@ types:
         enum: colour_space
         valid:
           in-enum: true
-      - id: reserved
+      - id: page_bits
         type: u1
-        valid: 0
+        valid:
+          max: 16
       - id: tile_count
         type: u4
         valid:
-          max: 1048576
-      - id: entry_count
+          max: 16777216
+      - id: root_length
         type: u4
-        valid:
-          max: 4194304
       - id: anchor_count
         type: u8
       - id: gaussian_count
@@ -118,11 +127,14 @@ types:
         type: u8
         valid:
           max: 9007199254740991
-      - id: directory_crc32
+      - id: root_crc32
         type: u4
-        doc: CRC-32 of the tile table followed by the directory (R-5.4-2)
+        doc: CRC-32 of ROOT (R-5.4-2)
   layer_summary:
     doc: LAYER_SUMMARY (§5.3); counts are cumulative
+    params:
+      - id: index
+        type: u1
     seq:
       - id: anchor_count
         type: u8
@@ -136,74 +148,237 @@ types:
         type: u8
         repeat: expr
         repeat-expr: 13
-  tile_record:
-    doc: TILE_RECORD (§5.4), a cube of the position lattice
-    seq:
-      - id: depth
-        type: u1
-        valid:
-          max: 21
-      - id: shift
-        type: u1
-        valid:
-          max: 31
-      - id: reserved
-        type: u2
-        valid: 0
-      - id: prefix
-        type: u8
-        doc: Morton code of the cube, 3 * depth bits
     instances:
-      local_bits:
-        value: _root.header.lattice_bits - depth - shift
-        doc: Bits per axis of a position within the tile, 0..21 (R-5.4-6)
-  directory_entry:
-    doc: DIRECTORY_ENTRY (§5.5)
+      blocks:
+        pos: end_offset - byte_count
+        size: byte_count
+        type: layer_blocks(index)
+  root:
+    doc: ROOT (§5.4)
+    seq:
+      - id: layers
+        type: root_layer
+        repeat: expr
+        repeat-expr: _root.header.layer_count
+      - id: pages
+        type: root_page(_index)
+        repeat: expr
+        repeat-expr: _root.page_count
+  root_layer:
+    doc: The blocks of a layer that belong to no tile
+    seq:
+      - id: block_count
+        type: varint
+      - id: entries
+        type: root_entry
+        repeat: expr
+        repeat-expr: block_count.value
+  root_entry:
     seq:
       - id: kind
         type: u1
         enum: block_kind
         valid:
-          expr: kind.to_i != 0
+          expr: kind.to_i != 0 and kind != block_kind::tile
       - id: flags
         type: u1
         valid:
           max: 2
         doc: 1 critical, 2 safe-to-copy
-      - id: layer
-        type: u1
-        valid:
-          min: 1
-          max: _root.header.layer_count
-      - id: reserved
-        type: u1
-        valid: 0
-      - id: tile
-        type: u4
-        valid:
-          expr: _ < _root.header.tile_count or _ == 0xffffffff
-      - id: offset
-        type: u8
       - id: length
-        type: u8
-        valid:
-          min: 1
+        type: varint
       - id: count
-        type: u4
+        type: varint
       - id: crc32
         type: u4
+  root_page:
+    params:
+      - id: index
+        type: u4
+    seq:
+      - id: gap
+        type: varint
+      - id: tile_bytes
+        type: varint
+      - id: tile_crc32
+        type: u4
+      - id: rows
+        type: root_rows
+        repeat: expr
+        repeat-expr: _root.header.layer_count
     instances:
-      body:
-        pos: offset
-        size: length
+      base:
+        value: '(index == 0 ? 0 : _root.root.pages[index - 1].base.as<u8>) + gap.value'
+        doc: Morton code at depth 21 where the first tile of the page begins
+      size:
+        value: '(index + 1) * _root.page_size > _root.header.tile_count ? _root.header.tile_count - index * _root.page_size : _root.page_size'
+        doc: Tiles of the page
+  root_rows:
+    doc: What ROOT says of a row page; one of 0 bytes is not there
+    seq:
+      - id: row_bytes
+        type: varint
+      - id: row_crc32
+        type: u4
+        if: row_bytes.value > 0
+      - id: block_bytes
+        type: varint
+        if: row_bytes.value > 0
+      - id: anchors
+        type: varint
+        if: row_bytes.value > 0
+  tile_page:
+    doc: Cubes of the position lattice (§5.5)
+    params:
+      - id: index
+        type: u4
+    seq:
+      - id: depths
+        type: u1
+        valid:
+          max: 21
+        repeat: expr
+        repeat-expr: _root.root.pages[index].size
+      - id: shifts
+        type: u1
+        valid:
+          max: 31
+        repeat: expr
+        repeat-expr: _root.root.pages[index].size
+      - id: gaps
+        type: varint
+        repeat: expr
+        repeat-expr: _root.root.pages[index].size
+    instances:
+      tiles:
+        type: tile(_index)
+        repeat: expr
+        repeat-expr: _root.root.pages[index].size
+  tile:
+    doc: A cube; its prefix follows from the gap and from where the one before ends
+    params:
+      - id: number
+        type: u4
+    instances:
+      depth:
+        value: _parent.as<tile_page>.depths[number]
+      shift:
+        value: _parent.as<tile_page>.shifts[number]
+      local_bits:
+        value: _root.header.lattice_bits - depth - shift
+        doc: Bits per axis of a position within the tile, 0..21 (R-5.5-5)
+      free:
+        value: 3 * (21 - depth)
+      before:
+        value: 'number == 0 ? _root.root.pages[_parent.as<tile_page>.index].base.as<u8> : _parent.as<tile_page>.tiles[number - 1].past.as<u8>'
+      prefix:
+        value: ((before + (1 << free) - 1) >> free) + _parent.as<tile_page>.gaps[number].value
+        doc: Morton code of the cube, 3 * depth bits
+      past:
+        value: (prefix + 1) << free
+  layer_pages:
+    doc: The row pages of a layer
+    params:
+      - id: layer
+        type: u1
+    seq:
+      - id: pages
+        type: row_page(layer, _index)
+        size: _root.root.pages[_index].rows[layer].row_bytes.value
+        repeat: expr
+        repeat-expr: _root.page_count
+  row_page:
+    doc: The TILE blocks of a page in a layer (§5.5)
+    params:
+      - id: layer
+        type: u1
+      - id: index
+        type: u4
+    seq:
+      - id: rows
+        type: rows(_root.root.pages[index].size)
+        if: not _io.eof
+  rows:
+    params:
+      - id: size
+        type: u4
+    seq:
+      - id: lengths
+        type: varint
+        repeat: expr
+        repeat-expr: size
+      - id: numbers
+        size-eos: true
+        doc: A count (varint) for every length that is not 0, then a CRC-32 (u4) for each
+  layer_blocks:
+    doc: The blocks of a layer, in the order of their kinds, those of tiles in the order of the tiles
+    params:
+      - id: layer
+        type: u1
+    seq:
+      - id: models
+        type: placed(layer, _index, false)
+        repeat: expr
+        repeat-expr: _root.root.layers[layer].block_count.value
+      - id: tiles
+        type: page_blocks(layer, _index)
+        repeat: expr
+        repeat-expr: _root.page_count
+      - id: annotations
+        type: placed(layer, _index, true)
+        repeat: expr
+        repeat-expr: _root.root.layers[layer].block_count.value
+  placed:
+    doc: A block of no tile, where blocks of its kind lie, before or behind those of tiles; elsewhere nothing
+    params:
+      - id: layer
+        type: u1
+      - id: number
+        type: u1
+      - id: behind
+        type: bool
+    seq:
+      - id: body
+        size: entry.length.value
+        if: (entry.kind.to_i > 16) == behind
         type:
-          switch-on: kind
+          switch-on: entry.kind
           cases:
-            'block_kind::layer': layer_block(layer)
-            'block_kind::tile': tile_block
+            'block_kind::layer': layer_block(layer + 1)
             'block_kind::hash_grid': hash_grid_block
             'block_kind::streaming': streaming_block
             _: raw_block
+    instances:
+      entry:
+        value: _root.root.layers[layer].entries[number]
+  page_blocks:
+    doc: The TILE blocks of a page in a layer
+    params:
+      - id: layer
+        type: u1
+      - id: index
+        type: u4
+    seq:
+      - id: blocks
+        type: placed_tile(layer, index, _index)
+        repeat: expr
+        repeat-expr: '_root.root.pages[index].rows[layer].row_bytes.value == 0 ? 0 : _root.root.pages[index].size'
+  placed_tile:
+    params:
+      - id: layer
+        type: u1
+      - id: index
+        type: u4
+      - id: number
+        type: u4
+    seq:
+      - id: body
+        size: length
+        if: length > 0
+        type: tile_block
+    instances:
+      length:
+        value: _root.row_pages[layer].pages[index].rows.lengths[number].value
   raw_block:
     doc: A Zstandard frame (TABLES, DECODER_MLP, SCENE_MLP), Rice codes, JSON (METADATA), or of a kind not known here
     seq:

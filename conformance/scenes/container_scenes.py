@@ -9,6 +9,8 @@ import numpy as np
 
 from conformance.scenes.made import ANCHOR_CHANNELS, PLAIN, Plan, build, channel
 from conformance.surgery.files import vector_file
+from conformance.writer import WriteOptions
+from scarfmt.coding.tile import first_values
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.file import Tile
 from scarfmt.container.schema import Profile, Stream
@@ -71,10 +73,57 @@ def idle_slots_scene(anchors: int) -> QuantisedScene:
     return replace(scene, contents=(content,))
 
 
+PAGED_TILES = (
+    Tile(1, 27, 0), Tile(2, 26, 9), Tile(2, 25, 16), Tile(5, 20, 0o21000), Tile(1, 29, 3),
+    Tile(21, 8, (4 << 60) + 12345), Tile(21, 11, (1 << 63) - 1),
+)  # fmt: skip
+"""Of depths that differ within a page and from page to page: some begin where the one before ends, the last at the end
+of all codes."""
+
+
+@cache
+def paged_scene() -> QuantisedScene:
+    """Explicit profile: seven tiles, two layers.
+
+    In pages of two, the second page has no anchors, the third none that come in layer 2, the fourth none in layer 1.
+    """
+    scene = build(Plan(
+        "container pages", (_SCALE,), (LayerRow((1,), ((1,),)), LayerRow((1, 1), ((1,), (1,)))), PAGED_TILES,
+        (5, 2, 0, 0, 4, 1, 3), bits=32, dimension=2, codewords=(3, 3), spread=1, metadata=_METADATA,
+    ))  # fmt: skip
+    for number, class_ in ((4, 0), (5, 0), (6, 1)):
+        content = scene.contents[number]
+        content.classes[:] = class_
+        content.codes = np.sort(content.codes)
+        content.first = first_values(scene.model, content)
+    return scene
+
+
+@cache
+def many_pages_scene(tiles: int) -> QuantisedScene:
+    """Explicit profile: so many tiles, up to 4096, and no anchors."""
+    return build(Plan(
+        "container many pages", (_SCALE,), (LayerRow((0,), ((1,),)),), tuple(Tile(4, 0, n) for n in range(tiles)),
+        (0,) * tiles, bits=4,
+    ))  # fmt: skip
+
+
 @cache
 def plain_file() -> bytes:
     """The file of :func:`plain_scene`."""
     return vector_file(plain_scene())
+
+
+@cache
+def paged_file() -> bytes:
+    """The file of :func:`paged_scene` in pages of two tiles."""
+    return vector_file(paged_scene(), options=WriteOptions(page_bits=1))
+
+
+@cache
+def many_pages_file(tiles: int) -> bytes:
+    """The file of :func:`many_pages_scene` in pages of one tile, each with a TILE block of five bytes."""
+    return vector_file(many_pages_scene(tiles), options=WriteOptions(page_bits=0, empty_tiles=True))
 
 
 @cache

@@ -27,6 +27,7 @@ from conformance.scenes.made import (
     mlp,
     steady,
 )
+from conformance.scenes.page_scenes import page_cases
 from conformance.scenes.prng import Prng
 from conformance.surgery.files import vector_file
 from conformance.writer import BlockForm, FrameStyle, Renewal, RiceStyle, Table, Weights, WriteOptions, kept_frame
@@ -49,8 +50,8 @@ def edge_cases() -> Iterator[Case]:
     """Every case, each of the class ``edge``."""
     for cases in (
         _position_cases(), _lattice_cases(), _table_cases(), _value_cases(), _latent_cases(), _colour_cases(),
-        _layer_cases(), _tile_cases(), _anchor_cases(), _frame_cases(), _rice_cases(), _annotation_cases(),
-        predictor_cases(), network_cases(), activation_cases(),
+        _layer_cases(), _tile_cases(), page_cases(), _anchor_cases(), _frame_cases(), _rice_cases(),
+        _annotation_cases(), predictor_cases(), network_cases(), activation_cases(),
     ):
         yield from cases
 
@@ -307,11 +308,11 @@ def _late(plan: Plan, tile: int) -> QuantisedScene:
 def _tile_cases() -> Iterator[Case]:
     rows = (LayerRow((0,), ((2,),)), LayerRow((0, 0), ((2,), (2,))), LayerRow((0, 0, 0), ((2,),) * 3))
     yield _edge("tile-late", "a tile whose anchors appear in layer 3 only; one without any", _late(
-        _plan("late tile", (14, 8, 0), rows=rows), 1), ("R-7.1-6", "R-5.4-8"), features=("late-tile",))
+        _plan("late tile", (14, 8, 0), rows=rows), 1), ("R-7.1-6", "R-5.5-7"), features=("late-tile",))
     yield _edge("tiles-none-used", "tiles, but no anchors in any", _plan("unused tiles", (0, 0)), ("R-7.1-6",))
     depths = (Tile(1, 0, 0), Tile(2, 0, 8), Tile(3, 0, 72), Tile(4, 0, 584), Tile(2, 2, 10), Tile(1, 3, 7))
     yield _edge("tiles-nested", "tiles of depths 1 to 4 beside each other, with gaps", _plan(
-        "nested", (5, 4, 3, 2, 1, 6), 8, tiles=depths), ("R-5.4-8", "R-6.2-2", "R-6.3-1"))
+        "nested", (5, 4, 3, 2, 1, 6), 8, tiles=depths), ("R-5.5-7", "R-6.2-2", "R-6.3-1"))
 
 
 # ---------------------------------------------------------------------------------------------- anchor profile
@@ -423,13 +424,10 @@ def _rice_cases() -> Iterator[Case]:
 def _annotation_cases() -> Iterator[Case]:
     safe = int(BlockFlag.SAFE_TO_COPY)
     blocks = [
-        Block(kind, layer, bytes([kind, layer]), tile=tile, flags=flags)
-        for kind, layer, tile, flags in (
-            (66, 1, None, 0), (127, 1, 1, safe), (128, 2, 0, 0), (128, 2, 1, 0), (128, 2, None, safe),
-            (255, 2, None, 0),
-        )
+        Block(kind, layer, bytes([kind, layer]), flags=flags)
+        for kind, layer, flags in ((66, 1, 0), (127, 1, safe), (66, 2, safe), (128, 2, 0), (129, 2, safe), (255, 2, 0))
     ]
-    yield _edge("blocks-unknown", "unknown annotations and private blocks of every kind of flag, of tiles and of none",
+    yield _edge("blocks-unknown", "unknown annotations and private blocks of every kind of flag",
                 _plan("unknown", (5, 4), rows=steady(2, 0, (1,))), ("R-5.6-2", "R-5.6-3"),
                 WriteOptions(blocks=tuple(blocks)))
     odd = {

@@ -8,6 +8,7 @@ from dataclasses import replace
 from conformance.scenes.cases import Case
 from conformance.scenes.made import build, static_plans, worked_scene
 from conformance.scenes.neural_scenes import neural_plans
+from conformance.scenes.page_scenes import paged_cases
 from conformance.scenes.streaming_scenes import streaming_file, streaming_scene
 from conformance.surgery.files import vector_file
 from scarfmt.container.file import Block
@@ -23,7 +24,7 @@ EDGES = frozenset({
 _STREAMING = "valid/streaming"
 _ANNOTATIONS = (
     Block(70, 1, b"unknown annotation", flags=int(BlockFlag.SAFE_TO_COPY)),
-    Block(130, 1, b"private, bound to a tile", tile=0, flags=0),
+    Block(130, 1, b"private", flags=0),
     Block(200, 2, b"private", flags=0),
 )
 
@@ -38,6 +39,7 @@ def valid_cases(only: Collection[str] | None = None) -> Iterator[Case]:
             scene = build(plan)
             data = vector_file(scene, _ANNOTATIONS if name == "annotations" else ())
             yield Case(id_, purpose, data, scene=scene)
+    yield from (case for case in paged_cases() if only is None or case.id in only)
     if only is None or _STREAMING in only:
         purpose = "STREAMING: two viewpoints, a view, three tiles"
         yield Case(_STREAMING, purpose, streaming_file(), ("R-7.13-1",), scene=streaming_scene())

@@ -68,7 +68,7 @@ def text() -> str:
 
 @cache
 def structure(name: str) -> tuple[Place, ...]:
-    """The fields of a table such as ``TILE_RECORD``, in file order."""
+    """The fields of a table such as ``FILE_HEADER``, in file order."""
     found = re.search(rf"<!-- table:{name} -->\n(.*?)<!-- end -->", text(), re.DOTALL)
     if found is None:
         raise LookupError(f"SPEC.md has no table {name}")

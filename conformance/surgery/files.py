@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
+from conformance.decoders.python.front import NO_TILE, Root, read_entries, read_tiles
+from conformance.spec.spec_text import size_of
+from conformance.surgery.parts import Row, unpack
 from conformance.writer import FrameStyle, WriteOptions, write_container, write_file
+from conformance.writer.container import Counts
 from scarfmt.coding.writer import QuantisedScene
 from scarfmt.container.bytefields import decompress
-from scarfmt.container.file import Block, Container
-from scarfmt.container.schema import CHECKSUM_SIZE, FILE_HEADER, FILE_HEADER_SIZE, BlockKind, Stream, field_table
-from scarfmt.container.source import BytesSource
+from scarfmt.container.file import Block, HeaderFields, Tile
+from scarfmt.container.schema import BlockKind, ColourSpace, CoordinateFrame, Stream
 from scarfmt.container.substreams import unpack_table
-from scarfmt.limits import FORMAT_LIMITS
 
 COMPRESSED = (BlockKind.TABLES, BlockKind.DECODER_MLP, BlockKind.SCENE_MLP)
 _PLAIN = WriteOptions()
@@ -31,21 +32,37 @@ def content_of(block: Block) -> bytes:
 
 def blocks_of(data: bytes) -> list[Block]:
     """All blocks of a sound file, with the bytes each sub-stream takes."""
-    container = Container.open(BytesSource(data), limits=FORMAT_LIMITS)
     out = []
-    for entry, payload in container.read_blocks(container.entries):
+    for entry in read_entries(data, Root(data)):
+        payload = data[entry.offset : entry.offset + entry.length]
         streams: dict[int, int] = {}
         if entry.kind == BlockKind.TILE:
             streams = {int(kind): part.length for kind, part in unpack_table(payload, len(payload)).items()}
-        out.append(Block(entry.kind, entry.layer, payload, entry.tile, entry.count, streams, entry.flags))
+        tile = None if entry.tile == NO_TILE else entry.tile
+        out.append(Block(entry.kind, entry.layer, payload, tile, entry.count, streams, entry.flags))
     return out
 
 
-def rebuilt(data: bytes, blocks: Iterable[Block]) -> bytes:
-    """The file with other blocks, everything about them recomputed."""
-    container = Container.open(BytesSource(data), limits=FORMAT_LIMITS)
-    counts = [(layer.anchor_count, layer.gaussian_count) for layer in container.header.layers]
-    return write_container(container.header.fields, container.tiles, blocks, counts)
+def rebuilt(data: bytes, blocks: Iterable[Block], counts: Counts | None = None) -> bytes:
+    """The file with other blocks, and perhaps other counts of its layers; everything about them is recomputed."""
+    header = unpack("FILE_HEADER", data)
+    tiles = [Tile(*tile) for tile in read_tiles(data, Root(data))]
+    kept = layer_counts_of(data) if counts is None else counts
+    return write_container(_fields(header), tiles, blocks, kept, page_bits=header["page_bits"])
+
+
+def layer_counts_of(data: bytes) -> Counts:
+    """Per layer, cumulative anchors and Gaussians."""
+    end = unpack("FILE_HEADER", data)["header_length"] - size_of("HEADER_CHECKSUM")
+    starts = range(size_of("FILE_HEADER"), end, size_of("LAYER_SUMMARY"))
+    layers = [unpack("LAYER_SUMMARY", data, start) for start in starts]
+    return [(layer["anchor_count"], layer["gaussian_count"]) for layer in layers]
+
+
+def _fields(header: Row) -> HeaderFields:
+    names = ("profile", "sh_degree", "slots", "lattice_bits", "origin", "voxel", "source_count")
+    frame, colours = CoordinateFrame(header["coordinate_frame"]), ColourSpace(header["colour_space"])
+    return HeaderFields(**{name: header[name] for name in names}, coordinate_frame=frame, colour_space=colours)
 
 
 def vector_file(scene: QuantisedScene, extra: Iterable[Block] = (), options: WriteOptions = _PLAIN) -> bytes:
@@ -72,26 +89,6 @@ def _streams(block: Block, payload: bytes) -> dict[int, int]:
     return {int(kind): part.length for kind, part in unpack_table(payload, len(payload)).items()}
 
 
-def resealed_front(data: bytes | bytearray) -> bytes:
-    """The file with the checksums of directory and header made right."""
-    out = bytearray(data)
-    front = FILE_HEADER.parse(bytes(out[:FILE_HEADER_SIZE]))
-    end = front.header_length + 12 * front.tile_count + 32 * front.entry_count
-    place = next(row.offset for row in field_table(FILE_HEADER) if row.name == "directory_crc32")
-    out[place : place + 4] = zlib.crc32(out[front.header_length : end]).to_bytes(4, "little")
-    crc = front.header_length - CHECKSUM_SIZE
-    out[crc : crc + 4] = zlib.crc32(out[:crc]).to_bytes(4, "little")
-    return bytes(out)
-
-
-def patched(data: bytes, structure: object, start: int, field: str, value: int) -> bytes:
-    """The file with one integer field of a structure at `start` changed, front checksums right."""
-    row = next(row for row in field_table(structure) if row.name == field)
-    out = bytearray(data)
-    out[start + row.offset : start + row.offset + row.size] = value.to_bytes(row.size, "little")
-    return resealed_front(out)
-
-
 def without(data: bytes, kind: BlockKind, layer: int) -> bytes:
     """The file without its blocks of `kind` in `layer`."""
     return rebuilt(data, [block for block in blocks_of(data) if (block.kind, block.layer) != (kind, layer)])
@@ -105,9 +102,9 @@ def tile_parts(payload: bytes) -> dict[Stream, bytes]:
 
 def substream_bytes(data: bytes, kind: Stream, layer: int) -> tuple[int, int]:
     """Start and past of a sub-stream of the first TILE block of `layer`, absolute."""
-    container = Container.open(BytesSource(data), limits=FORMAT_LIMITS)
-    for entry in container.entries:
+    for entry in read_entries(data, Root(data)):
         if (entry.kind, entry.layer) == (BlockKind.TILE, layer):
-            part = unpack_table(container.read_block(entry), entry.length)[kind]
+            payload = data[entry.offset : entry.offset + entry.length]
+            part = unpack_table(payload, entry.length)[kind]
             return entry.offset + part.start, entry.offset + part.start + part.length
     raise LookupError(kind)

@@ -1,5 +1,6 @@
 """A file taken apart by the tables of SPEC.md, and put together again with whatever numbers are in it.
 
+Header and summaries follow the tables; ROOT and pages are read by the second decoder and packed by the second writer.
 Nothing is checked and nothing of the package is used: this is how the faults of the container are put in.
 """
 
@@ -8,14 +9,16 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
+from conformance.decoders.python.front import NO_TILE, Root, read_entries, read_tiles
 from conformance.spec.spec_text import Place, place_of, size_of, structure
+from conformance.writer.pages import ModelRow, Pages, TileRow, paged
 
 Row = dict[str, Any]
 Change = Callable[["Parts"], object]
-NO_TILE = 0xFFFFFFFF
+PageChange = Callable[[Pages], object]
 TILE_KIND = 16
 _STREAMS, _MODELS, _FRAMING = 13, 0, 12
 _CODES = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "f64": "d"}
@@ -51,13 +54,21 @@ def _rows(name: str, data: bytes, start: int, count: int) -> list[Row]:
 
 @dataclass
 class Parts:
-    """The structures of a file in file order, as rows that can be changed; `blocks` in the order of `entries`."""
+    """What a file says, as rows that can be changed; `blocks` in the order of `entries`.
+
+    ROOT and the pages are made from `tiles` and `entries`. Their `offset`s are told to whoever looks, and nothing is
+    made from them: blocks lie one after the other. `root_length` and `pages_length` are what the numbers of `header`
+    and `layers` reckon with.
+    """
 
     header: Row
     layers: list[Row]
     tiles: list[Row]
     entries: list[Row]
     blocks: list[bytes]
+    page_bits: int
+    root_length: int = 0
+    pages_length: int = 0
 
     def entry(self, kind: int, layer: int = 1, tile: int | None = None) -> Row:
         """The entry of a block; without `tile` the first of that kind."""
@@ -77,7 +88,7 @@ class Parts:
 
     def insert(self, row: int, payload: bytes = b"?", **entry: int) -> None:
         """One more block, its entry at `row`; fields not given are those of a private, ancillary block of layer 1."""
-        plain = {"kind": 200, "flags": 0, "layer": 1, "reserved": 0, "tile": NO_TILE, "count": 0}
+        plain = {"kind": 200, "flags": 0, "layer": 1, "tile": NO_TILE, "count": 0}
         self.entries.insert(row, {**plain, **entry, "offset": 0, "length": 0, "crc32": 0})
         self.blocks.insert(row, payload)
 
@@ -98,14 +109,18 @@ class Parts:
     def settle(self) -> None:
         """Make right every number that says how large something is or where it lies."""
         self.header["layer_count"] = len(self.layers)
-        self.header["tile_count"], self.header["entry_count"] = len(self.tiles), len(self.entries)
+        self.header["tile_count"], self.header["page_bits"] = len(self.tiles), self.page_bits
         self.header["header_length"] = self._header_length()
-        end = self._header_length() + size_of("TILE_RECORD") * len(self.tiles)
-        end += size_of("DIRECTORY_ENTRY") * len(self.entries)
-        at = end
         for entry, block in zip(self.entries, self.blocks, strict=True):
-            entry["offset"], entry["length"], entry["crc32"] = at, len(block), zlib.crc32(block)
-            at += len(block)
+            entry["length"], entry["crc32"] = len(block), zlib.crc32(block)
+        pages = self.pages()
+        self.root_length, self.pages_length = len(pages.root.packed()), len(pages.packed_pages())
+        self.header["root_length"] = self.root_length
+        end = self._header_length() + self.root_length + self.pages_length
+        at = end
+        for entry in self.entries:
+            entry["offset"] = at
+            at += entry["length"]
         for number, layer in enumerate(self.layers, start=1):
             streams = self._stream_bytes(number)
             end += sum(streams)
@@ -127,21 +142,47 @@ class Parts:
                     streams[_FRAMING] -= length
         return streams
 
-    def tables(self) -> bytes:
-        """Tile table and directory."""
-        return b"".join(
-            [*(pack("TILE_RECORD", tile) for tile in self.tiles), *(pack("DIRECTORY_ENTRY", e) for e in self.entries)]
-        )
+    def pages(self) -> Pages:
+        """ROOT and pages as tiles and entries say."""
+        cubes = [(tile["depth"], tile["shift"], tile["prefix"]) for tile in self.tiles]
+        models: list[list[ModelRow]] = [[] for _ in self.layers]
+        rows = []
+        for entry in self.entries:
+            length, count, crc = entry["length"], entry["count"], entry["crc32"]
+            if entry["kind"] == TILE_KIND:
+                rows.append(TileRow(entry["layer"], entry["tile"], length, count, crc))
+            else:
+                models[entry["layer"] - 1].append(ModelRow(entry["kind"], entry["flags"], length, count, crc))
+        return paged(cubes, models, rows, self.page_bits)
 
-    def raw(self) -> bytes:
-        """The file as the rows say; only the header's own checksum is made right."""
+    def raw(self, pages: bytes | None = None) -> bytes:
+        """The file as the rows say, or with other ROOT and pages; only the header's checksum is made right."""
+        made = self.pages()
+        between = made.root.packed() + made.packed_pages() if pages is None else pages
         front = pack("FILE_HEADER", self.header) + b"".join(pack("LAYER_SUMMARY", layer) for layer in self.layers)
-        return b"".join([front, struct.pack("<I", zlib.crc32(front)), self.tables(), *self.blocks])
+        return b"".join([front, struct.pack("<I", zlib.crc32(front)), between, *self.blocks])
 
-    def sealed(self) -> bytes:
-        """A copy whose checksum of tile table and directory is right."""
-        self.header["directory_crc32"] = zlib.crc32(self.tables())
-        return self.raw()
+    def sealed(self, pages: Pages | None = None) -> bytes:
+        """The file, the header right about where ROOT ends, its checksum and where the blocks begin.
+
+        Args:
+            pages: ROOT and pages; None for those the rows say.
+        """
+        made = self.pages() if pages is None else pages
+        return self.joined(made.root.packed(), made.packed_pages())
+
+    def joined(self, root: bytes, pages: bytes) -> bytes:
+        """The same, of any bytes for ROOT and for the pages."""
+        longer = len(root) - self.root_length
+        later = longer + len(pages) - self.pages_length
+        self.root_length, self.pages_length = len(root), len(pages)
+        self.header["root_length"] += longer
+        if later:
+            self.header["file_length"] += later
+            for layer in self.layers:
+                layer["end_offset"] += later
+        self.header["root_crc32"] = zlib.crc32(root)
+        return self.raw(root + pages)
 
 
 def substreams(block: bytes) -> Iterator[tuple[int, int]]:
@@ -151,14 +192,15 @@ def substreams(block: bytes) -> Iterator[tuple[int, int]]:
 
 
 def taken_apart(data: bytes) -> Parts:
-    """The parts of a sound file."""
+    """The parts of a file whose ROOT and pages are sound."""
     header = unpack("FILE_HEADER", data)
     layers = _rows("LAYER_SUMMARY", data, size_of("FILE_HEADER"), header["layer_count"])
-    tiles = _rows("TILE_RECORD", data, header["header_length"], header["tile_count"])
-    directory = header["header_length"] + size_of("TILE_RECORD") * len(tiles)
-    entries = _rows("DIRECTORY_ENTRY", data, directory, header["entry_count"])
+    root = Root(data)
+    tiles = [tile._asdict() for tile in read_tiles(data, root)]
+    entries = [asdict(entry) for entry in read_entries(data, root)]
     blocks = [data[entry["offset"] : entry["offset"] + entry["length"]] for entry in entries]
-    return Parts(header, layers, tiles, entries, blocks)
+    pages = root.blocks - header["header_length"] - header["root_length"]
+    return Parts(header, layers, tiles, entries, blocks, root.page_bits, header["root_length"], pages)
 
 
 def broken(data: bytes, change: Change) -> bytes:
@@ -174,6 +216,30 @@ def remade(data: bytes, change: Change) -> bytes:
     change(parts)
     parts.settle()
     return parts.sealed()
+
+
+def repaged(data: bytes, contents: PageChange | None = None, root: PageChange | None = None) -> bytes:
+    """The file with numbers of pages changed; then ROOT is made right about their bytes, and changed itself."""
+    parts = taken_apart(data)
+    pages = parts.pages()
+    if contents is not None:
+        contents(pages)
+        pages.settle()
+    if root is not None:
+        root(pages)
+    return parts.sealed(pages)
+
+
+def rerooted(data: bytes, change: Callable[[bytes], bytes]) -> bytes:
+    """The file with the bytes of ROOT changed, its length and checksum right."""
+    parts = taken_apart(data)
+    pages = parts.pages()
+    return parts.joined(change(pages.root.packed()), pages.packed_pages())
+
+
+def with_page_bits(data: bytes, page_bits: int) -> bytes:
+    """The file with pages of another size."""
+    return remade(data, lambda parts: setattr(parts, "page_bits", page_bits))
 
 
 def field_at(name: str, field: str, start: int = 0, number: int = 0) -> int:

@@ -1,4 +1,4 @@
-"""Header, tile table, directory and blocks (SPEC §5)."""
+"""Header, ROOT, pages and blocks (SPEC §5)."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import zlib
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from conformance.writer.pages import PAGE_BITS, TILE, ModelRow, TileRow, paged
 from scarfmt.container.file import Block, HeaderFields, Tile
 
 SIGNATURE = bytes.fromhex("89534341520d0a1a0a")
-VERSION = (0, 1)
-NO_TILE = 0xFFFFFFFF
-TILE, METADATA = 16, 64
+VERSION = (0, 2)
+METADATA = 64
 STREAMS, MODELS, FRAMING = 13, 0, 12
 CRITICAL, SAFE_TO_COPY = 1, 2
 
@@ -23,51 +23,62 @@ Counts = Sequence[tuple[int, int]]
 class _Front(NamedTuple):
     """What the header says about what follows it."""
 
-    tiles: bytes
-    directory: bytes
+    tile_count: int
+    page_bits: int
+    root: bytes
     summaries: bytes
     file_length: int
 
 
 def write_container(
-    fields: HeaderFields, tiles: Sequence[Tile], blocks: Iterable[Block], counts: Counts, *, ordered: bool = True
+    fields: HeaderFields,
+    tiles: Sequence[Tile],
+    blocks: Iterable[Block],
+    counts: Counts,
+    *,
+    page_bits: int = PAGE_BITS,
 ) -> bytes:
-    """A file of these blocks: offsets, lengths, summaries and checksums follow from them; no rule is checked.
+    """A file of these blocks: offsets, lengths, sums, summaries and checksums follow from them; no rule is checked.
 
     Args:
         fields: header fields.
-        tiles: tile table, in this order.
-        blocks: `stream_bytes` of a TILE block are its sub-streams' lengths; `flags` None are those of R-5.5-3.
+        tiles: ascending and disjoint, as nothing else can be said.
+        blocks: of layers that there are; at most one TILE block a layer and tile. `stream_bytes` of one are its
+            sub-streams' lengths; `flags` None are those of R-5.4-5.
         counts: the number of layers follows from it.
-        ordered: whether blocks are put in the order of R-5.5-6; if not they stay in the order given.
+        page_bits: a page has 2^page_bits tiles.
     """
-    chosen = sorted(blocks, key=_key) if ordered else list(blocks)
-    table = b"".join(struct.pack("<BBHQ", tile.depth, tile.shift, 0, tile.prefix) for tile in tiles)
-    header_length = 104 + 136 * len(counts)
-    start = header_length + len(table) + 32 * len(chosen)
-    front = _Front(table, _directory(chosen, start), *_summaries(chosen, counts, start))
-    header = _header(fields, front, counts)
+    chosen = sorted(blocks, key=_key)
+    layers = range(1, len(counts) + 1)
+    models = [[_model_row(b) for b in chosen if b.layer == layer and b.kind != TILE] for layer in layers]
+    cubes = [(tile.depth, tile.shift, tile.prefix) for tile in tiles]
+    pages = paged(cubes, models, [_tile_row(block) for block in chosen if block.kind == TILE], page_bits)
+    root, paged_bytes = pages.root.packed(), pages.packed_pages()
+    start = 104 + 136 * len(counts) + len(root) + len(paged_bytes)
+    header = _header(fields, _Front(len(tiles), page_bits, root, *_summaries(chosen, counts, start)), counts)
     payloads = [block.payload for block in chosen]
-    return b"".join([header, struct.pack("<I", zlib.crc32(header)), table, front.directory, *payloads])
+    return b"".join([header, struct.pack("<I", zlib.crc32(header)), root, paged_bytes, *payloads])
 
 
 def _key(block: Block) -> tuple[int, int, int]:
-    return block.layer, block.kind, NO_TILE if block.tile is None else block.tile
+    return block.layer, block.kind, block.tile or 0
 
 
-def _flags(kind: int) -> int:
-    return CRITICAL if 1 <= kind <= TILE else SAFE_TO_COPY if kind == METADATA else 0
+def _flags(block: Block) -> int:
+    if block.flags is not None:
+        return block.flags
+    return CRITICAL if 1 <= block.kind <= TILE else SAFE_TO_COPY if block.kind == METADATA else 0
 
 
-def _directory(blocks: Sequence[Block], start: int) -> bytes:
-    out, offset = [], start
-    for block in blocks:
-        layer, kind, tile = _key(block)
-        flags = _flags(kind) if block.flags is None else block.flags
-        size, crc = len(block.payload), zlib.crc32(block.payload)
-        out.append(struct.pack("<BBBBIQQII", kind, flags, layer, 0, tile, offset, size, block.count, crc))
-        offset += size
-    return b"".join(out)
+def _model_row(block: Block) -> ModelRow:
+    size, crc = len(block.payload), zlib.crc32(block.payload)
+    return ModelRow(block.kind, _flags(block), size, block.count, crc)
+
+
+def _tile_row(block: Block) -> TileRow:
+    if block.tile is None:
+        raise ValueError("a TILE block of no tile")
+    return TileRow(block.layer, block.tile, len(block.payload), block.count, zlib.crc32(block.payload))
 
 
 def _summaries(blocks: Sequence[Block], counts: Counts, start: int) -> tuple[bytes, int]:
@@ -100,11 +111,11 @@ def _header(fields: HeaderFields, front: _Front, counts: Counts) -> bytes:
         SIGNATURE,
         struct.pack("<BBBIQ", *VERSION, 0, 104 + 136 * layers, front.file_length),
         struct.pack("<4B", fields.profile, fields.sh_degree, layers, fields.slots),
-        struct.pack("<4B", fields.lattice_bits, fields.coordinate_frame, fields.colour_space, 0),
-        struct.pack("<II", len(front.tiles) // 12, len(front.directory) // 32),
+        struct.pack("<4B", fields.lattice_bits, fields.coordinate_frame, fields.colour_space, front.page_bits),
+        struct.pack("<II", front.tile_count, len(front.root)),
         struct.pack("<QQ", anchors, gaussians),
         struct.pack("<4d", *fields.origin, fields.voxel),
-        struct.pack("<QI", fields.source_count, zlib.crc32(front.tiles + front.directory)),
+        struct.pack("<QI", fields.source_count, zlib.crc32(front.root)),
         front.summaries,
     ]
     return b"".join(parts)

@@ -43,7 +43,7 @@ def write_file(scene: QuantisedScene, options: WriteOptions = PLAIN) -> bytes:
         sent = layer_tables((part for tile in tiles for part in tile.streams.values()), known, layer, options)
         known = {**known, **sent}
         blocks += [*own, *_tables_block(sent, layer, options), *_tile_blocks(tiles, known, layer, options)]
-    return write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
+    return write_container(scene.fields, scene.tiles, blocks, layer_counts(scene), page_bits=options.page_bits)
 
 
 def layer_counts(scene: QuantisedScene) -> list[tuple[int, int]]:

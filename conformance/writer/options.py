@@ -9,6 +9,7 @@ from enum import Enum
 from conformance.writer.entropy import Tables
 from conformance.writer.fields import RiceStyle
 from conformance.writer.frames import Frame, FrameStyle
+from conformance.writer.pages import PAGE_BITS
 from scarfmt.container.file import Block
 from scarfmt.container.schema import BlockKind
 
@@ -55,6 +56,7 @@ class WriteOptions:
         grid_ones: `ones` of every level of the hash grid; None: the share of bits that are 1.
         metadata: bytes of the METADATA block; None: the scene's, as R-7.10-2 recommends, or no block.
         blocks: further blocks.
+        page_bits: a page has 2^page_bits tiles.
     """
 
     frames: Mapping[BlockKind, Frame] = field(default_factory=dict)
@@ -70,6 +72,7 @@ class WriteOptions:
     grid_ones: int | None = None
     metadata: bytes | None = None
     blocks: tuple[Block, ...] = ()
+    page_bits: int = PAGE_BITS
 
     def frame(self, kind: BlockKind, content: bytes) -> bytes:
         """The Zstandard frame of a block."""

@@ -24,12 +24,17 @@ _RAW_BLOCK = (1 << 17) - 1
 _COUNTS = (0, 1, 2, 3, 16, 17, 255, 1000, 65535, 65536, 65537)
 
 
-def _parts(data: bytes) -> Parts:
+def parts_of(data: bytes) -> Parts:
+    """The parts of a file.
+
+    Raises:
+        NotHere: it is damaged, by another operator.
+    """
     if not is_file(data):
         raise NotHere
     try:
         return take_apart(data)
-    except ValueError as error:  # damaged before, by another operator
+    except ValueError as error:
         raise NotHere from error
 
 
@@ -71,7 +76,7 @@ def _varint(rng: Random) -> bytes:
     return rng.choice((b"\x80\x00", b"\xff" * 9 + b"\x01", b"\xff" * 10 + b"\x02", b"\x80" * 12))
 
 
-def _changed(content: bytes, rng: Random) -> bytes:
+def altered(content: bytes, rng: Random) -> bytes:
     """Some bytes of a structure replaced: single ones, or varints in place of varints."""
     out = content
     for _ in range(rng.choice((1, 1, 2, 4))):
@@ -95,15 +100,15 @@ def _changed(content: bytes, rng: Random) -> bytes:
 
 def frame_content(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """What is inside a Zstandard frame, stored anew."""
-    parts = _parts(data)
+    parts = parts_of(data)
     block = _pick(parts, rng, FRAMES)
-    block.payload = stored_frame(_changed(_content(block.payload), rng))
+    block.payload = stored_frame(altered(_content(block.payload), rng))
     return put_together(parts)
 
 
 def frame_header(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """The first bytes of a Zstandard frame: sizes, windows, flags."""
-    parts = _parts(data)
+    parts = parts_of(data)
     block = _pick(parts, rng, FRAMES)
     head = bytearray(block.payload[:14])
     for _byte in range(rng.randint(1, 3)):
@@ -114,7 +119,7 @@ def frame_header(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
 
 def frame_bomb(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """A Zstandard frame of few bytes and much content."""
-    parts = _parts(data)
+    parts = parts_of(data)
     block = _pick(parts, rng, FRAMES)
     content = _content(block.payload)
     size = rng.choice((1 << 12, 1 << 16, 1 << 20))
@@ -125,15 +130,15 @@ def frame_bomb(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
 
 def model_content(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """Numbers in a LAYER, CODEBOOKS, HASH_GRID, ENTROPY_NETWORK or PREDICTORS block."""
-    parts = _parts(data)
+    parts = parts_of(data)
     block = _pick(parts, rng, MODELS)
-    block.payload = _changed(block.payload, rng)
+    block.payload = altered(block.payload, rng)
     return put_together(parts)
 
 
 def layer_row(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """The end of a LAYER block, where stages and steps are."""
-    parts = _parts(data)
+    parts = parts_of(data)
     block = _pick(parts, rng, (BlockKind.LAYER,))
     out = bytearray(block.payload)
     for _number in range(rng.choice((1, 1, 2))):
@@ -145,7 +150,7 @@ def layer_row(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
 
 def block_count(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """`count` of an entry: a TILE block then stands for more anchors, or fewer, and all sums agree."""
-    parts = _parts(data)
+    parts = parts_of(data)
     block = _pick(parts, rng, (BlockKind.TILE,) if rng.random() < 0.8 else None)
     block.count = rng.choice(_COUNTS) if rng.random() < 0.6 else telling(rng, 2, block.count)
     return put_together(parts)
@@ -153,7 +158,7 @@ def block_count(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
 
 def tile_words(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """The words of the sub-streams of a TILE block, behind a right table; the last word is seldom 0."""
-    parts = _parts(data)
+    parts = parts_of(data)
     block = _pick(parts, rng, (BlockKind.TILE,))
     start = 1 + RECORD_SIZE * block.payload[0] + 4
     if start >= len(block.payload):
@@ -168,7 +173,7 @@ def tile_words(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
 
 def substreams(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """Sub-streams of a TILE block emptied, lengthened, shortened, doubled or exchanged, behind a right table."""
-    parts = _parts(data)
+    parts = parts_of(data)
     block = _pick(parts, rng, (BlockKind.TILE,))
     at = 1 + RECORD_SIZE * block.payload[0] + 4
     streams = []
@@ -201,7 +206,7 @@ def packed_tile(streams: Sequence[tuple[int, bytes]]) -> bytes:
 
 def drop_block(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """A block and its entry left out."""
-    parts = _parts(data)
+    parts = parts_of(data)
     if not parts.blocks:
         raise NotHere
     del parts.blocks[rng.randrange(len(parts.blocks))]
@@ -210,7 +215,7 @@ def drop_block(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
 
 def duplicate_block(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """A block twice, the copy perhaps of another kind, layer or tile, in order or not."""
-    parts = _parts(data)
+    parts = parts_of(data)
     block = _pick(parts, rng)
     copy = Part(**vars(block))
     how = rng.randrange(4)
@@ -232,17 +237,18 @@ def _sort(parts: Parts, rng: Random) -> None:
 
 def swap_blocks(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """Two blocks in each other's place, entries and all."""
-    parts = _parts(data)
+    parts = parts_of(data)
     if len(parts.blocks) < 2:
         raise NotHere
     a, b = rng.sample(range(len(parts.blocks)), 2)
     parts.blocks[a], parts.blocks[b] = parts.blocks[b], parts.blocks[a]
+    parts.blocks[a].tile, parts.blocks[b].tile = parts.blocks[b].tile, parts.blocks[a].tile
     return put_together(parts)
 
 
 def swap_payloads(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """Two blocks with each other's bytes."""
-    parts = _parts(data)
+    parts = parts_of(data)
     if len(parts.blocks) < 2:
         raise NotHere
     a = rng.choice(parts.blocks)
@@ -254,8 +260,8 @@ def swap_payloads(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
 
 def splice_blocks(data: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
     """A block with the bytes of a block of another file, mostly one of its kind."""
-    parts = _parts(data)
-    block, donor = _pick(parts, rng), _parts(rng.choice(others or [data]))
+    parts = parts_of(data)
+    block, donor = _pick(parts, rng), parts_of(rng.choice(others or [data]))
     alike = [other for other in donor.blocks if other.kind == block.kind]
     chosen = alike if alike and rng.random() < 0.8 else donor.blocks
     if not chosen:
@@ -266,7 +272,7 @@ def splice_blocks(data: bytes, rng: Random, others: Sequence[bytes]) -> bytes:
 
 def truncate_at_block(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """The file up to the beginning or end of a block."""
-    parts = _parts(data)
+    parts = parts_of(data)
     if not parts.blocks:
         raise NotHere
     kept = rng.randrange(len(parts.blocks))
@@ -275,7 +281,7 @@ def truncate_at_block(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
 
 def drop_layer(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """A layer left out, or the last one declared once more without blocks."""
-    parts = _parts(data)
+    parts = parts_of(data)
     layer = rng.randint(1, len(parts.gaussians))
     if rng.random() < 0.3 and len(parts.gaussians) < 16:
         parts.gaussians.append(parts.gaussians[-1])

@@ -1,4 +1,4 @@
-"""Lies in the fixed fields of a file: header, summaries, tile table, directory, sub-stream records (SPEC §5, §7.1).
+"""Lies in the fixed fields of a file: header, summaries, sub-stream records (SPEC §5.2, §5.3, §7.1).
 
 Values are small, telling (powers of two and their neighbours), or near the right one.
 """
@@ -10,18 +10,16 @@ from collections.abc import Callable, Sequence
 from random import Random
 from typing import Any
 
-from fuzz.testing.parts import ENTRY, ENTRY_SIZE, RECORD_SIZE, TILE_SIZE
+from fuzz.testing.front import Front
+from fuzz.testing.parts import RECORD_SIZE
 from scarfmt.container.schema import (
-    DIRECTORY_ENTRY,
     FILE_HEADER,
     FILE_HEADER_SIZE,
     LAYER_SUMMARY,
     LAYER_SUMMARY_SIZE,
     SUBSTREAM_RECORD,
-    TILE_RECORD,
     BlockKind,
     field_table,
-    header_length,
 )
 
 TELLING = (0, 1, 2, 127, 128, 255, 256, 65535, 65536, 1 << 31, (1 << 32) - 1, 1 << 53, 1 << 63, (1 << 64) - 1)
@@ -57,9 +55,7 @@ def _places(structure: Any) -> list[tuple[int, int, bool]]:
     return places
 
 
-_HEADER, _SUMMARY, _TILE, _ENTRY, _RECORD = (
-    _places(structure) for structure in (FILE_HEADER, LAYER_SUMMARY, TILE_RECORD, DIRECTORY_ENTRY, SUBSTREAM_RECORD)
-)
+_HEADER, _SUMMARY, _RECORD = (_places(structure) for structure in (FILE_HEADER, LAYER_SUMMARY, SUBSTREAM_RECORD))
 
 
 def _lie(data: bytes, base: int, places: list[tuple[int, int, bool]], rng: Random) -> bytes:
@@ -88,49 +84,17 @@ def summary_field(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     return _lie(data, FILE_HEADER_SIZE + LAYER_SUMMARY_SIZE * rng.randrange(layers), _SUMMARY, rng)
 
 
-def _tables(data: bytes) -> tuple[int, int, int]:
-    """Offset of the tile table, tiles, entries, as the header declares them."""
-    if len(data) < FILE_HEADER_SIZE:
-        raise NotHere
-    tiles, entries = struct.unpack_from("<II", data, 32)
-    return header_length(data[26]), tiles, entries
-
-
-def tile_field(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
-    """A field of a TILE_RECORD."""
-    at, tiles, _entries = _tables(data)
-    if not tiles:
-        raise NotHere
-    return _lie(data, at + TILE_SIZE * rng.randrange(tiles), _TILE, rng)
-
-
-def entry_field(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
-    """A field of a DIRECTORY_ENTRY."""
-    at, tiles, entries = _tables(data)
-    if not entries:
-        raise NotHere
-    return _lie(data, at + TILE_SIZE * tiles + ENTRY_SIZE * rng.randrange(entries), _ENTRY, rng)
-
-
-def entry_alike(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
-    """A DIRECTORY_ENTRY overwritten with another, in part or whole: blocks overlap."""
-    at, tiles, entries = _tables(data)
-    at += TILE_SIZE * tiles
-    if entries < 2 or at + ENTRY_SIZE * entries > len(data):
-        raise NotHere
-    source, target = (at + ENTRY_SIZE * row for row in rng.sample(range(min(entries, 1 << 16)), 2))
-    first, past = rng.choice(((0, ENTRY_SIZE), (8, 16), (8, 24), (0, 8), (24, 28)))
-    return data[: target + first] + data[source + first : source + past] + data[target + past :]
+def _front(data: bytes) -> Front:
+    try:
+        return Front(data)
+    except ValueError as error:  # damaged before, by another operator
+        raise NotHere from error
 
 
 def substream_field(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """A field of a SUBSTREAM_RECORD, or the number of records."""
-    at, tiles, entries = _tables(data)
-    at += TILE_SIZE * tiles
-    if at + ENTRY_SIZE * entries > len(data):
-        raise NotHere
-    rows = [ENTRY.unpack_from(data, at + ENTRY_SIZE * index) for index in range(min(entries, 1 << 12))]
-    blocks = [row[5] for row in rows if row[0] == BlockKind.TILE and row[5] < len(data)]
+    places = [block.place.start for block in _front(data).blocks if block.kind == BlockKind.TILE]
+    blocks = [start for start in places if start < len(data)]
     if not blocks:
         raise NotHere
     start = rng.choice(blocks)
@@ -140,9 +104,10 @@ def substream_field(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
 
 
 def corrupt_directory(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
-    """Random bytes somewhere in tile table and directory."""
-    at, tiles, entries = _tables(data)
-    size = min(TILE_SIZE * tiles + ENTRY_SIZE * entries, len(data) - at)
+    """Random bytes somewhere in ROOT or a page."""
+    front = _front(data)
+    at, past = front.root.start, max(page.past for page in (front.root, *front.tile_pages, *front.row_pages))
+    size = min(past, len(data)) - at
     if size <= 0:
         raise NotHere
     start = at + rng.randrange(size)
@@ -150,23 +115,9 @@ def corrupt_directory(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     return data[:start] + rng.randbytes(length) + data[start + length :]
 
 
-def repeat_tiles(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
-    """A TILE_RECORD overwritten with another, in part or whole: cubes overlap, or one is in another."""
-    at, tiles, _entries = _tables(data)
-    if tiles < 2 or at + TILE_SIZE * tiles > len(data):
-        raise NotHere
-    source, target = (at + TILE_SIZE * row for row in rng.sample(range(min(tiles, 1 << 16)), 2))
-    first, past = rng.choice(((0, TILE_SIZE), (4, 12), (0, 2)))
-    return data[: target + first] + data[source + first : source + past] + data[target + past :]
-
-
 OPERATORS: dict[str, Callable[[bytes, Random, Sequence[bytes]], bytes]] = {
     "header-field": header_field,
     "summary-field": summary_field,
-    "tile-field": tile_field,
-    "entry-field": entry_field,
-    "entry-alike": entry_alike,
     "substream-field": substream_field,
     "corrupt-directory": corrupt_directory,
-    "repeat-tiles": repeat_tiles,
 }

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from random import Random
 
-from fuzz.testing import block_mutators, field_mutators
+from fuzz.testing import block_mutators, field_mutators, page_mutators
 from fuzz.testing.field_mutators import NotHere
 from fuzz.testing.parts import is_file, resealed
 from scarfmt.container.schema import SIGNATURE, VERSION
@@ -110,6 +110,7 @@ OPERATORS: dict[str, Operator] = {
     "splice-bytes": splice_bytes,
     "move-bytes": move_bytes,
     **field_mutators.OPERATORS,
+    **page_mutators.OPERATORS,
     **block_mutators.OPERATORS,
 }
 """All operators by name."""

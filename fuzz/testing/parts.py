@@ -1,49 +1,46 @@
 """A file as its parts, to be changed and put together again with right lengths and checksums (SPEC §5).
 
-Nothing is checked: any field may be made wrong. Only the parts of a sound file can be taken.
+Nothing is checked: any field may be made wrong. Only the parts of a file whose front is sound can be taken.
 """
 
 from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
+from conformance.writer.pages import Cube, ModelRow, Pages, TileRow, paged
+from fuzz.testing.front import LAYER_COUNT, PAGE_BITS, ROOT_CRC, TABLES, Front
 from scarfmt.container.schema import (
     CHECKSUM_SIZE,
-    DIRECTORY_ENTRY,
     FILE_HEADER_SIZE,
     LAYER_SUMMARY_SIZE,
     SIGNATURE,
     STREAM_COUNT,
     SUBSTREAM_RECORD,
-    TILE_RECORD,
     BlockKind,
     Stream,
     header_length,
 )
 
-ENTRY = struct.Struct("<BBBBIQQII")
 RECORD = struct.Struct("<BII")
 _COUNTS = struct.Struct("<QQ")
 _SUMMARY = struct.Struct(f"<{4 + STREAM_COUNT}Q")
-TILE_SIZE: int = TILE_RECORD.sizeof()
-ENTRY_SIZE: int = DIRECTORY_ENTRY.sizeof()
 RECORD_SIZE: int = SUBSTREAM_RECORD.sizeof()
 _CRC = struct.Struct("<I")
-# Offsets in FILE_HEADER of what is computed.
-_HEADER_LENGTH, _FILE_LENGTH, _LAYER_COUNT, _TABLES, _ANCHORS, _DIRECTORY_CRC = 12, 16, 26, 32, 40, 96
+# Offsets in FILE_HEADER of what is computed, besides those of the front.
+_HEADER_LENGTH, _FILE_LENGTH, _ANCHORS = 12, 16, 40
 
 
 @dataclass
 class Part:
-    """A block and its directory entry; offset, length and crc32 are computed."""
+    """A block and its entry; length and crc32 are computed."""
 
     kind: int
     flags: int
     layer: int
-    reserved: int
     tile: int
     count: int
     payload: bytes
@@ -56,69 +53,96 @@ class Parts:
     Attributes:
         header: FILE_HEADER; lengths, counts and checksum in it are computed.
         gaussians: per layer, cumulative Gaussians as the file declared them.
-        tiles: TILE_RECORDs.
+        tiles: depth, shift and prefix of each.
         blocks: in file order.
     """
 
     header: bytes
     gaussians: list[int]
-    tiles: list[bytes]
+    tiles: list[Cube]
     blocks: list[Part] = field(default_factory=list)
 
     def copy(self) -> Parts:
         """A copy whose lists and blocks may be changed."""
         return Parts(self.header, list(self.gaussians), list(self.tiles), [replace(block) for block in self.blocks])
 
+    def of_tile(self, block: Part) -> bool:
+        """Whether a row page lists a block; ROOT lists the others, TILE blocks of a tile there is not among them."""
+        return block.kind == BlockKind.TILE and block.tile < len(self.tiles)
+
+    def settle(self) -> None:
+        """Put the blocks in file order: by layer, those of tiles by tile, between others of lower and higher kinds.
+
+        Of two TILE blocks of one layer and tile the second stays, and so does a block of a layer that there is.
+        """
+        kept: dict[object, Part] = {}
+        for number, block in enumerate(self.blocks):
+            if 1 <= block.layer <= len(self.gaussians):
+                kept[(block.layer, block.tile) if self.of_tile(block) else number] = block
+        self.blocks = sorted(kept.values(), key=self._place)
+
+    def _place(self, block: Part) -> tuple[int, int, int]:
+        if self.of_tile(block):
+            return block.layer, 1, block.tile
+        return block.layer, 0 if block.kind < BlockKind.TILE else 2, 0
+
 
 @lru_cache(maxsize=512)
 def _parts_of(data: bytes) -> Parts:
-    layers = data[_LAYER_COUNT]
-    tile_count, entry_count = struct.unpack_from("<II", data, _TABLES)
-    at = header_length(layers)
-    if at + TILE_SIZE * tile_count + ENTRY_SIZE * entry_count > len(data):
-        raise ValueError("the tables are longer than the file")
-    tiles = [data[at + TILE_SIZE * i : at + TILE_SIZE * (i + 1)] for i in range(tile_count)]
-    at += TILE_SIZE * tile_count
-    blocks = []
-    for index in range(entry_count):
-        kind, flags, layer, reserved, tile, offset, length, count, _ = ENTRY.unpack_from(data, at + ENTRY_SIZE * index)
-        blocks.append(Part(kind, flags, layer, reserved, tile, count, data[offset : offset + length]))
-    gaussians = [
-        _COUNTS.unpack_from(data, FILE_HEADER_SIZE + LAYER_SUMMARY_SIZE * layer)[1] for layer in range(layers)
+    front = Front(data)
+    blocks = [
+        Part(b.kind, b.flags, b.layer, b.tile, b.count, data[b.place.start : b.place.past]) for b in front.blocks
     ]
-    return Parts(data[:FILE_HEADER_SIZE], gaussians, tiles, blocks)
+    starts = range(FILE_HEADER_SIZE, front.root.start - CHECKSUM_SIZE, LAYER_SUMMARY_SIZE)
+    gaussians = [_COUNTS.unpack_from(data, start)[1] for start in starts]
+    return Parts(data[:FILE_HEADER_SIZE], gaussians, front.cubes(), blocks)
 
 
 def take_apart(data: bytes) -> Parts:
     """The parts of a sound file, the caller's own.
 
     Raises:
-        ValueError: the file is shorter than its tables.
+        ValueError: ROOT or a page is damaged.
     """
     return _parts_of(data).copy()
 
 
-def put_together(parts: Parts) -> bytes:
-    """A file of these parts: counts of anchors, lengths, offsets and checksums follow from them."""
+def put_together(
+    parts: Parts, change: Callable[[Pages], object] | None = None, change_root: Callable[[bytes], bytes] = bytes
+) -> bytes:
+    """A file of these parts: counts of anchors, lengths, offsets and checksums follow from them.
+
+    Args:
+        change: of numbers in ROOT and pages; the lengths and checksums of pages are made right before it.
+        change_root: of the bytes of ROOT.
+
+    Raises:
+        ValueError: tiles that no page can say.
+    """
+    parts.settle()
     layers = len(parts.gaussians)
-    start = header_length(layers) + TILE_SIZE * len(parts.tiles) + ENTRY_SIZE * len(parts.blocks)
     streams = [[0] * STREAM_COUNT for _ in range(layers)]
     new = [0] * layers
-    entries, at = [], start
     for block in parts.blocks:
-        size = len(block.payload)
-        crc = zlib.crc32(block.payload)
-        entries.append(
-            ENTRY.pack(
-                block.kind, block.flags, block.layer, block.reserved, block.tile, at, size, block.count, crc
-            )
-        )
-        at += size
-        if 1 <= block.layer <= layers:
-            _count(streams[block.layer - 1], block)
-            new[block.layer - 1] += block.count if block.kind == BlockKind.TILE else 0
-    tables = b"".join(parts.tiles) + b"".join(entries)
-    return _front(parts, streams, new, tables, start) + b"".join(block.payload for block in parts.blocks)
+        _count(streams[block.layer - 1], block)
+        new[block.layer - 1] += block.count if parts.of_tile(block) else 0
+    pages = _pages(parts)
+    if change is not None:
+        change(pages)
+    root = change_root(pages.root.packed())
+    return _front(parts, streams, new, root, pages.packed_pages()) + b"".join(block.payload for block in parts.blocks)
+
+
+def _pages(parts: Parts) -> Pages:
+    models: list[list[ModelRow]] = [[] for _ in parts.gaussians]
+    rows = []
+    for block in parts.blocks:
+        size, crc = len(block.payload), zlib.crc32(block.payload)
+        if parts.of_tile(block):
+            rows.append(TileRow(block.layer, block.tile, size, block.count, crc))
+        else:
+            models[block.layer - 1].append(ModelRow(block.kind, block.flags, size, block.count, crc))
+    return paged(parts.tiles, models, rows, parts.header[PAGE_BITS])
 
 
 def _count(streams: list[int], block: Part) -> None:
@@ -140,11 +164,12 @@ def records(payload: bytes) -> list[tuple[int, int, int]]:
     return [RECORD.unpack_from(payload, 1 + RECORD_SIZE * index) for index in range(count)]
 
 
-def _front(parts: Parts, streams: list[list[int]], new: list[int], tables: bytes, start: int) -> bytes:
+def _front(parts: Parts, streams: list[list[int]], new: list[int], root: bytes, pages: bytes) -> bytes:
     layers = len(streams)
     header = bytearray(parts.header)
     explicit, slots = header[24] == 0, header[27]
-    summaries, anchors, gaussians, end = [], 0, 0, start
+    summaries, anchors, gaussians = [], 0, 0
+    end = header_length(layers) + len(root) + len(pages)
     for counts, more, declared in zip(streams, new, parts.gaussians, strict=True):
         anchors += more
         gaussians = anchors if explicit else max(gaussians, min(declared, anchors * slots))
@@ -152,12 +177,12 @@ def _front(parts: Parts, streams: list[list[int]], new: list[int], tables: bytes
         end += size
         summaries.append(_SUMMARY.pack(anchors, gaussians, size, end, *counts))
     struct.pack_into("<IQ", header, _HEADER_LENGTH, header_length(layers), end)
-    header[_LAYER_COUNT] = layers
-    struct.pack_into("<II", header, _TABLES, len(parts.tiles), len(parts.blocks))
+    header[LAYER_COUNT] = layers
+    struct.pack_into("<II", header, TABLES, len(parts.tiles), len(root))
     struct.pack_into("<QQ", header, _ANCHORS, anchors, gaussians)
-    _CRC.pack_into(header, _DIRECTORY_CRC, zlib.crc32(tables))
+    _CRC.pack_into(header, ROOT_CRC, zlib.crc32(root))
     front = bytes(header) + b"".join(summaries)
-    return front + _CRC.pack(zlib.crc32(front)) + tables
+    return front + _CRC.pack(zlib.crc32(front)) + root + pages
 
 
 def resealed_tile(payload: bytes) -> bytes:
@@ -178,31 +203,31 @@ def resealed_tile(payload: bytes) -> bytes:
 
 
 def resealed(data: bytes) -> bytes:
-    """The file with the checksums of sub-streams, blocks, directory and header made right where they can be found."""
+    """The file with the checksums of sub-streams, blocks, pages, ROOT and header made right where they can be found."""
     if len(data) < FILE_HEADER_SIZE + CHECKSUM_SIZE:
         return data
     out = bytearray(data)
     (length,) = struct.unpack_from("<I", out, _HEADER_LENGTH)
-    tile_count, entry_count = struct.unpack_from("<II", out, _TABLES)
-    directory = length + TILE_SIZE * tile_count
-    end = directory + ENTRY_SIZE * entry_count
-    if FILE_HEADER_SIZE + CHECKSUM_SIZE <= length <= end <= len(out):
-        for start in range(directory, end, ENTRY_SIZE):
-            _reseal_block(out, start, end)
-        _CRC.pack_into(out, _DIRECTORY_CRC, zlib.crc32(out[length:end]))
+    if length == header_length(out[LAYER_COUNT]):
+        _reseal_front(out)
     if FILE_HEADER_SIZE + CHECKSUM_SIZE <= length <= len(out):
         _CRC.pack_into(out, length - CHECKSUM_SIZE, zlib.crc32(out[: length - CHECKSUM_SIZE]))
     return bytes(out)
 
 
-def _reseal_block(out: bytearray, entry: int, first: int) -> None:
-    kind, _, _, _, _, offset, length, _, _ = ENTRY.unpack_from(out, entry)
-    past = offset + length
-    if not (length and first <= offset and past <= len(out)):
+def _reseal_front(out: bytearray) -> None:
+    try:
+        front = Front(bytes(out))
+    except ValueError:
         return
-    if kind == BlockKind.TILE:
-        out[offset:past] = resealed_tile(bytes(out[offset:past]))
-    _CRC.pack_into(out, entry + ENTRY_SIZE - 4, zlib.crc32(out[offset:past]))
+    for block in front.blocks:
+        place = block.place
+        if place.start < place.past <= len(out):
+            if block.kind == BlockKind.TILE:
+                out[place.start : place.past] = resealed_tile(bytes(out[place.start : place.past]))
+            place.seal(out)
+    for page in (*front.row_pages, *front.tile_pages, front.root):
+        page.seal(out)
 
 
 def is_file(data: bytes) -> bool:

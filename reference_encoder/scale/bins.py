@@ -16,7 +16,7 @@ from reference_encoder.scale.source import Chunk
 from reference_encoder.scale.steps import Bounds, Range
 from reference_encoder.scale.work import Work
 from scarfmt.arrays import I64
-from scarfmt.formats.streamed_sog import widened
+from scarfmt.formats.joined import widened
 from scarfmt.scene.gaussians import GaussianScene
 
 INDEX = "bins/index"
@@ -33,13 +33,19 @@ def _name(chunk: int) -> str:
     return f"bins/{chunk:06}"
 
 
-def bin_chunk(work: Work, chunk: Chunk, bounds: Bounds, ranges: Sequence[Range]) -> I64:
+def bin_chunk(work: Work, chunk: Chunk, bounds: Bounds, clean: bool, ranges: Sequence[Range]) -> I64:
     """Write the file of a chunk.
+
+    Args:
+        work: where it is written.
+        chunk: what to read.
+        bounds, ranges: of the scene.
+        clean: whether it is known that all Gaussians can be encoded; others are left out.
 
     Returns:
         (ranges + 1,) int64: first row of each range in it, and the number of rows.
     """
-    scene = usable(chunk)
+    scene = usable(chunk, clean)
     coefficients = (bounds.sh_degree + 1) ** 2
     borders = np.array([one.first for one in ranges[1:]], np.uint64)
     owner = np.searchsorted(borders, bounds.paths(scene.positions), side="right")

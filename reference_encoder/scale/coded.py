@@ -19,7 +19,7 @@ from reference_encoder.scale.glance import Overview
 from reference_encoder.scale.steps import Histograms, LayerSegment, Models, RangeContent, Segment
 from scarfmt.arrays import I64
 from scarfmt.coding.tile import put_layer
-from scarfmt.coding.writer import Histogram, fitted_tables, layer_counts, model_blocks, record_tile
+from scarfmt.coding.writer import Histogram, coded_tile, fitted_tables, layer_counts, model_blocks
 from scarfmt.container.directory import tile_frame
 from scarfmt.container.file import Block, streams_of
 from scarfmt.container.schema import STREAM_COUNT, Stream
@@ -118,12 +118,9 @@ def code(fit: Fit, models: Models, content: RangeContent) -> Segment:
     scene, engine = fit.scene(content), best_engine()
     layers = []
     for layer, tables in enumerate(models.tables, start=1):
-        neural, blocks = scene.neural(layer), list[Block]()
-        for tile in range(len(content.tiles)):
-            block = record_tile(scene, layer, tile, neural, SymbolCounter(), engine).block(layer, tile, tables)
-            if block is not None:
-                blocks.append(block)
-        layers.append(_segment(blocks))
+        neural = scene.neural(layer)
+        made = (coded_tile(scene, layer, tile, neural, tables, engine) for tile in range(len(content.tiles)))
+        layers.append(_segment([block for block in made if block is not None]))
     return Segment(content.tiles, layers)
 
 

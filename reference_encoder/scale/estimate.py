@@ -32,13 +32,17 @@ class Estimate:
     clock: Callable[[], float] = time.monotonic
     _seconds: dict[str, float] = field(default_factory=dict)
     _step: str = ""
+    _running: bool = False
     _begun: float = 0.0
     _told: float = 0.0
 
     def begin(self, step: str) -> None:
         """A step begins, or goes on with tasks of another kind; none before it takes any more time."""
         if step != self._step:
+            if self._running:
+                self._add(self._step)
             self._step, self._begun, self._told = step, self.clock(), self.clock()
+        self._running = True
         self.report(step, self.part(step, 0.0, 0.0))
 
     def done(self, step: str, now: int, left: int) -> None:
@@ -52,10 +56,16 @@ class Estimate:
 
     def end(self, step: str, now: int) -> None:
         """All tasks of a step, or all of a kind, have been done, `now` of them since it began."""
-        spent, self._begun = self.clock() - self._begun, self.clock()
+        self._running = False
         if now:
-            self._seconds[step] = self._seconds.get(step, 0.0) + spent
+            spent = self._add(step)
             self.tell(f"{step}: {spent:.0f} s{_left(self.later(step))}")
+
+    def _add(self, step: str) -> float:
+        """Count the time since something began as time of a step; gives that time."""
+        spent, self._begun = self.clock() - self._begun, self.clock()
+        self._seconds[step] = self._seconds.get(step, 0.0) + spent
+        return spent
 
     def later(self, step: str) -> float | None:
         """Seconds that the steps after one will take; None where nothing is known yet."""
@@ -63,7 +73,8 @@ class Estimate:
         usual = sum(self.shares[name] for name in self._seconds)
         if not usual:
             return None
-        return sum(self._seconds.values()) / usual * sum(self.shares[name] for name in names[names.index(step) + 1 :])
+        still = [name for name in names[names.index(step) + 1 :] if name not in self._seconds]
+        return sum(self._seconds.values()) / usual * sum(self.shares[name] for name in still)
 
     def part(self, step: str, spent: float, rest: float) -> float:
         """Part of everything that is done."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reference_encoder.scale.source import Chunk, Part, read, together
+from reference_encoder.scale.source import Chunk, Part, positions, read, together
 from reference_encoder.scale.steps import Bounds
 from reference_encoder.scale.work import Work
 from scarfmt.arrays import I64, U64
@@ -120,30 +120,42 @@ def bounds_of(scans: Sequence[Scanned], drop_invalid: bool, sh_degree: int | Non
     return Bounds(whole.low, whole.high, whole.count - whole.unusable, degree)
 
 
-def usable(chunk: Chunk) -> GaussianScene:
-    """The Gaussians of a chunk that can be encoded, in order."""
+def usable(chunk: Chunk, clean: bool) -> GaussianScene:
+    """The Gaussians of a chunk that can be encoded, in order.
+
+    Args:
+        chunk: what to read.
+        clean: whether it is known that all can.
+    """
     scenes = []
     for part in chunk.parts:
         scene, numbers = read(part)
+        if clean:
+            scenes.append(scene)
+            continue
         rows = Faults.of(scene, numbers).rows
         scenes.append(scene.take(~rows) if rows.any() else scene)
     return together(scenes)
 
 
-def count_chunk(work: Work, name: str, chunk: Chunk, bounds: Bounds, depth: int, crowded: U64 | None = None) -> int:
+def count_chunk(
+    work: Work, name: str, chunk: Chunk, bounds: Bounds, clean: bool, depth: int, crowded: U64 | None = None
+) -> int:
     """Count the Gaussians of a chunk in cells of a depth, and keep the counts.
 
     Args:
         work, name: where they are kept.
         chunk: what to count.
         bounds: of the scene.
+        clean: whether it is known that all of its Gaussians can be encoded.
         depth: of the cells.
         crowded: Morton codes of cells `DEEPER` less deep, ascending: only what lies in these is counted; None for all.
 
     Returns:
         Cells that hold some.
     """
-    codes = bounds.paths(usable(chunk).positions) >> np.uint64(3 * (MAX_TILE_DEPTH - depth))
+    parts = [positions(part) for part in chunk.parts] if clean else [usable(chunk, clean).positions]
+    codes = bounds.paths(np.concatenate(parts)) >> np.uint64(3 * (MAX_TILE_DEPTH - depth))
     if crowded is not None:
         above = codes >> np.uint64(3 * DEEPER)
         at = np.minimum(np.searchsorted(crowded, above), len(crowded) - 1)

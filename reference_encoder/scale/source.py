@@ -18,10 +18,10 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from reference_encoder.scale.places import beside, exists, files_in, is_folder, local_path, version
-from scarfmt.arrays import I64
+from scarfmt.arrays import F64, I64
 from scarfmt.container.source import ByteSource, open_source
 from scarfmt.errors import InvalidInput, Truncated
-from scarfmt.formats import FORMATS, Format, detect, inria_ply, ply, ply_body, scaffold, sog, streamed_sog
+from scarfmt.formats import FORMATS, Format, detect, inria_ply, joined, ply, ply_body, scaffold, sog, streamed_sog
 from scarfmt.formats.source import Source
 from scarfmt.limits import MAX_ANCHORS
 from scarfmt.scene.gaussians import GaussianScene
@@ -286,16 +286,37 @@ def read(part: Part) -> tuple[GaussianScene, I64]:
     Raises:
         InvalidInput, Unsupported, LimitExceeded: as the reader of the format says.
     """
-    source = _source(part.name)
     if part.format == _PLY and part.runs is not None:
-        table = RowTable.of(source)
-        [(first, count)] = part.runs
-        if table is None or first + count > table.count:
-            raise source.corrupt("the file changed while it was read")
-        return table.columns.scene(table.read(source, first, count)), np.arange(first, first + count)
+        table, found = _rows(part)
+        first = part.runs[0][0]
+        return table.columns.scene(found), np.arange(first, first + len(found))
+    source = _source(part.name)
     scene = _whole(source, part)
     rows = streamed_sog.Part(PurePosixPath(part.name), part.runs).rows(source, len(scene))
     return (scene if part.runs is None else scene.take(rows)), rows
+
+
+def positions(part: Part) -> F64:
+    """(N, 3) float64 positions of the Gaussians of a part; of a PLY nothing else is taken from its rows.
+
+    Raises:
+        InvalidInput, Unsupported, LimitExceeded: as the reader of the format says.
+    """
+    if part.format != _PLY or part.runs is None:
+        return read(part)[0].positions
+    table, rows = _rows(part)
+    return table.columns.positions(rows)
+
+
+def _rows(part: Part) -> tuple[RowTable, ply_body.Rows]:
+    """The rows of a part of a PLY."""
+    assert part.runs is not None
+    source = _source(part.name)
+    table = RowTable.of(source)
+    [(first, count)] = part.runs
+    if table is None or first + count > table.count:
+        raise source.corrupt("the file changed while it was read")
+    return table, table.read(source, first, count)
 
 
 def _whole(source: Source, part: Part) -> GaussianScene:
@@ -309,4 +330,4 @@ def _whole(source: Source, part: Part) -> GaussianScene:
 
 def together(parts: Sequence[GaussianScene]) -> GaussianScene:
     """One scene of some, in order."""
-    return parts[0] if len(parts) == 1 else streamed_sog.together(list(parts))
+    return parts[0] if len(parts) == 1 else joined.together(parts)

@@ -22,7 +22,7 @@ from reference_encoder.scale.measured import measure
 from reference_encoder.scale.places import version
 from reference_encoder.scale.sample import sample
 from reference_encoder.scale.source import Chunk
-from reference_encoder.scale.steps import Bounds, Judged, Models, Range, Sample
+from reference_encoder.scale.steps import Bounds, Judged, Models, Range, Sample, Segment
 from reference_encoder.scale.trained import some_tiles, train
 from reference_encoder.scale.work import Work
 from scarfmt.arrays import I64
@@ -47,12 +47,14 @@ class Scene:
         bounds: of it.
         ranges: into which it is cut.
         chunks: files of rows.
+        clean: whether all Gaussians of the source can be encoded.
         options: of the encoder.
     """
 
     bounds: Bounds
     ranges: tuple[Range, ...]
     chunks: int
+    clean: bool
     options: EncodeOptions
 
 
@@ -114,7 +116,7 @@ def _range(work: Work, number: int) -> tuple[Range, GaussianScene]:
 def bin_rows(work: Work, chunk: Chunk) -> I64:
     """Write the rows of a chunk by range; as :func:`reference_encoder.scale.bins.bin_chunk`."""
     scene = scene_of(work)
-    return bin_chunk(work, chunk, scene.bounds, scene.ranges)
+    return bin_chunk(work, chunk, scene.bounds, scene.clean, scene.ranges)
 
 
 def glance_range(work: Work, number: int) -> None:
@@ -193,7 +195,11 @@ def reduce_scene(work: Work, names: Sequence[str], metadata: dict[str, Any]) -> 
 def code_range(work: Work, number: int) -> Rows:
     """Keep the TILE blocks of a range, layer after layer; gives what the directory says of them."""
     models: Models = kept(work, MODELS)
-    segment = code(_fit(work, TRAINED), models, work.get(numbered("contents", number)))
+    return keep_segment(work, number, code(_fit(work, TRAINED), models, work.get(numbered("contents", number))))
+
+
+def keep_segment(work: Work, number: int, segment: Segment) -> Rows:
+    """Keep the bytes of a range's blocks; gives the rest."""
     with work.write(numbered("segments", number)) as stream:
         for layer in segment.layers:
             stream.write(layer.payload)

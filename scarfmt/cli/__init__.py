@@ -18,6 +18,7 @@ from scarfmt import __version__
 from scarfmt.cli.compare import compare
 from scarfmt.cli.completion import completion
 from scarfmt.cli.conformance import conformance
+from scarfmt.cli.convert import convert
 from scarfmt.cli.decode import decode
 from scarfmt.cli.dump import dump
 from scarfmt.cli.encode import encode
@@ -69,7 +70,7 @@ def cli() -> None:
 
 
 for _command in (
-    *(encode, train, view, stream, decode, inspect, truncate, split, merge),
+    *(encode, train, view, stream, decode, convert, inspect, truncate, split, merge),
     *(index, validate, dump, compare, render, conformance, completion),
 ):
     cli.add_command(_command)

@@ -11,15 +11,9 @@ import click
 from scarfmt.cli.decode_scene import VIEW_OPTIONS, write_part
 from scarfmt.cli.eye import eye_options
 from scarfmt.cli.failures import doubts_told, requires_extra
-from scarfmt.cli.files import (
-    STANDARD,
-    check_extension,
-    open_input,
-    open_output,
-    opens_index,
-    print_json,
-    timeout_option,
-)
+from scarfmt.cli.files import STANDARD, open_input, opens_index, print_json, timeout_option
+from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, spz_options, tell_written
+from scarfmt.cli.progress import progress
 from scarfmt.cli.stats import decode_stats, format_stats, whole_file
 from scarfmt.cli.views import CAMERAS_HELP
 from scarfmt.scene.streams import ATTRIBUTES
@@ -28,9 +22,11 @@ if TYPE_CHECKING:
     from reference_decoder.decoded import Decoded
     from reference_decoder.request import DecodeRequest
     from reference_decoder.stream_ply import Baking
+    from scarfmt.cli.outputs import SceneOutput
     from scarfmt.container.source import ByteSource
     from scarfmt.counters import Counters
 
+FORMATS = (*SUFFIXES, "npz")
 ATTRIBUTES_HELP = f"Decode only some attributes, into an .npz: {', '.join(ATTRIBUTES)}."
 
 
@@ -81,9 +77,10 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
     return names
 
 
-@click.command(short_help="Decode a file into a PLY that viewers open.")
+@click.command(short_help="Decode a file into a PLY, SPZ or glTF that viewers open.")
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
+@click.option("--format", "format_id", type=click.Choice(FORMATS), help="Format of OUTPUT [default: its name].")
 @click.option("--layers", type=click.IntRange(min=1), help="Layers to decode, from the first [default: all].")
 @click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", callback=parse_box, help="Decode only what lies in a box.")
 @click.option("--tiles", metavar="I,J,...", callback=parse_tiles, help="Decode only these tiles.")
@@ -91,7 +88,7 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.option("--budget", type=click.IntRange(min=1), metavar="N", help="Gaussians at most, where the view needs them.")
 @click.option("--outside", is_flag=True, help="Also the first layer of what is out of the picture.")
 @click.option("--attributes", metavar="NAME,...", callback=parse_attributes, help=ATTRIBUTES_HELP)
-@click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians, for .ply; loses quality.")
+@click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians; loses quality.")
 @click.option("--cameras", type=click.Path(exists=True), help=f"Cameras to --bake for: {CAMERAS_HELP}.")
 @click.option("--bake-steps", type=click.IntRange(min=0), help="Pictures that --bake is refined by [default: 256].")
 @click.option("--allow-truncated", is_flag=True, help="Decode the complete layers of a truncated file.")
@@ -103,6 +100,7 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
     show_default=True,
     help="The engine that computes; the result is the same.",
 )
+@spz_options
 @click.option("--stats", is_flag=True, help="Report what was read and computed, and the time, on stderr.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report of --stats as a JSON object on stdout.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
@@ -112,6 +110,7 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 def decode(
     input_: str,
     output: str,
+    format_id: str | None,
     bake: bool,
     cameras: str | None,
     bake_steps: int | None,
@@ -121,13 +120,14 @@ def decode(
     quiet: bool,
     **wanted: Any,
 ) -> None:
-    """Decode INPUT (a path, a URL or -) into OUTPUT, a .ply or .npz file, or - for a PLY on stdout.
+    """Decode INPUT (a path, a URL or -) into OUTPUT, or - for stdout, a PLY unless --format says otherwise.
 
     INPUT may be a scene index: its files are then decoded one after the other, each where it is placed.
 
-    A .ply holds Gaussians as INRIA's trainer writes them. An .npz holds the arrays of the scene; of an anchor model,
-    an anchor model that 'encode' and 'compare' read. Of a URL the first 64 KiB are transferred, and what is needed
-    beyond.
+    A .ply holds Gaussians as INRIA's trainer writes them, all but positions bit for bit. A .glb or .gltf (with its
+    .bin) holds them as floats with KHR_gaussian_splatting. A .spz and a .compressed.ply are quantised; what they cannot
+    hold is reported. An .npz holds the arrays of the scene; of an anchor model, an anchor model that 'encode' and
+    'compare' read. Of a URL the first 64 KiB are transferred, and what is needed beyond.
 
     With --budget, or a view (--camera, --target, --up, --fov), each tile gets as many layers as it is worth in that
     view: near ones more, far ones few, those out of the picture none. What is not said of the view is that of the file,
@@ -137,15 +137,18 @@ def decode(
     Examples:
       scarfmt decode scene.scar scene.ply
       scarfmt decode https://example.org/scene.scar preview.ply --layers 1 --stats
+      scarfmt decode scene.scar scene.glb
+      scarfmt decode scene.scar scene.spz --spz-version 3
       scarfmt decode scene.scar corner.ply --box -1,-1,-1,1,1,1
       scarfmt decode scene.scar points.npz --attributes positions,opacity
       scarfmt decode city.scar.json seen.ply --camera 0,-2,-8 --target 0,0,0 --budget 2000000
     """
-    extension = ".ply" if output == STANDARD else check_extension(output, (".ply", ".npz"))
+    format_id = output_format(output, format_id, others=(".npz",))
+    options = output_options(format_id, wanted)
     view = {name: wanted.pop(name) for name in VIEW_OPTIONS}
     if not bake and (cameras is not None or bake_steps is not None):
         raise click.UsageError("--cameras and --bake-steps are for --bake")
-    _check_output(output, extension, wanted["attributes"] is not None, as_json)
+    _check_output(output, format_id, wanted["attributes"] is not None, as_json)
     from reference_decoder.request import DecodeRequest
     from scarfmt.counters import Counters
 
@@ -154,26 +157,17 @@ def decode(
     start = time.perf_counter()
     with doubts_told(quiet):
         baking = _baking(cameras, bake_steps) if bake else None
-    with open_output(output, force) as target, open_input(input_) as source:
-        opened = source.bytes_read, source.reads
-        scene = opens_index(source) or any(view.values())
-        looked = source.bytes_read - opened[0], source.reads - opened[1]
-        if scene:
-            done, whole = write_part(input_, source, target, extension, request, view, baking, counters, quiet)
-        else:
-            done = _write(source, target, extension, baking, request, counters, quiet)
-            # What it took to tell that this is a file is no part of decoding it.
-            counters.bytes_read, counters.reads = source.bytes_read - looked[0], source.reads - looked[1]
-            whole = whole_file(source)
+    with open_scene_output(output, format_id, options, force) as out, open_input(input_) as source:
+        done, whole = _write(input_, source, out, baking, request, view, counters, quiet)
     if not quiet:
         click.echo(done, err=True)
     if stats or as_json:
         _report(decode_stats(counters, time.perf_counter() - start, _engine(request), whole), stats, as_json)
 
 
-def _check_output(output: str, extension: str, attributes: bool, as_json: bool) -> None:
-    if attributes and extension == ".ply":
-        raise click.UsageError("--attributes needs an .npz output: a PLY holds all of them")
+def _check_output(output: str, format_id: str, attributes: bool, as_json: bool) -> None:
+    if attributes and format_id != "npz":
+        raise click.UsageError("--attributes needs an .npz output: other formats hold all of them")
     if as_json and output == STANDARD:
         raise click.UsageError("--json needs standard output for itself: give OUTPUT a name")
 
@@ -192,40 +186,60 @@ def _report(found: dict[str, Any], stats: bool, as_json: bool) -> None:
 
 
 def _write(
+    name: str,
     source: ByteSource,
-    target: BinaryIO,
-    extension: str,
+    out: SceneOutput,
+    baking: Baking | None,
+    request: DecodeRequest,
+    view: dict[str, Any],
+    counters: Counters,
+    quiet: bool,
+) -> tuple[str, dict[str, int]]:
+    """Write a scene, a file or a part; returns what was written, for people, and what there was."""
+    opened = source.bytes_read, source.reads
+    scene = opens_index(source) or any(view.values())
+    looked = source.bytes_read - opened[0], source.reads - opened[1]
+    if scene:
+        return write_part(name, source, out, request, view, baking, counters, quiet)
+    done = _write_file(source, out, baking, request, counters, quiet)
+    # What it took to tell that this is a file is no part of decoding it.
+    counters.bytes_read, counters.reads = source.bytes_read - looked[0], source.reads - looked[1]
+    return done, whole_file(source)
+
+
+def _write_file(
+    source: ByteSource,
+    out: SceneOutput,
     baking: Baking | None,
     request: DecodeRequest,
     counters: Counters,
     quiet: bool,
 ) -> str:
-    """Write a file; returns what was written, for people."""
-    if extension == ".ply":
-        return _write_ply(source, target, baking, request, counters, quiet)
-    return _write_npz(source, target, request, counters)
-
-
-def _write_ply(
-    source: ByteSource,
-    target: BinaryIO,
-    baking: Baking | None,
-    request: DecodeRequest,
-    counters: Counters,
-    quiet: bool,
-) -> str:
-    """Write a PLY; returns what was written, for people."""
+    """Write what a file holds; returns what was written, for people."""
+    if out.format_id == "npz":
+        return _write_npz(source, out.target, request, counters)
+    _check_gaussians(source, baking)
+    from reference_decoder.stream_gaussians import stream_gaussians
     from reference_decoder.stream_ply import export_ply
-    from scarfmt.cli.progress import progress
+    from scarfmt.formats.output import Written
+
+    with progress(quiet) as report:
+        how: Any = {"baking": baking, "counters": counters, "report": report}
+        if out.format_id == "ply":
+            written = Written(export_ply(source, out.target, request, **how), ())
+        else:
+            written = out.write(*stream_gaussians(source, request, **how))
+    return tell_written(written, quiet)
+
+
+def _check_gaussians(source: ByteSource, baking: Baking | None) -> None:
+    """Refuse an anchor model that is not to be baked."""
     from scarfmt.container.file import read_header
     from scarfmt.container.schema import Profile
 
     header = read_header(source, allow_truncated=True)
     if header.fields.profile == Profile.ANCHOR and baking is None:
         raise click.UsageError("an anchor model has no fixed Gaussians: decode to .npz, or give --bake")
-    with progress(quiet) as report:
-        count = export_ply(source, target, request, baking=baking, counters=counters, report=report)
-    return f"{count:,} Gaussians"
 
 
 def _baking(cameras: str | None, steps: int | None) -> Baking:

@@ -8,6 +8,7 @@ import click
 
 from scarfmt.cli.eye import camera_of
 from scarfmt.cli.files import open_input
+from scarfmt.cli.outputs import SceneOutput, tell_written
 
 if TYPE_CHECKING:
     from reference_decoder.request import DecodeRequest
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from scarfmt.blocks.streaming import View
     from scarfmt.container.source import ByteSource
     from scarfmt.counters import Counters
+    from scarfmt.scene.gaussians import GaussianScene
 
 VIEW_OPTIONS = ("camera", "target", "up", "fov", "size", "budget", "outside")
 """Any of them asks for what one view needs."""
@@ -25,8 +27,7 @@ VIEW_OPTIONS = ("camera", "target", "up", "fov", "size", "budget", "outside")
 def write_part(
     name: str,
     source: ByteSource,
-    target: BinaryIO,
-    extension: str,
+    out: SceneOutput,
     request: DecodeRequest,
     view: dict[str, Any],
     baking: Baking | None,
@@ -38,8 +39,7 @@ def write_part(
     Args:
         name: of the scene, as typed.
         source: what was opened for it.
-        target: to write to.
-        extension: ``.ply`` or ``.npz``.
+        out: where to, and in which format.
         request: what to decode.
         view: values of `VIEW_OPTIONS`.
         baking: of anchor models, or None.
@@ -51,8 +51,10 @@ def write_part(
     """
     from reference_decoder.scenes.scene_ply import export_scene_ply
     from reference_decoder.scenes.scene_set import open_scene
+    from reference_decoder.scenes.stream_scene import stream_scene
     from scarfmt.cli.progress import progress
     from scarfmt.cli.stats import whole_scene
+    from scarfmt.formats.output import Written
     from scarfmt.scene.streams import ATTRIBUTES
 
     seen = any(view.values())
@@ -63,16 +65,22 @@ def write_part(
     with open_scene(name, source=source, opener=open_input) as scene:
         detail = _detail(scene, view) if seen else None
         whole = whole_scene(scene.index)
-        if extension == ".ply":
-            with progress(quiet) as report:
-                count = export_scene_ply(
-                    scene, target, request, detail, baking=baking, counters=counters, report=report
-                )
-        else:
-            count = _write_npz(scene, target, request, detail, counters)
+        with progress(quiet) as report:
+            how: Any = {"baking": baking, "counters": counters, "report": report}
+            if out.format_id == "npz":
+                written = Written(_write_npz(scene, out.target, request, detail, counters), ())
+            elif out.format_id == "ply":
+                written = Written(export_scene_ply(scene, out.target, request, detail, **how), ())
+            else:
+                stream = stream_scene(scene, request, detail, _alone, **how)
+                written = out.write(stream.described, stream.parts)
         if scene.holds(source):
             counters.bytes_read, counters.reads = source.bytes_read, source.reads
-    return f"{count:,} Gaussians", whole
+    return tell_written(written, quiet), whole
+
+
+def _alone(scene: GaussianScene, _notes: tuple[str, ...]) -> GaussianScene:
+    return scene
 
 
 def _write_npz(

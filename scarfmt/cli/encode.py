@@ -21,7 +21,8 @@ from reference_encoder.options import (
     EncodeOptions,
 )
 from scarfmt.cli.failures import doubts_told, requires_extra
-from scarfmt.cli.files import open_output, read_origin
+from scarfmt.cli.files import open_output
+from scarfmt.cli.inputs import FORMAT_IDS, read_scene
 from scarfmt.cli.out_of_core import OutOfCore, Reading, advise, out_of_core_options
 from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import CAMERAS_HELP, FRAME_HELP
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from reference_encoder.pipeline import Encoded
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
-FORMAT_IDS = ("compressed-ply", "scaffold", "ply", "spz", "streamed-sog", "sog", "anchor-npz", "splat")
 DEFAULTS = EncodeOptions()
 
 
@@ -182,8 +182,9 @@ def encode(
 ) -> None:
     """Compress the scene INPUT into the .scar file OUTPUT. Either may be - (stdin, stdout).
 
-    INPUT is a 3DGS or compressed PLY, SPZ, SOG, .splat, or an anchor model (.npz, or a folder of Scaffold-GS). What is
-    rarely seen is stored coarsely: --cameras or --frame say from where the scene will be looked at.
+    INPUT is a 3DGS or compressed PLY, SPZ, glTF (.glb, .gltf), SOG, .splat, or an anchor model (.npz, or a folder of
+    Scaffold-GS). What is rarely seen is stored coarsely: --cameras or --frame say from where the scene will be looked
+    at.
 
     \b
     Examples:
@@ -214,30 +215,13 @@ def encode(
     with doubts_told(quiet), open_output(output, force) as target, progress(quiet) as report:
         report("read", 0.0)
         options = _options(said)
-        scene = _read_scene(input_, format_id, sh_degree, drop_invalid, quiet)
+        scene = read_scene(input_, format_id, sh_degree, drop_invalid, quiet)
+        advise(len(scene))
         data = _encode(scene, options, report)
         target.write(data)
     if not quiet:
         _print_summary(data)
         _print_quality(data.quality, options.asked_db)
-
-
-def _read_scene(
-    name: str, format_id: str | None, sh_degree: int | None, drop_invalid: bool, quiet: bool
-) -> GaussianScene | AnchorModel:
-    from scarfmt.formats import MAX_PIPE_BYTES, load
-    from scarfmt.formats.clean import clean
-    from scarfmt.scene.gaussians import GaussianScene
-
-    scene, dropped = clean(load(read_origin(name, MAX_PIPE_BYTES), format=format_id), drop_invalid)
-    advise(len(scene))
-    if dropped and not quiet:
-        click.echo(f"left out {dropped:,} Gaussians with NaN or infinite values", err=True)
-    if sh_degree is None:
-        return scene
-    if not isinstance(scene, GaussianScene):
-        raise click.UsageError("--sh-degree does not apply to an anchor model")
-    return scene.with_sh_degree(min(sh_degree, scene.sh_degree))
 
 
 def _options(said: dict[str, Any]) -> EncodeOptions:

@@ -36,6 +36,7 @@ ARGUMENT_REFUSALS = frozenset(
         "input-suite",
         "input-tiles",
         "output-exists",
+        "output-format",
         "output-path",
         "output-stream",
         "work-exists",

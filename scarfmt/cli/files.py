@@ -166,18 +166,6 @@ def check_stdout() -> None:
         raise InvalidInput("output-stream", "standard output is closed: give a file name, or connect it")
 
 
-def check_extension(name: str, known: tuple[str, ...]) -> str:
-    """The lower-case extension of an output name.
-
-    Raises:
-        click.UsageError: it is not one of `known`.
-    """
-    extension = Path(name).suffix.lower()
-    if extension not in known:
-        raise click.UsageError(f"the output must end in {' or '.join(known)}, not {extension or 'nothing'}")
-    return extension
-
-
 def print_json(value: Any) -> None:
     """A JSON document on stdout. Infinities, which JSON lacks, become null.
 

@@ -104,6 +104,8 @@ class OutOfCore:
             if workers or cluster or resume or range_size:
                 raise click.UsageError("--workers, --cluster, --resume and --range-size need --work")
             return None
+        if said["viewpoints"]:
+            raise click.UsageError("--viewpoints and --work exclude each other: files of ranges tell clients nothing")
         if workers and cluster:
             raise click.UsageError("--workers and --cluster exclude each other")
         return cls(work, workers or 1, cluster, resume, range_size or DEFAULT_RANGE)

@@ -29,13 +29,12 @@ def decode_stats(counters: Counters, seconds: float, engine: str, whole: dict[st
 
 
 def whole_file(source: ByteSource) -> dict[str, int]:
-    """What a file holds: ``bytes``, ``blocks``, ``tiles``, ``anchors`` and ``layers``."""
+    """What the header tells that a file holds: ``bytes``, ``tiles``, ``anchors`` and ``layers``."""
     from scarfmt.container.file import read_header
 
     header = read_header(source, allow_truncated=True)
     return {
         "bytes": header.file_length,
-        "blocks": header.entry_count,
         "tiles": header.tile_count,
         "anchors": header.anchor_count,
         "layers": header.layer_count,
@@ -51,6 +50,7 @@ def whole_scene(index: Index) -> dict[str, int]:
 def format_stats(stats: dict[str, Any]) -> str:
     """The report of :func:`decode_stats` for people, a line for each count."""
     decoded, whole = stats["decoded"], stats["file"]
+    # How many blocks a file has its header does not tell.
     rows = [(name, decoded[key], _share(decoded[key], whole.get(name))) for name, key in _TOTALS]
     for name, key in _DETAILS.items():
         rows.append((name.replace("_", "-"), decoded[name], ""))

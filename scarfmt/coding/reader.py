@@ -16,11 +16,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
+import numpy as np
+
+from scarfmt.arrays import I64
 from scarfmt.blocks.registry import MODEL_BLOCKS
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine, WholeTiles
 from scarfmt.coding.models import ModelBlocks, SceneModels, load_models, placed
 from scarfmt.coding.tile import NeuralModels, TileContent, coded_streams, get_layer, needed_streams
-from scarfmt.coding.work import Contents, check_work, extent
+from scarfmt.coding.work import Contents, Extent, check_work, extent
 from scarfmt.container.directory import tile_frame
 from scarfmt.container.file import COALESCE_BYTES, Container, Entry, check_crc
 from scarfmt.container.schema import Stream
@@ -89,7 +92,8 @@ class SceneReader:
         self.container = Container.open(source, limits=limits, allow_truncated=allow_truncated)
         self.header = self.container.header
         self.lattice = Lattice(self.header.fields.origin, self.header.fields.voxel, self.header.fields.lattice_bits)
-        self.container.load()
+        # What lies behind it is read as it is needed; that it is there shows here.
+        _ = self.container.root
 
     def twin(self) -> SceneReader:
         """Another reader of the same opened file: what it prepares for its models does not push out what is here."""
@@ -125,22 +129,37 @@ class SceneReader:
         contents = Contents(self.header.file_length, self.container.limits)
         return ModelBlocks(payloads, contents.decompress)
 
-    def models(self, layers: int | None = None, counters: Counters | None = None) -> SceneModels:
+    def models(
+        self, layers: int | None = None, counters: Counters | None = None, tiles: Sequence[int] | None = None
+    ) -> SceneModels:
         """All model blocks of the first `layers` layers (None: all), added to `counters`.
 
+        What the directory says of the tiles in those layers is read before, in few requests.
+
+        Args:
+            layers: to decode.
+            counters: blocks are added to them.
+            tiles: that will be decoded with them, whose work is bounded; None for all.
+
         Raises:
-            Malformed: a block is missing or breaks its rules.
-            LimitExceeded: ``limit-work``, ``limit-expansion`` beside the limits of blocks.
+            Malformed: the directory is refused; a block is missing or breaks its rules.
+            LimitExceeded: ``limit-work``, ``limit-expansion`` beside the limits of the directory and of blocks.
+            InvalidInput: ``input-layers``, ``input-tiles``.
         """
         count = self.layer_number(layers)
+        chosen = np.array(self.check_tiles(tiles), np.int64)
+        self.container.load(count, tiles)
         blocks = self._model_blocks(count)
         if counters is not None:
             counters.model_blocks += len(blocks)
         models = load_models(self.header.fields, count, blocks)
-        bits = self.header.fields.lattice_bits
-        declared = extent(self.container.directory, self.container.tile_table, bits, count)
-        check_work(models.work.total(declared), self.header.file_length, self.container.limits)
+        check_work(models.work.total(self.extent(count, chosen)), self.header.file_length, self.container.limits)
         return models
+
+    def extent(self, layers: int, tiles: I64) -> Extent:
+        """What the directory declares of some tiles in the first layers; reads their pages."""
+        counts, rows = self.container.tile_counts(layers, tiles), self.container.tile_rows(tiles)
+        return extent(counts, rows, self.header.fields.lattice_bits)
 
     def tiles(
         self,
@@ -266,7 +285,7 @@ class SceneReader:
         """A tile read at once; None where something is wrong with it, which reading layer by layer will tell."""
         if any(entry and (payload is None or zlib.crc32(payload) != entry.crc32) for entry, payload in blocks):
             return None
-        frame = tile_frame(self.header.fields, self.container.tiles[tile])
+        frame = tile_frame(self.header.fields, self.container.tile(tile))
         given = [(entry.count if entry else 0, payload) for entry, payload in blocks]
         content = whole.read(frame, given, counters, brief=brief)
         if content is not None and counters is not None:
@@ -300,7 +319,7 @@ class SceneReader:
         counters: Counters | None,
     ) -> TileContent:
         model = models.model
-        frame = tile_frame(self.header.fields, self.container.tiles[tile])
+        frame = tile_frame(self.header.fields, self.container.tile(tile))
         sizes = models.codebooks.sizes if models.codebooks else (0, 0)
         content = TileContent.empty(model, sum(entry.count for entry, _ in blocks if entry))
         known = 0

@@ -17,7 +17,7 @@ from scarfmt.arrays import I64
 from scarfmt.blocks.mlp import QuantisedMlp
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.directory import Table
-from scarfmt.container.schema import BlockKind, Profile, Stream
+from scarfmt.container.schema import Profile, Stream
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import LimitExceeded
@@ -81,16 +81,17 @@ class Extent:
     splits: int
 
 
-def extent(directory: Table, tile_table: Table, lattice_bits: int, layers: int) -> Extent:
-    """The extent of the first `layers` layers."""
-    rows = directory[(directory["kind"] == BlockKind.TILE) & (directory["layer"] <= layers) & (directory["count"] > 0)]
-    counts = rows["count"].astype(np.int64)
-    local = lattice_bits - tile_table["depth"].astype(np.int64) - tile_table["shift"]
-    splits = int((3 * local[rows["tile"]] * np.minimum(counts - 1, MOST_SPLITS)).sum())
-    order = np.lexsort((rows["layer"], rows["tile"]))
-    tiles, first = np.unique(rows["tile"][order], return_index=True)
-    starts = np.bincount(rows["layer"][order][first], minlength=layers + 1)[1:] if len(tiles) else np.zeros(layers)
-    return Extent(np.cumsum(starts).astype(np.int64), int(counts.sum()), splits)
+def extent(counts: I64, tiles: Table, lattice_bits: int) -> Extent:
+    """The extent of some tiles.
+
+    Args:
+        counts: (n, layers) anchors that first appear in each layer.
+        tiles: (n,) TILE_DTYPE.
+        lattice_bits: of the header.
+    """
+    local = lattice_bits - tiles["depth"].astype(np.int64) - tiles["shift"]
+    splits = int((3 * local[:, None] * np.clip(counts - 1, 0, MOST_SPLITS)).sum())
+    return Extent((counts.cumsum(axis=1) > 0).sum(axis=0), int(counts.sum()), splits)
 
 
 class DeclaredWork:

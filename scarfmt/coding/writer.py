@@ -30,7 +30,7 @@ from scarfmt.container.file import Block, HeaderFields, Tile, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import pack_substreams
-from scarfmt.entropy.emitters import SymbolCounter, SymbolRecorder
+from scarfmt.entropy.emitters import SymbolCounter, SymbolRecorder, SymbolWriter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.errors import InvalidInput, ScarError
@@ -128,10 +128,42 @@ class RecordedTile:
     def block(self, layer: int, tile: int, tables: Mapping[TableKey, SymbolTable]) -> Block | None:
         """The TILE block, None where there is nothing to say."""
         streams = {stream: recorder.code(tables) for stream, recorder in self.streams.items()}
-        if not self.new and not any(streams.values()):
-            return None
-        sizes = {int(stream): len(data) for stream, data in streams.items()}
-        return Block(BlockKind.TILE, layer, pack_substreams(streams), tile=tile, count=self.new, stream_bytes=sizes)
+        return _tile_block(layer, tile, self.new, streams)
+
+
+def _tile_block(layer: int, tile: int, new: int, streams: dict[Stream, bytes]) -> Block | None:
+    """The TILE block of coded streams, of which so many anchors are new; None where there is nothing to say."""
+    if not new and not any(streams.values()):
+        return None
+    sizes = {int(stream): len(data) for stream, data in streams.items()}
+    return Block(BlockKind.TILE, layer, pack_substreams(streams), tile=tile, count=new, stream_bytes=sizes)
+
+
+def coded_tile(
+    scene: QuantisedScene,
+    layer: int,
+    tile: int,
+    neural: NeuralModels,
+    tables: Mapping[TableKey, SymbolTable],
+    engine: Engine,
+) -> Block | None:
+    """The block of one layer of one tile where the tables are known; None where there is nothing to say.
+
+    Args:
+        neural: of the scene and the layer.
+        tables: in force in the layer.
+        engine: what computes.
+    """
+    writers: dict[Stream, SymbolWriter] = {}
+
+    def writer(stream: Stream) -> SymbolWriter:
+        if stream not in writers:
+            writers[stream] = engine.symbol_writer(tables)
+        return writers[stream]
+
+    frame = tile_frame(scene.fields, scene.tiles[tile])
+    new = put_layer(scene.model, layer, frame, scene.contents[tile], writer, neural, engine)
+    return _tile_block(layer, tile, new, {stream: each.finish() for stream, each in writers.items()})
 
 
 def record_tile(

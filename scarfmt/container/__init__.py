@@ -1,9 +1,11 @@
-"""The container of a file: header, tile table, directory, blocks as opaque bytes (SPEC §5).
+"""The container of a file: header, directory, blocks as opaque bytes (SPEC §5).
 
     source      where bytes come from: a file, memory, a URL, by ranges
     schema      every fixed record, declared with `construct`; the tables of SPEC §5 are made from it
     header      signature, version, header, layer summaries, with their checks in SPEC's order
-    directory   tile table and directory
+    root, pages the directory, packed: where blocks, pages and tiles are
+    directory   its tiles and entries as objects
+    paged       the directory of an opened file, page by page
     file        a whole container: opened, blocks read by range; written
     substreams  the table at the front of a TILE block
     morton      the order of tiles, and of anchors in them (SPEC §6.3)

@@ -37,8 +37,28 @@ def signed_varint(value: int) -> bytes:
     return unsigned_varint(2 * value if value >= 0 else -2 * value - 1)
 
 
+def unsigned_varints(values: I64) -> bytes:
+    """LEB128 bytes of (n,) int64 `values` >= 0, one after the other.
+
+    Raises:
+        InvalidInput: ``input-varint`` for a negative one.
+    """
+    if len(values) and int(values.min()) < 0:
+        raise InvalidInput("input-varint", f"{values.min()} is negative", field="varint")
+    lengths = np.ones(len(values), np.int64)
+    for shift in range(7, 63, 7):
+        lengths += values >> shift > 0
+    ends = np.cumsum(lengths)
+    out = np.zeros(int(ends[-1]) if len(ends) else 0, np.uint8)
+    for place in range(int(lengths.max(initial=0))):
+        there = np.flatnonzero(lengths > place)
+        more = lengths[there] > place + 1
+        out[ends[there] - lengths[there] + place] = (values[there] >> (7 * place) & 0x7F) | more * 0x80
+    return out.tobytes()
+
+
 def varints(payload: bytes, bits: int) -> I64 | None:
-    """(n,) int64: all of `payload` as LEB128 integers below 2^bits, at most 56; None if it is not just those."""
+    """(n,) int64: all of `payload` as LEB128 integers below 2^bits, at most 63; None if it is not just those."""
     window = np.frombuffer(payload, np.uint8)
     ends = np.flatnonzero(window < 0x80)
     if not len(ends) or int(ends[-1]) != len(window) - 1:
@@ -78,6 +98,10 @@ class ByteReader:
         self._at += length
         return self._data[self._at - length : self._at]
 
+    def skip(self) -> None:
+        """Take all that is left."""
+        self._at = len(self._data)
+
     @property
     def position(self) -> int:
         """Bytes taken so far."""
@@ -102,6 +126,9 @@ class ByteReader:
             Malformed: ``bad-varint`` when it is longer than needed or too large.
         """
         value, shift = 0, 0
+        if self._at < len(self._data) and self._data[self._at] < 0x80 and bits >= 7:
+            self._at += 1
+            return self._data[self._at - 1]
         while True:
             byte = self.take(1)[0]
             value |= (byte & 0x7F) << shift
@@ -115,7 +142,7 @@ class ByteReader:
         return value
 
     def unsigned_array(self, bits: int, count: int) -> I64:
-        """(count,) int64: `count` times :meth:`unsigned`, all at once where they are many; `bits` at most 56."""
+        """(count,) int64: `count` times :meth:`unsigned`, all at once where they are many; `bits` at most 63."""
         values = self._at_once(bits, count) if count >= _FEW else None
         # One by one, too, to refuse the first that is wrong.
         return np.array([self.unsigned(bits) for _ in range(count)], np.int64) if values is None else values
@@ -127,6 +154,10 @@ class ByteReader:
         if values is not None:
             self.take(int(ends[-1]) + 1)
         return values
+
+    def u32(self) -> int:
+        """A u32."""
+        return int.from_bytes(self.take(4), "little")
 
     def signed(self, bits: int) -> int:
         """A zigzag LEB128 integer whose mapped value is below 2^bits."""

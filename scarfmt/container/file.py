@@ -1,7 +1,7 @@
-"""The container: header, tile table, directory and blocks, written and read (SPEC §5).
+"""The container: header, directory and blocks, written and read (SPEC §5).
 
 The layout is in :mod:`scarfmt.container.schema`. Blocks are opaque bytes here. Everything a reader returns has been
-checked: the header when the file is opened, tile table and directory when they are first used, a block when it is read.
+checked: the header when the file is opened, each page of the directory when it is first used, a block when it is read.
 """
 
 from __future__ import annotations
@@ -14,34 +14,35 @@ from functools import cached_property
 
 import numpy as np
 from construct import ConstructError
-from numpy.typing import NDArray
 
+from scarfmt.arrays import I64
 from scarfmt.container.directory import (
     Entry,
     Table,
     Tile,
     block_name,
-    check_directory,
-    check_tiles,
     entry_from_row,
     required_flags,
     sort_keys,
     tile_table,
 )
 from scarfmt.container.header import Header, HeaderFields, LayerSummary, encode_header, make_header, read_header
+from scarfmt.container.paged import PagedDirectory
+from scarfmt.container.pages import pack_row_pages, pack_tile_pages
+from scarfmt.container.root import Root, pack_root
 from scarfmt.container.schema import (
     ENTRY_DTYPE,
     NO_TILE,
     READABLE_KINDS,
     STREAM_COUNT,
-    TILE_DTYPE,
     BlockKind,
     Stream,
     header_length,
 )
+from scarfmt.container.source import COALESCE_BYTES as COALESCE_BYTES
 from scarfmt.container.source import ByteSource, BytesSource
 from scarfmt.errors import InvalidInput, Malformed, ScarError, Truncated
-from scarfmt.limits import DEFAULT_LIMITS, FORMAT_LIMITS, Limits
+from scarfmt.limits import DEFAULT_LIMITS, FORMAT_LIMITS, MAX_PAGE_BITS, Limits
 
 __all__ = [
     "Block",
@@ -58,8 +59,8 @@ __all__ = [
     "write_container",
 ]
 
-COALESCE_BYTES = 1 << 22
-"""Neighbouring blocks are read in one request up to this size."""
+PAGE_BITS = 10
+"""What a writer takes: row pages of about 7 KB, of which a region needs one or two a layer (R-5.4-18)."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Block:
         kind: block kind, 1..255.
         layer: layer it belongs to, 1-based.
         payload: its bytes, at least one.
-        tile: index into the tile table, or None.
+        tile: number of the tile, for TILE, or None.
         count: elements; for TILE, the anchors that first appear in it.
         stream_bytes: for TILE, bytes per stream kind; what they leave of the payload is FRAMING.
         flags: critical or safe-to-copy; None takes what SPEC §5 prescribes for the kind (0 if nothing).
@@ -93,7 +94,7 @@ def directory_row(block: Block) -> tuple[int, ...]:
     """The fields of a block's entry; its offset is filled in by :func:`encode_front`."""
     flags = block.flags if block.flags is not None else int(required_flags(block.kind) or 0)
     layer, kind, tile = _block_key(block)
-    return kind, flags, layer, 0, tile, 0, len(block.payload), block.count, zlib.crc32(block.payload)
+    return kind, flags, layer, tile, 0, len(block.payload), block.count, zlib.crc32(block.payload)
 
 
 def streams_of(block: Block) -> list[int]:
@@ -124,6 +125,7 @@ def write_container(
     tiles: Sequence[Tile],
     blocks: Iterable[Block],
     layer_counts: Sequence[tuple[int, int]],
+    page_bits: int = PAGE_BITS,
 ) -> bytes:
     """A whole file. Blocks may come in any order; equal arguments give equal bytes.
 
@@ -132,6 +134,7 @@ def write_container(
         tiles: tile table, ascending by Morton range, disjoint.
         blocks: at most one per (layer, kind, tile).
         layer_counts: per layer, cumulative (anchors, gaussians).
+        page_bits: tiles of a page, as a power of two, 0..16.
 
     Raises:
         InvalidInput: ``input-container``, quoting the rule of SPEC §5 that the file would break.
@@ -144,7 +147,7 @@ def write_container(
                 raise InvalidInput("input-container", f"block of layer {block.layer} of {len(layer_counts)}")
             streams[block.layer] += streams_of(block)
         directory = np.array([directory_row(block) for block in ordered], dtype=ENTRY_DTYPE)
-        front = encode_front(fields, tile_table(tiles), directory, layer_counts, streams[1:].tolist())
+        front = encode_front(fields, tile_table(tiles), directory, layer_counts, streams[1:].tolist(), page_bits)
     except (ConstructError, OverflowError, ValueError, struct.error) as error:
         if isinstance(error, InvalidInput):
             raise
@@ -158,8 +161,9 @@ def encode_front(
     directory: Table,
     layer_counts: Sequence[tuple[int, int]],
     stream_bytes: Sequence[Sequence[int]],
+    page_bits: int = PAGE_BITS,
 ) -> bytes:
-    """Everything before the first block; offsets, lengths and checksums are filled in here.
+    """Everything before the first block; offsets, sums and checksums are worked out here.
 
     Args:
         fields: the scene's header fields.
@@ -167,24 +171,49 @@ def encode_front(
         directory: (E,) ENTRY_DTYPE in file order; `offset` is ignored.
         layer_counts: per layer, cumulative (anchors, gaussians).
         stream_bytes: per layer, bytes per stream kind.
+        page_bits: tiles of a page, as a power of two, 0..16.
 
     Raises:
         InvalidInput: ``input-container``, quoting the rule of SPEC §5 that the file would break.
     """
-    start = header_length(len(layer_counts)) + tiles.nbytes + directory.nbytes
-    ends = start + np.cumsum(directory["length"], dtype=np.int64)
-    directory = directory.copy()
-    directory["offset"] = np.concatenate(([start], ends[:-1]))[: len(directory)]
-    tables = tiles.tobytes() + directory.tobytes()
-    summaries, end = [], start
+    layers = len(layer_counts)
+    _check_sayable(directory, layers, len(tiles), page_bits)
+    in_tiles = directory["kind"] == BlockKind.TILE
+    try:
+        pages = pack_tile_pages(tiles, fields.lattice_bits, page_bits)
+    except ScarError as error:
+        raise InvalidInput("input-container", f"the file would break a rule: {error}") from error
+    by_layer = [
+        pack_row_pages(directory[in_tiles & (directory["layer"] == layer)], len(tiles), page_bits)
+        for layer in range(1, layers + 1)
+    ]
+    root = pack_root(layers, directory[~in_tiles], pages, list(zip(*by_layer, strict=True)))
+    parts = [page.data for page in pages] + [row.data for rows in by_layer for row in rows if row is not None]
+    summaries, end = [], header_length(layers) + len(root) + sum(map(len, parts))
     for counts, streams in zip(layer_counts, stream_bytes, strict=True):
         size = sum(streams)
         end += size
         summaries.append(LayerSummary(*counts, size, end, tuple(streams)))
-    header = make_header(fields, summaries, len(tiles), len(directory), zlib.crc32(tables), end)
-    front = encode_header(header) + tables
+    front = b"".join([encode_header(make_header(fields, summaries, page_bits, len(tiles), root)), root, *parts])
     _check_written(front)
     return front
+
+
+def _check_sayable(directory: Table, layers: int, tiles: int, page_bits: int) -> None:
+    """Refuse what pages and ROOT cannot say; what they can say wrong, a reader finds."""
+    in_tiles, layer = directory["kind"] == BlockKind.TILE, directory["layer"]
+    keys = sort_keys(directory)
+    for ok, message in (
+        (layers > 0, "a file has a layer"),
+        (page_bits <= MAX_PAGE_BITS, f"a page is of 2^0 to 2^{MAX_PAGE_BITS} tiles"),
+        (bool(((layer >= 1) & (layer <= layers)).all()), f"blocks are of layers 1..{layers}"),
+        (bool(((directory["tile"] == NO_TILE) != in_tiles).all()), "TILE blocks, and no others, belong to a tile"),
+        (bool((directory["tile"][in_tiles] < tiles).all()), f"there are {tiles} tiles"),
+        (bool((directory["length"] >= 1).all()), "a block has a byte or more"),
+        (bool((keys[1:] > keys[:-1]).all()), "entries ascend by (layer, kind, tile)"),
+    ):
+        if not ok:
+            raise InvalidInput("input-container", message)
 
 
 def _check_written(front: bytes) -> None:
@@ -196,7 +225,7 @@ def _check_written(front: bytes) -> None:
 
 
 class Container:
-    """A file opened for reading. Tile table and directory are read, in one request, when first used.
+    """A file opened for reading. Of the directory the pages are read that are needed, when first used.
 
     Attributes:
         source: where the bytes come from.
@@ -208,7 +237,7 @@ class Container:
         self.source = source
         self.header = header
         self.limits = limits
-        self._readable = readable_kinds
+        self._paged = PagedDirectory(source, header, limits, readable_kinds)
 
     @classmethod
     def open(
@@ -233,81 +262,85 @@ class Container:
         header = read_header(source, limits=limits, allow_truncated=allow_truncated)
         return cls(source, header, limits, frozenset(readable_kinds))
 
-    @cached_property
-    def _tables(self) -> tuple[Table, Table]:
-        header = self.header
-        if self.source.size < header.data_offset:
-            message = f"the file ends before its first block at byte {header.data_offset}"
-            raise Truncated("truncated-directory", message, offset=self.source.size)
-        data = self.source.read(header.header_length, header.data_offset - header.header_length)
-        if zlib.crc32(data) != header.directory_crc32:
-            message = "tile table or directory is damaged: get another copy"
-            raise Malformed("directory-crc-mismatch", message, offset=header.header_length, field="directory_crc32")
-        tiles = np.frombuffer(data, TILE_DTYPE, header.tile_count)
-        directory = np.frombuffer(data, ENTRY_DTYPE, offset=tiles.nbytes)
-        check_tiles(tiles, header)
-        check_directory(directory, header, self.limits, self._readable)
-        return tiles, directory
-
-    def load(self) -> Container:
-        """Read and check tile table and directory now; returns self.
+    @property
+    def root(self) -> Root:
+        """ROOT: blocks that belong to no tile, and where pages are.
 
         Raises:
-            Malformed, Truncated, Unsupported, LimitExceeded: as SPEC §12 lists for the two tables.
+            Malformed, Truncated, Unsupported, LimitExceeded: as SPEC §12 lists for §5.4.
         """
-        _ = self._tables
+        return self._paged.root
+
+    def load(self, layers: int | None = None, tiles: Sequence[int] | None = None) -> Container:
+        """Read and check the pages of the directory that are needed, in few requests; returns self.
+
+        Args:
+            layers: of the first so many layers; None for all.
+            tiles: of these tiles; None for all.
+
+        Raises:
+            Malformed, Truncated, Unsupported, LimitExceeded: as SPEC §12 lists for §5.4 and §5.5.
+        """
+        pages = None if tiles is None else self._paged.pages_of(np.asarray(tiles, np.int64))
+        self._paged.load(layers, pages)
         return self
+
+    def page_tiles(self, page: int) -> Table:
+        """(n,) TILE_DTYPE of a page; reads no other."""
+        return self._paged.page_tiles(page)
+
+    def page_rows(self, layer: int, page: int) -> Table:
+        """ENTRY_DTYPE of the TILE blocks of a page in a layer, by tile; reads no other page."""
+        return self._paged.page_rows(layer, page)
+
+    def rows(self, layer: int) -> Table:
+        """ENTRY_DTYPE of all blocks of a layer, in file order; reads its row pages."""
+        return self._paged.rows(layer)
 
     @property
     def tile_table(self) -> Table:
-        """(T,) TILE_DTYPE."""
-        return self._tables[0]
+        """(T,) TILE_DTYPE; reads all tile pages."""
+        return self._paged.tile_table
 
     @property
     def directory(self) -> Table:
-        """(E,) ENTRY_DTYPE; its rows are the same blocks as `entries`."""
-        return self._tables[1]
+        """(E,) ENTRY_DTYPE in file order; its rows are the same blocks as `entries`. Reads all pages."""
+        return self._paged.directory
 
     @cached_property
     def tiles(self) -> tuple[Tile, ...]:
         """The tile table as objects."""
-        return tuple(Tile(depth, shift, prefix) for depth, shift, _, prefix in self.tile_table.tolist())
+        return tuple(Tile(*row) for row in self.tile_table.tolist())
 
     @cached_property
     def entries(self) -> tuple[Entry, ...]:
         """The directory as objects, in file order."""
         return tuple(map(entry_from_row, self.directory.tolist()))
 
-    @cached_property
-    def _directory_keys(self) -> NDArray[np.uint64]:
-        return sort_keys(self.directory)
+    @property
+    def models(self) -> tuple[Entry, ...]:
+        """The entries of the blocks that belong to no tile, by layer and kind; reads ROOT alone."""
+        return tuple(self._paged.models.values())
 
     def find(self, kind: int, layer: int, tile: int | None = None) -> Entry | None:
-        """The entry of (kind, layer, tile), or None; `tile` None means a block of no tile."""
-        key = np.uint64(layer << 40 | kind << 32 | (NO_TILE if tile is None else tile))
-        row = int(np.searchsorted(self._directory_keys, key))
-        if row == len(self.directory) or self._directory_keys[row] != key:
-            return None
-        return entry_from_row(self.directory[row].tolist())
+        """The entry of (kind, layer, tile), or None; `tile` None means a block of no tile. Reads the page it is in."""
+        return self._paged.find(kind, layer, tile)
 
-    @cached_property
-    def _tile_rows(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Directory rows of TILE blocks by (tile, layer), and where those of each tile start, (T + 1,)."""
-        rows = np.flatnonzero(self.directory["kind"] == BlockKind.TILE)
-        tiles = self.directory["tile"][rows]
-        # Stable: rows ascend by layer.
-        order = np.argsort(tiles, kind="stable")
-        return rows[order], np.searchsorted(tiles[order], np.arange(self.header.tile_count + 1))
+    def tile(self, number: int) -> Tile:
+        """A tile; reads the page it is in."""
+        return self._paged.tile(number)
+
+    def tile_rows(self, tiles: I64) -> Table:
+        """(n,) TILE_DTYPE of n tiles; reads their pages."""
+        return self._paged.tile_rows(tiles)
+
+    def tile_counts(self, layers: int, tiles: I64) -> I64:
+        """(n, layers) int64 anchors that first appear in each of the first layers of n tiles; reads their pages."""
+        return self._paged.tile_counts(layers, tiles)
 
     def tile_entries(self, tile: int, layers: int) -> list[Entry | None]:
         """The TILE block of a tile in each of the first `layers` layers, None where it has none."""
-        rows, starts = self._tile_rows
-        out: list[Entry | None] = [None] * layers
-        for row in rows[starts[tile] : starts[tile + 1]].tolist():
-            entry = entry_from_row(self.directory[row].tolist())
-            if entry.layer <= layers:
-                out[entry.layer - 1] = entry
-        return out
+        return [self.find(BlockKind.TILE, layer, tile) for layer in range(1, layers + 1)]
 
     @property
     def available_layers(self) -> int:

@@ -13,14 +13,12 @@ from typing import Any
 
 from scarfmt.container.schema import (
     CHECKSUM_SIZE,
-    ENTRY_DTYPE,
     FILE_HEADER,
     FILE_HEADER_SIZE,
     HEADER_CHECKSUM,
     LAYER_SUMMARY,
     LAYER_SUMMARY_SIZE,
     SIGNATURE,
-    TILE_DTYPE,
     VERSION,
     ColourSpace,
     CoordinateFrame,
@@ -37,6 +35,7 @@ from scarfmt.limits import (
     MAX_FILE_LENGTH,
     MAX_LATTICE_BITS,
     MAX_LAYERS,
+    MAX_PAGE_BITS,
     MAX_SH_DEGREE,
     MAX_SLOTS,
     Limits,
@@ -88,11 +87,12 @@ class Header:
     fields: HeaderFields
     header_length: int
     file_length: int
+    page_bits: int
     tile_count: int
-    entry_count: int
+    root_length: int
     anchor_count: int
     gaussian_count: int
-    directory_crc32: int
+    root_crc32: int
     layers: tuple[LayerSummary, ...]
 
     @property
@@ -101,22 +101,36 @@ class Header:
         return len(self.layers)
 
     @property
-    def directory_offset(self) -> int:
-        """Absolute offset of the directory; the tile table starts at `header_length`."""
-        return self.header_length + self.tile_count * TILE_DTYPE.itemsize
+    def page_count(self) -> int:
+        """P, pages of tiles."""
+        return -(-self.tile_count >> self.page_bits)
+
+    def page_range(self, page: int) -> range:
+        """The tiles of a page."""
+        first = page << self.page_bits
+        return range(first, min(first + (1 << self.page_bits), self.tile_count))
 
     @property
     def data_offset(self) -> int:
-        """Absolute offset of the first block."""
-        return self.directory_offset + self.entry_count * ENTRY_DTYPE.itemsize
+        """D, absolute offset of the first block; ROOT starts at `header_length`."""
+        return self.layers[0].end_offset - self.layers[0].byte_count
 
 
-def make_header(
-    fields: HeaderFields, summaries: list[LayerSummary], tiles: int, entries: int, crc: int, end: int
-) -> Header:
-    """The header of a file of these summaries; `end` is its length, `crc` the CRC-32 of its tables."""
-    anchors, gaussians = (summaries[-1].anchor_count, summaries[-1].gaussian_count) if summaries else (0, 0)
-    return Header(fields, header_length(len(summaries)), end, tiles, entries, anchors, gaussians, crc, tuple(summaries))
+def make_header(fields: HeaderFields, summaries: list[LayerSummary], page_bits: int, tiles: int, root: bytes) -> Header:
+    """The header of a file of these summaries, at least one, with `root` as its ROOT."""
+    last = summaries[-1]
+    return Header(
+        fields,
+        header_length(len(summaries)),
+        last.end_offset,
+        page_bits,
+        tiles,
+        len(root),
+        last.anchor_count,
+        last.gaussian_count,
+        zlib.crc32(root),
+        tuple(summaries),
+    )
 
 
 def encode_header(header: Header) -> bytes:
@@ -128,7 +142,6 @@ def encode_header(header: Header) -> bytes:
         "major": VERSION[0],
         "minor": VERSION[1],
         "version_reserved": 0,
-        "reserved": 0,
         "layer_count": header.layer_count,
     }
     body = FILE_HEADER.build(values) + b"".join(LAYER_SUMMARY.build(vars(layer)) for layer in header.layers)
@@ -211,7 +224,7 @@ _HEADER_RULES: tuple[tuple[str, str, Callable[[Any], bool]], ...] = (
     ("lattice_bits", "bad-lattice-bits", lambda h: 1 <= h.lattice_bits <= MAX_LATTICE_BITS),
     ("coordinate_frame", "bad-coordinate-frame", lambda h: h.coordinate_frame in set(CoordinateFrame)),
     ("colour_space", "bad-colour-space", lambda h: h.colour_space in set(ColourSpace)),
-    ("reserved", "bad-reserved", lambda h: h.reserved == 0),
+    ("page_bits", "bad-page-bits", lambda h: h.page_bits <= MAX_PAGE_BITS),
     ("origin", "bad-origin", lambda h: all(map(math.isfinite, h.origin))),
     ("voxel", "bad-voxel", lambda h: math.isfinite(h.voxel) and h.voxel > 0),
     ("voxel", "bad-voxel", lambda h: math.isfinite(max(map(abs, h.origin)) + h.voxel * 2.0 ** (h.lattice_bits + 1))),
@@ -231,9 +244,9 @@ def _check_limits(raw: Any, limits: Limits) -> None:
     anchors, size = raw.anchor_count, raw.file_length
     for name, refusal, value, limit in (
         ("tile_count", "limit-tiles", raw.tile_count, limits.tiles),
-        ("entry_count", "limit-entries", raw.entry_count, limits.entries),
         ("anchor_count", "limit-anchors", anchors, limits.anchors),
         ("gaussian_count", "limit-gaussians", raw.gaussian_count, limits.gaussians),
+        ("root_length", "limit-root", raw.root_length, limits.root_bytes),
         ("anchor_count", "limit-expansion", anchors, FREE_ANCHORS + limits.anchors_per_byte * size),
         ("slots", "limit-expansion", anchors * raw.slots, FREE_SLOTS + limits.slots_per_byte * size),
     ):
@@ -251,6 +264,7 @@ def _check_layers(header: Header) -> None:
     slots, explicit = header.fields.slots, header.fields.profile == Profile.EXPLICIT
     anchors = gaussians = 0
     end = header.data_offset
+    least = header.header_length + header.root_length
     for index, layer in enumerate(header.layers):
         base = FILE_HEADER_SIZE + index * LAYER_SUMMARY_SIZE
         name = f"layers[{index}]"
@@ -264,8 +278,8 @@ def _check_layers(header: Header) -> None:
             message = f"stream_bytes sum to {sum(layer.stream_bytes)}, byte_count is {layer.byte_count}"
             raise Malformed("layer-bytes", message, offset=base + 16, field=f"{name}.byte_count")
         end += layer.byte_count
-        if layer.end_offset != end:
-            message = f"the layer ends at byte {end}, not {layer.end_offset}"
+        if layer.end_offset != end or end - layer.byte_count < least:
+            message = f"a layer of {layer.byte_count} bytes cannot end at byte {layer.end_offset}"
             raise Malformed("layer-offset", message, offset=base + 24, field=f"{name}.end_offset")
         anchors, gaussians = layer.anchor_count, layer.gaussian_count
     if (header.anchor_count, header.gaussian_count) != (anchors, gaussians):
@@ -300,11 +314,12 @@ def _header_from(raw: Any, data: bytes) -> Header:
         fields,
         raw.header_length,
         raw.file_length,
+        raw.page_bits,
         raw.tile_count,
-        raw.entry_count,
+        raw.root_length,
         raw.anchor_count,
         raw.gaussian_count,
-        raw.directory_crc32,
+        raw.root_crc32,
         tuple(layers),
     )
 

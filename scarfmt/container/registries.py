@@ -24,7 +24,7 @@ class CoordinateFrame(IntEnum):
     RDF = 1
     """Right, down, forward: COLMAP, INRIA's trainer."""
     RUB = 2
-    """Right, up, back: OpenGL, glTF."""
+    """Right, up, back: OpenGL, SPZ."""
 
 
 class ColourSpace(IntEnum):

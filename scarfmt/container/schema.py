@@ -6,9 +6,9 @@ A file is, in this order and with nothing between or after:
 1. `FILE_HEADER` (100 bytes; its first 12 are the signature and version),
 2. `LAYER_SUMMARY` x layer_count (136 bytes each),
 3. `HEADER_CHECKSUM` (4 bytes): CRC-32 of all bytes before it,
-4. `TILE_RECORD` x tile_count (12 bytes each), strictly ascending by Morton range, the cubes disjoint,
-5. `DIRECTORY_ENTRY` x entry_count (32 bytes each), strictly ascending by (layer, kind, tile),
-6. the blocks in directory order, back to back, the last one ending at file_length.
+4. ROOT (root_length bytes): the blocks that belong to no tile, and where the pages are (:mod:`.root`),
+5. tile pages, then row pages by layer: where tiles lie, and what blocks they have (:mod:`.pages`),
+6. the blocks in the order of (layer, kind, tile), back to back, the last one ending at file_length.
 
 CRC-32 is the one of zlib, PNG and Ethernet: reflected polynomial 0xEDB88320, initial value and final XOR
 0xFFFFFFFF. A cut file stays readable up to its last whole block because 1-5 come first.
@@ -22,7 +22,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from construct import Array, Bytes, Float64l, FormatField, Int8ul, Int16ul, Int32ul, Int64ul, Renamed, Struct
+from construct import Array, Bytes, Float64l, FormatField, Int8ul, Int32ul, Int64ul, Renamed, Struct
 
 # Given on here: whoever needs the layout needs the identifiers, too.
 from scarfmt.container.registries import READABLE_KINDS as READABLE_KINDS
@@ -36,11 +36,11 @@ from scarfmt.container.registries import Stream as Stream
 SIGNATURE = bytes.fromhex("89 53 43 41 52 0D 0A 1A 0A")
 """0x89 catches a stripped high bit, CR LF and LF catch newline translation, 0x1A stops a DOS `type`."""
 
-VERSION = (0, 1)
+VERSION = (0, 2)
 """(major, minor) this package reads and writes. While major is 0, every minor version is its own format."""
 
 NO_TILE = 0xFFFFFFFF
-"""Value of the directory's `tile` for a block that belongs to no tile."""
+"""What ENTRY_DTYPE has as `tile` of a block that belongs to no tile."""
 
 
 STREAM_COUNT = len(Stream)
@@ -48,7 +48,7 @@ STREAM_COUNT = len(Stream)
 FILE_HEADER: Any = Struct(
     "signature" / Bytes(len(SIGNATURE)) * "89 53 43 41 52 0D 0A 1A 0A",
     "major" / Int8ul * "Version, major: 0. Another major is another format",
-    "minor" / Int8ul * "Version, minor: 1. While major is 0, another minor is another format",
+    "minor" / Int8ul * "Version, minor: 2. While major is 0, another minor is another format",
     "version_reserved" / Int8ul * "0",
     "header_length" / Int32ul * "Bytes from the signature through header_crc32: 104 + 136 * layer_count",
     "file_length" / Int64ul * "Bytes of the whole file, below 2^53",
@@ -59,15 +59,15 @@ FILE_HEADER: Any = Struct(
     "lattice_bits" / Int8ul * "Bits per axis of the position lattice, 1..32",
     "coordinate_frame" / Int8ul * "0 unspecified, 1 RDF (x right, y down, z forward), 2 RUB (x right, y up, z back)",
     "colour_space" / Int8ul * "0 unspecified, 1 sRGB display-referred, 2 linear",
-    "reserved" / Int8ul * "0",
-    "tile_count" / Int32ul * "Records in the tile table",
-    "entry_count" / Int32ul * "Entries in the directory",
+    "page_bits" / Int8ul * "A page is of 2^page_bits tiles, 0..16",
+    "tile_count" / Int32ul * "Tiles",
+    "root_length" / Int32ul * "Bytes of ROOT",
     "anchor_count" / Int64ul * "Anchors after the last layer present: that of the last layer summary",
     "gaussian_count" / Int64ul * "Gaussians after the last layer present: that of the last layer summary",
     "origin" / Array(3, Float64l) * "World position of lattice point (0, 0, 0); finite",
     "voxel" / Float64l * "World length of one lattice step; above 0, |origin| + voxel * 2^(lattice_bits + 1) finite",
     "source_count" / Int64ul * "Gaussians or anchors in the encoder's input, below 2^53; informative",
-    "directory_crc32" / Int32ul * "CRC-32 of the tile table followed by the directory",
+    "root_crc32" / Int32ul * "CRC-32 of ROOT",
 )
 
 LAYER_SUMMARY: Any = Struct(
@@ -87,25 +87,6 @@ HEADER_CHECKSUM: Any = Struct(
     "header_crc32" / Int32ul * "CRC-32 of every byte before this field",
 )
 
-TILE_RECORD: Any = Struct(
-    "depth" / Int8ul * "Octree depth of the cube, 0..21: its side is 2^(lattice_bits - depth) lattice steps",
-    "shift" / Int8ul * "e, 0..31: local coordinates count 2^e lattice steps; lattice_bits - depth - shift is in 0..21",
-    "reserved" / Int16ul * "0",
-    "prefix" / Int64ul * "Morton code of the cube, 3 * depth bits; x in bit 0, y in bit 1, z in bit 2 of each triple",
-)
-
-DIRECTORY_ENTRY: Any = Struct(
-    "kind" / Int8ul * "Block kind, not 0",
-    "flags" / Int8ul * "Bit 0 critical, bit 1 safe-to-copy, never both; kinds 1..16 exactly 1, kind 64 exactly 2",
-    "layer" / Int8ul * "Layer the block belongs to, 1..layer_count; 1 for METADATA",
-    "reserved" / Int8ul * "0",
-    "tile" / Int32ul * "Index into the tile table (TILE), or 0xFFFFFFFF for no tile (kinds 1..15 and 64)",
-    "offset" / Int64ul * "Absolute offset of the block: the end of the block before, or of the directory",
-    "length" / Int64ul * "Bytes of the block, at least 1",
-    "count" / Int32ul * "Elements, meaning by kind: TILE, anchors that first appear in it; METADATA, 0",
-    "crc32" / Int32ul * "CRC-32 of the block",
-)
-
 SUBSTREAM_RECORD: Any = Struct(
     "stream" / Int8ul * "Stream kind, 1..11, ascending within the block",
     "length" / Int32ul * "Bytes of the sub-stream, a multiple of 4, not 0",
@@ -116,8 +97,6 @@ STRUCTURES: dict[str, Any] = {
     "FILE_HEADER": FILE_HEADER,
     "LAYER_SUMMARY": LAYER_SUMMARY,
     "HEADER_CHECKSUM": HEADER_CHECKSUM,
-    "TILE_RECORD": TILE_RECORD,
-    "DIRECTORY_ENTRY": DIRECTORY_ENTRY,
     "SUBSTREAM_RECORD": SUBSTREAM_RECORD,
 }
 
@@ -182,8 +161,22 @@ def numpy_dtype(structure: Any) -> np.dtype[np.void]:
     return np.dtype([(member.name, _SCALARS[_unnamed(member).fmtstr][1]) for member in structure.subcons])
 
 
-TILE_DTYPE = numpy_dtype(TILE_RECORD)
-ENTRY_DTYPE = numpy_dtype(DIRECTORY_ENTRY)
+TILE_DTYPE = np.dtype([("depth", "u1"), ("shift", "u1"), ("prefix", "<u8")])
+"""A tile in memory: octree depth of its cube, 2^shift lattice steps a cell, Morton code of the cube (SPEC §5.5)."""
+
+ENTRY_DTYPE = np.dtype(
+    [
+        ("kind", "u1"),
+        ("flags", "u1"),
+        ("layer", "u1"),
+        ("tile", "<u4"),
+        ("offset", "<u8"),
+        ("length", "<u8"),
+        ("count", "<u4"),
+        ("crc32", "<u4"),
+    ]
+)
+"""An entry of the directory in memory, as :class:`scarfmt.container.directory.Entry` has it; `tile` may be NO_TILE."""
 
 FILE_HEADER_SIZE: int = FILE_HEADER.sizeof()
 LAYER_SUMMARY_SIZE: int = LAYER_SUMMARY.sizeof()

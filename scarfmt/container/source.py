@@ -18,8 +18,11 @@ from typing import BinaryIO, Protocol, Self
 from scarfmt.errors import InvalidInput, LimitExceeded, Truncated
 
 HEAD_BYTES = 1 << 16
-"""First request to a URL: one round trip brings header, tile table and directory, and of a small scene its first layer.
+"""First request to a URL: one round trip brings header and directory, and of a small scene its first layer.
 A smaller one would save at most as much, and cost a second round trip."""
+
+COALESCE_BYTES = 1 << 22
+"""Neighbouring pages or blocks are read in one request up to this size."""
 
 TIMEOUT_SECONDS = 60.0
 """Time a request to a URL may take, besides that for its bytes."""

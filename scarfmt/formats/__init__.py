@@ -9,7 +9,7 @@ from pathlib import Path
 
 from scarfmt.container.source import read_bounded
 from scarfmt.errors import InvalidInput
-from scarfmt.formats import anchor_npz, compressed_ply, inria_ply, scaffold, sog, splat, spz, streamed_sog
+from scarfmt.formats import anchor_npz, compressed_ply, gltf, inria_ply, scaffold, sog, splat, spz, streamed_sog
 from scarfmt.formats.anchor_npz import save_anchor_npz
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
@@ -44,6 +44,7 @@ FORMATS = (
     Format("scaffold", "Scaffold-GS folder", (), scaffold.sniff, scaffold.load),
     Format("ply", "INRIA 3D Gaussian splatting PLY", (".ply",), inria_ply.sniff, inria_ply.load),
     Format("spz", "Niantic SPZ 1 to 4", (".spz",), spz.sniff, spz.load),
+    Format("gltf", "glTF 2.0 with KHR_gaussian_splatting", (".glb", ".gltf"), gltf.sniff, gltf.load),
     Format(
         "streamed-sog",
         "PlayCanvas streamed SOG, its finest level",

@@ -23,9 +23,9 @@ from scarfmt.scene.gaussians import GaussianScene
 
 CHUNK = 256
 
-_WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
-_BOUNDS = tuple(f"{end}_{what}{axis}" for what in ("", "scale_") for end in ("min", "max") for axis in "xyz")
-_COLOUR_BOUNDS = ("min_r", "min_g", "min_b", "max_r", "max_g", "max_b")
+WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
+CHUNK_BOUNDS = tuple(f"{end}_{what}{axis}" for what in ("", "scale_") for end in ("min", "max") for axis in "xyz")
+COLOUR_BOUNDS = ("min_r", "min_g", "min_b", "max_r", "max_g", "max_b")
 
 
 def sniff(source: Source) -> bool:
@@ -64,9 +64,9 @@ def load(source: Source) -> GaussianScene:
 def _check_layout(source: Source, header: ply.Header) -> list[str]:
     """Check elements, types and counts; the names of the SH columns."""
     vertex, chunk, sh = (header.elements.get(name, ply.Element(name, 0)) for name in ("vertex", "chunk", "sh"))
-    bounds = _BOUNDS + (_COLOUR_BOUNDS if "min_r" in chunk.properties else ())
-    if any(vertex.properties.get(name) not in ("uint", "uint32") for name in _WORDS):
-        raise source.corrupt(f"a compressed PLY needs the uint properties {', '.join(_WORDS)}", field="vertex")
+    bounds = CHUNK_BOUNDS + (COLOUR_BOUNDS if "min_r" in chunk.properties else ())
+    if any(vertex.properties.get(name) not in ("uint", "uint32") for name in WORDS):
+        raise source.corrupt(f"a compressed PLY needs the uint properties {', '.join(WORDS)}", field="vertex")
     if any(chunk.properties.get(name) not in ("float", "float32") for name in bounds):
         raise source.corrupt(f"a compressed PLY needs the float properties {', '.join(bounds)}", field="chunk")
     if chunk.count * CHUNK < vertex.count:

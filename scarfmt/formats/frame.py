@@ -1,7 +1,7 @@
 """Changing the handedness and direction of coordinate axes of a whole scene.
 
 A frame is named by where x, y and z point: RDF is right, down, forward (COLMAP, INRIA's PLY), RUB is right,
-up, back (OpenGL, SPZ).
+up, back (OpenGL, SPZ), LUF is left, up, forward (glTF).
 """
 
 from __future__ import annotations
@@ -9,14 +9,22 @@ from __future__ import annotations
 import numpy as np
 
 from scarfmt.arrays import F32
+from scarfmt.container.registries import CoordinateFrame
 from scarfmt.scene.gaussians import GaussianScene
 
 Signs = tuple[int, int, int]
 
 RUB_TO_RDF: Signs = (1, -1, -1)
+LUF_TO_RDF: Signs = (-1, -1, 1)
 
 # Which of x, y, z each basis function of degree 1, 2, 3 is odd in (INRIA's order): e.g. y(3x^2-y^2) is odd in y.
 _ODD_IN = ("y", "z", "x", "xy", "yz", "", "xz", "", "y", "xyz", "y", "z", "x", "z", "x")
+
+
+def signs_to(target: Signs, frame: CoordinateFrame) -> Signs:
+    """Signs that take a scene of `frame`, unspecified being RDF, to the axes that `target` takes to RDF."""
+    x, y, z = RUB_TO_RDF if frame == CoordinateFrame.RUB else (1, 1, 1)
+    return x * target[0], y * target[1], z * target[2]
 
 
 def flip_axes(scene: GaussianScene, signs: Signs) -> GaussianScene:

@@ -27,9 +27,9 @@ from scarfmt.formats.frame import RUB_TO_RDF, Signs, flip_axes
 from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import GaussianScene
 
-_MAGIC = b"NGSP"
+MAGIC = b"NGSP"
 _GZIP = b"\x1f\x8b"
-_COLOUR_SCALE = 0.15  # README: "wide RGB", f_dc = (byte / 255 - 0.5) / 0.15
+COLOUR_SCALE = 0.15  # README: "wide RGB", f_dc = (byte / 255 - 0.5) / 0.15
 _HAS_EXTENSIONS = 0x2
 _COORDINATE_SYSTEM = 0xADBE0003
 _MAX_EXTENSION_BYTES = 1 << 20
@@ -43,7 +43,7 @@ def sniff(source: Source) -> bool:
             head = zlib.decompressobj(wbits=31).decompress(head, 4)
         except zlib.error:
             return False
-    return head[:4] == _MAGIC
+    return head[:4] == MAGIC
 
 
 def load(source: Source, *, frame: Literal["RDF", "RUB"] = "RDF") -> GaussianScene:
@@ -81,7 +81,7 @@ Header = tuple[int, int, int, int]
 def _read_header(source: Source, head: bytes) -> tuple[Header, list[int]]:
     """Version, count, SH degree, fractional bits; and the byte length of each attribute."""
     magic, version, count, degree, fraction_bits = struct.unpack_from("<4sIIBB", head)
-    if magic != _MAGIC:
+    if magic != MAGIC:
         raise source.corrupt("no SPZ header", offset=0)
     if not 1 <= version <= 4:
         raise Unsupported("input-version", f"{source.name}: SPZ version {version}; this importer reads 1 to 4")
@@ -183,7 +183,7 @@ def _harmonics(colour: U8, rest: U8) -> F32:
     """(N, (degree + 1)^2, 3), through tables of the 256 values: in place, for they are most of a scene's memory."""
     levels = np.arange(256)
     sh = np.empty((len(colour), 1 + rest.shape[1], 3), np.float32)
-    sh[:, :1] = ((levels / 255.0 - 0.5) / _COLOUR_SCALE).astype(np.float32)[colour]
+    sh[:, :1] = ((levels / 255.0 - 0.5) / COLOUR_SCALE).astype(np.float32)[colour]
     sh[:, 1:] = ((levels - 128.0) / 128.0).astype(np.float32)[rest]
     return sh
 

@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from scarfmt.arrays import F32, I64
+from scarfmt.arrays import I64
 from scarfmt.errors import LimitExceeded, Unsupported
 from scarfmt.formats import sog
+from scarfmt.formats.joined import together
 from scarfmt.formats.source import MAX_GAUSSIANS, Source
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -147,20 +148,3 @@ def _finest_runs(source: Source, tree: object, files: int) -> Iterator[tuple[int
                 pass
             case _:
                 raise source.corrupt("a node has neither children nor levels of detail that can be read", field="tree")
-
-
-def together(parts: list[GaussianScene]) -> GaussianScene:
-    """One scene of all; a part of a lower SH degree gets zeros above it."""
-    coefficients = max(part.sh.shape[1] for part in parts)
-    return GaussianScene(
-        np.concatenate([part.positions for part in parts]),
-        np.concatenate([part.log_scales for part in parts]),
-        np.concatenate([part.rotations for part in parts]),
-        np.concatenate([part.opacity_logits for part in parts]),
-        np.concatenate([widened(part.sh, coefficients) for part in parts]),
-    )
-
-
-def widened(sh: F32, coefficients: int) -> F32:
-    """(N, coefficients, 3) spherical harmonics: zeros above their degree."""
-    return np.pad(sh, ((0, 0), (0, coefficients - sh.shape[1]), (0, 0)))

@@ -1,6 +1,6 @@
 """Other annotations for a file, without coding it again (SPEC §7.10, §7.13).
 
-The result is byte for byte what the writer makes of the same scene with these annotations: directory, summaries and
+The result is byte for byte what the writer makes of the same scene with these annotations: ROOT, summaries and
 checksums are recomputed, the bytes of all other blocks copied.
 """
 
@@ -60,5 +60,5 @@ def _with_block(data: bytes, made: Block) -> bytes:
     streams = [list(layer.stream_bytes) for layer in header.layers]
     streams[0][Stream.MODELS] += len(block) - (old.length if old else 0)
     counts = [(layer.anchor_count, layer.gaussian_count) for layer in header.layers]
-    front = encode_front(header.fields, container.tile_table, rows, counts, streams)
+    front = encode_front(header.fields, container.tile_table, rows, counts, streams, header.page_bits)
     return b"".join([front, data[header.data_offset : end], block, data[end + (old.length if old else 0) :]])

@@ -7,11 +7,13 @@ decoded: whether those are sound is a question for :func:`scarfmt.tools.validate
 from __future__ import annotations
 
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from enum import IntEnum
 from functools import partial
 from typing import Any
+
+import numpy as np
 
 from scarfmt.blocks.declare import read
 from scarfmt.blocks.registry import BLOCKS
@@ -20,31 +22,29 @@ from scarfmt.coding.models import NOTHING_OPENED
 from scarfmt.coding.work import Contents
 from scarfmt.container.bytefields import decompress
 from scarfmt.container.directory import block_name
-from scarfmt.container.file import Container, Entry, check_crc, read_header
+from scarfmt.container.file import Container, Entry, Header, check_crc, read_header
 from scarfmt.container.registries import BlockKind, ColourSpace, CoordinateFrame, Profile, Stream
 from scarfmt.container.schema import (
-    DIRECTORY_ENTRY,
     FILE_HEADER,
     FILE_HEADER_SIZE,
     HEADER_CHECKSUM,
     LAYER_SUMMARY,
-    NO_TILE,
     SUBSTREAM_RECORD,
-    TILE_RECORD,
     field_table,
 )
 from scarfmt.container.source import ByteSource, BytesSource
 from scarfmt.container.substreams import RECORD_SIZE, check_substream, unpack_table
+from scarfmt.container.table_rules import Table, total
 from scarfmt.container.zstd_frame import frame_fields
 from scarfmt.errors import ScarError
 from scarfmt.limits import DEFAULT_LIMITS, Limits
+from scarfmt.tools.directory_fields import root_rows, row_page_rows, tile_page_rows
 from scarfmt.tools.fields import SHOWN_ITEMS, FieldRows, Row, moved, rest, shown
 
 _NAMED: dict[str, type[IntEnum]] = {
     "profile": Profile,
     "coordinate_frame": CoordinateFrame,
     "colour_space": ColourSpace,
-    "kind": BlockKind,
     "stream": Stream,
 }
 """Fields of the container whose numbers have names."""
@@ -91,7 +91,7 @@ class Dump:
             yield from self._wanted(self._front(min(size, header.header_length)))
             past = min(size, header.header_length)
             if self._loads(container):
-                yield from self._wanted(self._tables(container))
+                yield from self._wanted(self._directory(container))
                 yield from self._blocks(container)
                 past = min(size, header.file_length)
         if past < size:
@@ -134,25 +134,31 @@ class Dump:
             rows += _structure(HEADER_CHECKSUM, "header", "5.2", data, at)
         return rest(rows, length, "header", "5.2")
 
-    def _tables(self, container: Container) -> Iterator[Row]:
-        """Tile table and directory."""
-        header = container.header
-        start, middle = header.header_length, header.directory_offset
-        tiles = self._source.read(start, middle - start)
-        yield from moved(self._table(TILE_RECORD, "tile", "5.4", tiles), start)
-        entries = self._source.read(middle, header.data_offset - middle)
-        yield from moved(self._table(DIRECTORY_ENTRY, "entry", "5.5", entries), middle)
+    def _directory(self, container: Container) -> Iterator[Row]:
+        """ROOT and pages; of many pages the first few, unless all are wanted."""
+        header, root = container.header, container.root
+        start = header.header_length
+        yield from moved(root_rows(self._source.read(start, header.root_length), header, self._full), start)
+        yield from self._pages(root.pages, "tile_bytes", "tile pages", partial(self._tile_page, header))
+        yield from self._pages(root.rows, "row_bytes", "row pages", partial(self._row_page, header))
 
-    def _table(self, structure: Any, name: str, section: str, data: bytes) -> Iterator[Row]:
-        """The records of a table, all or the first few one by one."""
-        size = structure.sizeof()
-        count = len(data) // size
-        each = count if self._full else min(count, SHOWN_ITEMS)
-        for number in range(each):
-            yield from _structure(structure, f"{name} {number}", section, data, number * size)
-        if each < count:
-            left = len(data) - each * size
-            yield Row(each * size, left, f"{name} {each}..{count - 1}", f"{count - each} more", section)
+    def _tile_page(self, header: Header, page: int, _said: np.void, data: bytes) -> Iterator[Row]:
+        return tile_page_rows(data, page, header, self._full)
+
+    def _row_page(self, header: Header, _number: int, said: np.void, data: bytes) -> Iterator[Row]:
+        return row_page_rows(data, int(said["layer"]), int(said["page"]), header, self._full)
+
+    def _pages(
+        self, pages: Table, size: str, name: str, rows_of: Callable[[int, np.void, bytes], Iterator[Row]]
+    ) -> Iterator[Row]:
+        """The rows of pages that follow one another, and lie where ROOT says."""
+        each = len(pages) if self._full else min(len(pages), SHOWN_ITEMS)
+        for number, said in enumerate(pages[:each]):
+            data = self._source.read(int(said["offset"]), int(said[size]))
+            yield from moved(rows_of(number, said, data), int(said["offset"]))
+        if each < len(pages):
+            left = pages[each:]
+            yield Row(int(left["offset"][0]), total(left[size]), f"{name}: {len(left)} more", "", "5.5")
 
     def _blocks(self, container: Container) -> Iterator[Row]:
         contents = Contents(container.header.file_length, self._limits)
@@ -298,6 +304,6 @@ def _structure(structure: Any, name: str, section: str, data: bytes, at: int) ->
             value = " ".join(map(str, value))
         elif row.name in _NAMED and value in set(_NAMED[row.name]):
             value = f"{value} {_NAMED[row.name](value).name}"
-        elif row.name.endswith("crc32") or (row.name == "tile" and value == NO_TILE):
+        elif row.name.endswith("crc32"):
             value = f"0x{value:08X}"
         yield Row(start, row.size, f"{name}.{row.name}", value, section)

@@ -1,6 +1,6 @@
 """What a file holds, told from its header alone (SPEC §5.2): counts, layers, and where the bytes go.
 
-One read of at most 2280 bytes answers, whatever the file's size; only METADATA needs the directory.
+One read of at most 2280 bytes answers, whatever the file's size; only METADATA needs ROOT.
 """
 
 from __future__ import annotations
@@ -50,8 +50,10 @@ def inspect(source: ByteSource, *, metadata: bool = False, limits: Limits = DEFA
         "layer_count": header.layer_count,
         "layers_available": container.available_layers,
         "front_bytes": header.data_offset,
+        "root_bytes": header.root_length,
         "tiles": header.tile_count,
-        "blocks": header.entry_count,
+        "pages": header.page_count,
+        "page_bits": header.page_bits,
         "bytes_per_anchor": _ratio(header.file_length, header.anchor_count),
         "lattice_bits": header.fields.lattice_bits,
         "origin": list(header.fields.origin),
@@ -138,7 +140,8 @@ def _facts(report: dict[str, Any]) -> list[tuple[str, str]]:
         ("colour space", report["colour_space"]),
         (
             "structure",
-            f"{report['tiles']:,} tiles, {report['blocks']:,} blocks, {report['front_bytes']:,} bytes in front",
+            f"{report['tiles']:,} tiles in {report['pages']:,} pages, {report['front_bytes']:,} bytes in front,"
+            f" {report['root_bytes']:,} of them ROOT",
         ),
     ]
     if not report["complete"]:

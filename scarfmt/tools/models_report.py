@@ -113,7 +113,7 @@ def _network(models: SceneModels, network: IndexNetwork) -> dict[str, Any]:
 
 def _block_bytes(container: Container) -> dict[str, int]:
     sizes: dict[str, int] = {}
-    for entry in container.entries:
+    for entry in container.models:
         if entry.kind < BlockKind.TILE and container.is_available(entry):
             name = BlockKind(entry.kind).name.lower()
             sizes[name] = sizes.get(name, 0) + entry.length

@@ -1,7 +1,7 @@
 """Dropping the last layers of a file without decoding it (SPEC §14).
 
-The result is byte for byte what the writer makes of the remaining layers alone: same header fields and tile table;
-directory, counts, summaries and checksums recomputed; block bytes copied.
+The result is byte for byte what the writer makes of the remaining layers alone: same header fields, tile pages and row
+pages; ROOT, counts, summaries and checksums recomputed; block bytes copied.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ import io
 from typing import BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scarfmt.arrays import Bools
+from scarfmt.container.directory import Table, entry_from_row
 from scarfmt.container.file import Container, encode_front
 from scarfmt.container.schema import READABLE_KINDS, BlockFlag, Stream
 from scarfmt.container.source import ByteSource
@@ -55,25 +56,24 @@ def truncate_to(source: ByteSource, layers: int, target: BinaryIO, *, limits: Li
     if layers > container.available_layers:
         message = f"{layers} layers were asked for, but only {container.available_layers} arrived whole"
         raise Truncated("truncated-block", message, offset=source.size)
-    keep = _kept(container, layers)
-    front = _front(container, layers, keep)
+    container.load(layers)
+    rows = np.concatenate([container.rows(layer) for layer in range(1, layers + 1)])
+    keep = _kept(rows, layers == header.layer_count)
+    front = _front(container, layers, rows, keep)
     target.write(front)
-    entries = [entry for entry, kept in zip(container.entries, keep.tolist(), strict=True) if kept]
-    for entry in entries:
-        copy_block(container, entry, target)
-    return len(front) + sum(entry.length for entry in entries)
+    for row in rows[keep].tolist():
+        copy_block(container, entry_from_row(row), target)
+    return len(front) + int(rows["length"][keep].sum(dtype=np.uint64))
 
 
-def _kept(container: Container, layers: int) -> NDArray[np.bool_]:
-    """(E,) bool: directory rows that stay. Unknown critical kinds were refused before."""
-    rows = container.directory
+def _kept(rows: Table, whole: bool) -> Bools:
+    """(E,) bool: entries that stay. Unknown critical kinds were refused before."""
     copyable = np.isin(rows["kind"], sorted(READABLE_KINDS)) | (rows["flags"] & BlockFlag.SAFE_TO_COPY != 0)
-    kept: NDArray[np.bool_] = (rows["layer"] <= layers) & (copyable | (layers == container.header.layer_count))
-    return kept
+    return np.asarray(copyable | whole)
 
 
-def _front(container: Container, layers: int, keep: NDArray[np.bool_]) -> bytes:
-    rows, header = container.directory, container.header
+def _front(container: Container, layers: int, rows: Table, keep: Bools) -> bytes:
+    header = container.header
     counts, streams = [], []
     for index, layer in enumerate(header.layers[:layers]):
         dropped = rows["length"][(rows["layer"] == index + 1) & ~keep].sum(dtype=np.uint64)
@@ -82,4 +82,4 @@ def _front(container: Container, layers: int, keep: NDArray[np.bool_]) -> bytes:
         sizes[Stream.MODELS] -= int(dropped)
         counts.append((layer.anchor_count, layer.gaussian_count))
         streams.append(sizes)
-    return encode_front(header.fields, container.tile_table, rows[keep], counts, streams)
+    return encode_front(header.fields, container.tile_table, rows[keep], counts, streams, header.page_bits)

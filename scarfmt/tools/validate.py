@@ -138,7 +138,9 @@ def _open(source: ByteSource, limits: Limits, result: Validation) -> SceneReader
     container = Container.open(source, limits=limits, allow_truncated=True)
     result.layers_declared, result.layers_available = container.header.layer_count, container.available_layers
     try:
-        return SceneReader(source, limits=limits, allow_truncated=True, engine=best_engine())
+        reader = SceneReader(source, limits=limits, allow_truncated=True, engine=best_engine())
+        reader.container.load()
+        return reader
     except ScarError as error:
         result.findings.append(_finding(error))
         return None

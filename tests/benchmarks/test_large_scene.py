@@ -83,6 +83,12 @@ def test_the_model_tells_what_is_serial_from_what_is_shared() -> None:
     assert moving == pytest.approx(1120 * 1e8 / 100 / BANDWIDTH)
 
 
+def test_small_scenes_tell_nothing_of_large_ones() -> None:
+    """What they take is mostly the fit, and noise."""
+    assert large_scene.models({"small": run(8000)}) == []
+    assert len(large_scene.models({"large": run(10**7), "larger": run(5 * 10**7)})) == 1
+
+
 def test_two_workers_are_compared_with_one_of_the_same_scene() -> None:
     results = {"one": run(10**6, seconds=100.0), "two": run(10**6, 2, seconds=62.5), "more": run(2 * 10**6, 2)}
     assert [line.rpartition(" ")[2] for line in efficiencies(results)] == ["0.80."]

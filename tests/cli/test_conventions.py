@@ -113,6 +113,12 @@ def test_a_missing_file_is_exit_code_1(run: Run, tmp_path: Path) -> None:
         ["decode", "FILE", "out.ply", "--box", "1,2,3"],
         ["decode", "FILE", "out.ply", "--tiles", "one"],
         ["decode", "FILE", "out.ply", "--layers", "9"],
+        ["decode", "FILE", "out.ply", "--spz-version", "3"],
+        ["decode", "FILE", "out.spz", "--spz-sh-bits", "0", "4"],
+        ["decode", "FILE", "-", "--format", "gltf"],
+        ["decode", "FILE", "out.glb", "--attributes", "positions"],
+        ["convert", "FILE", "out.npz"],
+        ["convert", "FILE", "out.ply", "--from", "scar"],
         ["completion", "tcsh"],
     ],
 )

@@ -12,13 +12,16 @@ import pytest
 
 from fuzz.testing.scenes import random_scene
 from reference_decoder.decode import decode as decode_file
+from scarfmt.cli.outputs import SUFFIXES
 from scarfmt.coding.writer import write_scene
 from scarfmt.container.schema import Profile
 from scarfmt.container.source import HEAD_BYTES
 from scarfmt.counters import Counters
 from scarfmt.formats import load
+from scarfmt.formats.export_ply import write_inria_ply
+from scarfmt.formats.outputs import OUTPUTS
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
-from tests.cli.conftest import Run
+from tests.cli.conftest import Run, gaussians
 
 
 def test_a_ply_holds_what_the_decoder_gives(run: Run, encoded: Path, tmp_path: Path) -> None:
@@ -220,3 +223,87 @@ def test_options_of_baking_without_bake_are_an_argument_error(run: Run, explicit
     (tmp_path / "cameras.json").write_text('{"images": []}')
     assert run("decode", explicit_scar, tmp_path / "a.ply", "--cameras", tmp_path / "cameras.json").exit_code == 2
     assert run("decode", explicit_scar, tmp_path / "a.ply", "--bake-steps", 3).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("a.compressed.ply", ()), ("a.spz", ()), ("a.SPZ", ("--spz-version", 3, "--spz-fraction-bits", 9)), ("a.glb", ())],
+)
+def test_other_formats_hold_the_gaussians_of_the_ply(
+    run: Run, explicit_scar: Path, tmp_path: Path, name: str, options: tuple[object, ...]
+) -> None:
+    """Chosen by the ending of the name. A random scene may lie far out: positions agree to SPZ's step."""
+    result = run("decode", explicit_scar, tmp_path / name, *options)
+    assert result.exit_code == 0, result.output
+    run("decode", explicit_scar, tmp_path / "a.ply")
+    written, expected = load(tmp_path / name), load(tmp_path / "a.ply")
+    assert f"{len(expected):,} Gaussians" in result.stderr
+    assert isinstance(written, GaussianScene)
+    assert isinstance(expected, GaussianScene)
+    assert written.sh.shape == expected.sh.shape
+    ends = (np.sort(scene.positions, axis=0) for scene in (written, expected))
+    np.testing.assert_allclose(*ends, atol=2.0**-9)
+
+
+def test_a_gltf_has_its_buffer_beside_it(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    assert run("decode", explicit_scar, tmp_path / "my scene.gltf").exit_code == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["my scene.bin", "my scene.gltf"]
+    assert run("decode", explicit_scar, tmp_path / "a.glb").exit_code == 0
+    ours, other = load(tmp_path / "my scene.gltf"), load(tmp_path / "a.glb")
+    assert isinstance(ours, GaussianScene)
+    assert isinstance(other, GaussianScene)
+    np.testing.assert_array_equal(ours.sh, other.sh)
+    again = run("decode", explicit_scar, tmp_path / "my scene.gltf")
+    assert (again.exit_code, "output-exists" in again.stderr) == (2, True)
+
+
+def test_a_format_may_be_named(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
+    assert run("decode", explicit_scar, tmp_path / "scene", "--format", "glb").exit_code == 0
+    assert (tmp_path / "scene").read_bytes()[:4] == b"glTF"
+    assert len(load(tmp_path / "scene")) > 0
+
+
+def test_what_a_format_cannot_hold_is_said(run: Run, tmp_path: Path) -> None:
+    """On stderr, unless --quiet; the file is written."""
+    scene = gaussians(5)
+    scene.log_scales[2] = -30.0
+    write_inria_ply(scene, tmp_path / "a.ply")
+    said = run("convert", tmp_path / "a.ply", tmp_path / "a.spz")
+    assert (said.exit_code, "1 of 5 Gaussians" in said.stderr) == (0, True)
+    quiet = run("convert", tmp_path / "a.ply", tmp_path / "a.spz", "--quiet", "--force")
+    assert (quiet.exit_code, quiet.stderr) == (0, "")
+
+
+def test_convert_goes_between_formats_of_others(run: Run, shell, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """Also through pipes; floats come back as they were."""
+    scene = gaussians(40)
+    write_inria_ply(scene, tmp_path / "a.ply")
+    assert run("convert", tmp_path / "a.ply", tmp_path / "a.glb").exit_code == 0
+    done = shell("convert", "-", "-", "-q", cwd=tmp_path, input=(tmp_path / "a.glb").read_bytes())
+    assert (done.returncode, done.stderr) == (0, b"")
+    back = load(done.stdout)
+    assert isinstance(back, GaussianScene)
+    np.testing.assert_array_equal(back.sh, scene.sh)
+    assert run("convert", tmp_path / "a.glb", tmp_path / "flat.ply", "--sh-degree", 0).exit_code == 0
+    assert load(tmp_path / "flat.ply").sh.shape == (40, 1, 3)  # type: ignore[union-attr]
+
+
+def test_convert_refuses_anchors(run: Run, anchors: Path, tmp_path: Path) -> None:
+    run("decode", anchors, tmp_path / "a.npz")
+    refused = run("convert", tmp_path / "a.npz", tmp_path / "a.ply")
+    assert refused.exit_code == 2
+    assert "--bake" in refused.stderr
+    assert not (tmp_path / "a.ply").exists()
+
+
+def test_anchors_are_baked_into_any_format(run: Run, anchors: Path, tmp_path: Path) -> None:
+    for name in ("a.ply", "a.glb"):
+        assert run("decode", anchors, tmp_path / name, "--bake", "--bake-steps", 0).exit_code == 0
+    ply, glb = load(tmp_path / "a.ply"), load(tmp_path / "a.glb")
+    assert isinstance(ply, GaussianScene)
+    assert isinstance(glb, GaussianScene)
+    np.testing.assert_array_equal(ply.sh, glb.sh)
+
+
+def test_the_formats_of_the_command_line_are_those_of_the_writers() -> None:
+    assert {output.id: output.suffix for output in OUTPUTS} == SUFFIXES

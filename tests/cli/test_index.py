@@ -70,6 +70,20 @@ def test_decoding_writes_all_files(run: Run, path: Path) -> None:
     assert run("decode", path, path.parent / "x.npz", "--attributes", "opacity").exit_code == 2
 
 
+def test_decoding_writes_other_formats(run: Run, path: Path) -> None:
+    """All files in one, and what a view needs of them."""
+    out, part = path.parent / "all.glb", path.parent / "seen.spz"
+    assert run("decode", path, out, "-q").exit_code == 0
+    assert run("decode", path, path.parent / "all.ply", "-q").exit_code == 0
+    glb, ply = load(out), load(path.parent / "all.ply")
+    assert isinstance(glb, GaussianScene)
+    assert isinstance(ply, GaussianScene)
+    np.testing.assert_array_equal(glb.sh, ply.sh)
+    np.testing.assert_array_equal(glb.positions, ply.positions)
+    assert run("decode", path, part, "--budget", 150, "-q").exit_code == 0
+    assert 0 < len(load(part)) <= 150
+
+
 def test_decoding_for_a_view_keeps_to_the_budget(run: Run, path: Path) -> None:
     """Of an index and of a file; nothing where all is behind the eye."""
     out = path.parent / "seen.ply"

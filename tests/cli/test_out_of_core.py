@@ -24,6 +24,7 @@ FAST = ("--effort", 1, "--layers", 1, "--quality", 30, "--corrections", 0)
         ("--range-size", 5000),
         ("--work", "w", "--workers", 2, "--cluster", "tcp://localhost:8786"),
         ("--work", "w", "--range-size", 5),
+        ("--work", "w", "--viewpoints", 8),
         ("--work", "w", "--latent", "learned"),
     ],
 )

@@ -18,6 +18,7 @@ from scarfmt.container.bytefields import (
     decompress,
     signed_varint,
     unsigned_varint,
+    unsigned_varints,
     varints,
 )
 from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError
@@ -43,6 +44,12 @@ def test_unsigned_varints_come_back(value: int) -> None:
     reader = ByteReader(data, "x")
     assert reader.unsigned(63) == value
     reader.finish()
+
+
+@given(st.lists(st.integers(0, 2**63 - 1) | st.integers(0, 300), max_size=20))
+def test_many_varints_are_written_as_one_by_one(values: list[int]) -> None:
+    """At once, in the same bytes."""
+    assert unsigned_varints(np.array(values, np.int64)) == b"".join(map(unsigned_varint, values))
 
 
 @given(st.integers(-(2**31), 2**31 - 1))
@@ -84,6 +91,7 @@ def test_overlong_and_cut_varints_are_refused(data: bytes, bits: int, reason: st
 def test_a_negative_number_is_no_unsigned_varint() -> None:
     """The writer's fault is named, not looped over."""
     assert refusal(unsigned_varint, -1) == (InvalidInput, "input-varint")
+    assert refusal(unsigned_varints, np.array([1, -1])) == (InvalidInput, "input-varint")
 
 
 # ------------------------------------------------------------------------------------------------ cursor
@@ -238,11 +246,13 @@ BYTES = st.one_of(st.integers(0, 255), st.sampled_from([0, 1, 0x7F, 0x80, 0x81, 
 
 
 @settings(max_examples=300)
-@given(st.lists(BYTES, max_size=40).map(bytes), st.sampled_from([1, 7, 8, 24, 32, 33, 56]))
+@given(st.lists(BYTES, max_size=40).map(bytes), st.sampled_from([1, 7, 8, 24, 32, 33, 56, 57, 63]))
 @example(b"", 24)
 @example(unsigned_varint((1 << 56) - 1), 56)
+@example(unsigned_varint((1 << 63) - 1), 63)
 @example(unsigned_varint(1 << 33), 33)
 @example(b"\x80" * 9 + b"\0", 56)
+@example(b"\x80" * 9 + b"\1", 63)
 def test_a_payload_of_varints_and_nothing_else(data: bytes, bits: int) -> None:
     """All of it, as one by one; None for what is refused then, or for no integer at all."""
     reader, wanted = ByteReader(data, "x"), list[int]()
@@ -256,7 +266,7 @@ def test_a_payload_of_varints_and_nothing_else(data: bytes, bits: int) -> None:
 
 
 @settings(max_examples=300)
-@given(st.lists(BYTES, max_size=60).map(bytes), st.integers(12, 20), st.sampled_from([7, 8, 24, 32, 56]))
+@given(st.lists(BYTES, max_size=60).map(bytes), st.integers(12, 20), st.sampled_from([7, 8, 24, 32, 56, 63]))
 def test_many_varints_of_any_bytes(data: bytes, count: int, bits: int) -> None:
     """At once and one by one: the same integers and place, or the same refusal at the same place."""
     answers = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import gzip
 import io
 import json
@@ -224,6 +225,56 @@ def anchor_npz(arrays: dict[str, NDArray[Any]] | None = None) -> bytes:
     return zipped({f"{name}.npy": npy(array) for name, array in arrays.items()}, zipfile.ZIP_DEFLATED)
 
 
+def gltf_document(count: int = 4, degree: int = 1) -> tuple[dict[str, Any], bytes]:
+    """A glTF of `count` Gaussians and its buffer: number c of row r of the attribute number a is simple, see below."""
+    name = "KHR_gaussian_splatting:{}".format
+    row = np.arange(count)[:, None]
+    xyzw = unit_quaternions(count)[:, [1, 2, 3, 0]]
+    arrays = {
+        "POSITION": ("VEC3", row + np.arange(3) / 4),
+        name("ROTATION"): ("VEC4", xyzw),
+        name("SCALE"): ("VEC3", (row + 1) / 2.0 ** np.arange(3)),
+        name("OPACITY"): ("SCALAR", row / max(count - 1, 1)),
+    }
+    for band in range(degree + 1):
+        for number in range(2 * band + 1):
+            arrays[name(f"SH_DEGREE_{band}_COEF_{number}")] = ("VEC3", row + band + number / 8 + np.arange(3) / 64)
+    data, views, accessors, attributes = b"", [], [], {}
+    for attribute, (kind, values) in arrays.items():
+        attributes[attribute] = len(views)
+        accessors.append({"bufferView": len(views), "componentType": 5126, "count": count, "type": kind})
+        body = values.astype("<f4").tobytes()
+        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": len(body)})
+        data += body
+    extension = {"kernel": "ellipse", "colorSpace": "srgb_rec709_display"}
+    primitive = {"attributes": attributes, "mode": 0, "extensions": {"KHR_gaussian_splatting": extension}}
+    document: dict[str, Any] = {
+        "asset": {"version": "2.0"},
+        "extensionsUsed": ["KHR_gaussian_splatting"],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "buffers": [{"byteLength": len(data)}],
+        "bufferViews": views,
+        "accessors": accessors,
+    }
+    return document, data
+
+
+def glb(document: dict[str, Any], data: bytes) -> bytes:
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+def gltf(document: dict[str, Any], data: bytes) -> bytes:
+    """A .gltf with its buffer in place."""
+    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+    return json.dumps(document | {"buffers": [{"byteLength": len(data), "uri": uri}]}).encode()
+
+
 EXAMPLES: dict[str, bytes] = {
     "ply": inria_ply(3, 9),
     "ply ascii": inria_ply(3, 0, form="ascii"),
@@ -234,5 +285,7 @@ EXAMPLES: dict[str, bytes] = {
     "sog": zipped(sog_files()),
     "anchor-npz": anchor_npz(),
     "splat": splat(),
+    "gltf glb": glb(*gltf_document()),
+    "gltf json": gltf(*gltf_document(2, 0)),
 }
 """A small valid file of every format, by format id and variant."""

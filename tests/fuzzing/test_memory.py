@@ -15,7 +15,9 @@ from pathlib import Path
 import pytest
 import zstandard
 
+from conformance.writer.pages import Pages
 from fuzz.bombs import SCALE, build, channels, zero_tables
+from fuzz.testing.front import PAGE_BITS
 from fuzz.testing.parts import Part, put_together, resealed, take_apart
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.writer import write_scene
@@ -66,22 +68,28 @@ def _with_count(offset: int, size: int, value: int) -> bytes:
     return resealed(bytes(data))
 
 
-def _overlapping() -> bytes:
-    data = bytearray(_base())
-    start = len(data) - sum(len(block.payload) for block in take_apart(_base()).blocks)
-    data[start - 24 : start - 16] = data[start - 56 : start - 48]
-    return resealed(bytes(data))
-
-
-def _prefix_cycle() -> bytes:
+def _with_root(change: Callable[[Pages], object]) -> bytes:
+    """The file with pages of one tile, and numbers of ROOT changed."""
     parts = take_apart(_base())
-    parts.tiles = [parts.tiles[1], parts.tiles[0]]
-    return put_together(parts)
+    parts.header = parts.header[:PAGE_BITS] + b"\0" + parts.header[PAGE_BITS + 1 :]
+    return put_together(parts, change)
+
+
+def _overlapping() -> bytes:
+    return _with_root(lambda pages: vars(pages.root.pages[0].rows[0]).update(row_bytes=17))
+
+
+def _base_cycle() -> bytes:
+    return _with_root(lambda pages: vars(pages.root.pages[1]).update(gap=0))
+
+
+def _endless_block(pages: Pages) -> None:
+    pages.root.models[0][0].length = (1 << 53) - 1
 
 
 def _many_metadata() -> bytes:
     parts = take_apart(_base())
-    parts.blocks.append(Part(BlockKind.METADATA, 2, 1, 0, 0xFFFFFFFF, 0, b"[" * 1_000_000))
+    parts.blocks.append(Part(BlockKind.METADATA, 2, 1, 0xFFFFFFFF, 0, b"[" * 1_000_000))
     return put_together(parts)
 
 
@@ -92,11 +100,17 @@ BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     "2^63 declared": (lambda: _with_tables(_frame(1 << 63, bytes(100))), "content-limit"),
     "2^63 anchors": (lambda: _with_count(40, 8, 1 << 63), "limit-anchors"),
     "2^32 - 1 tiles": (lambda: _with_count(32, 4, (1 << 32) - 1), "limit-tiles"),
-    "2^32 - 1 entries": (lambda: _with_count(36, 4, (1 << 32) - 1), "limit-entries"),
-    "a million entries": (lambda: _with_count(36, 4, 1 << 20), "layer-offset"),
+    "2^20 tiles in a ROOT of one page": (lambda: _with_count(32, 4, 1 << 20), "payload-short"),
+    "a ROOT of 2^32 - 1 bytes": (lambda: _with_count(36, 4, (1 << 32) - 1), "limit-root"),
+    "a ROOT of a megabyte": (lambda: _with_count(36, 4, 1 << 20), "layer-offset"),
+    "a block of 2^53 - 1 bytes": (lambda: _with_root(_endless_block), "entry-length"),
+    "a page of 2^53 - 1 bytes of blocks": (
+        lambda: _with_root(lambda pages: vars(pages.root.pages[0].rows[0]).update(block_bytes=(1 << 53) - 1)),
+        "layer-directory-bytes",
+    ),
     "a file of 2^53 bytes": (lambda: _with_count(16, 8, (1 << 53) - 1), "bad-file-length"),
-    "blocks that overlap": (_overlapping, "entry-offset"),
-    "tiles in a circle": (_prefix_cycle, "tile-order"),
+    "pages that overlap": (_overlapping, "directory-length"),
+    "pages in a circle": (_base_cycle, "tile-order"),
     "metadata a million deep": (_many_metadata, "limit-metadata"),
 }
 

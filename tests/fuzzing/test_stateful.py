@@ -68,7 +68,7 @@ class FileLife(RuleBasedStateMachine):
         layer = data.draw(st.integers(1, self.layers))
         parts = take_apart(self.data)
         parts.blocks = [block for block in parts.blocks if (block.layer, block.kind) != (layer, kind)]
-        parts.blocks.append(Part(kind, flags, layer, 0, NO_TILE, 0, text))
+        parts.blocks.append(Part(kind, flags, layer, NO_TILE, 0, text))
         parts.blocks.sort(key=lambda block: (block.layer, block.kind, block.tile))
         self.data = put_together(parts)
         self.notes[layer, kind] = flags, text

@@ -14,15 +14,17 @@ from fuzz.testing.scenes import random_scene
 from fuzz.testing.strategies import quantised_scenes
 from reference_decoder.decode import decode, decode_scene, iter_tiles
 from reference_decoder.decoded import Decoded
-from reference_decoder.request import RequestFields
+from reference_decoder.request import DecodeRequest, RequestFields
 from scarfmt.blocks.layer import pack_layer
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
-from scarfmt.container.file import Container
+from scarfmt.container import paged
+from scarfmt.container.file import Container, encode_front
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE
 from scarfmt.counters import Counters
-from scarfmt.errors import InvalidInput, Malformed, Truncated
+from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, Truncated
+from scarfmt.limits import Limits
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
 from scarfmt.tools.truncate import truncate
@@ -112,6 +114,68 @@ def test_culled_tiles_are_not_read() -> None:
     entries = Container.open(BytesSource(data)).entries
     tile_bytes = sum(entry.length for entry in entries if entry.kind == BlockKind.TILE)
     assert nothing.bytes_read == everything.bytes_read - tile_bytes
+
+
+class Recorded(BytesSource):
+    """A source that notes what is read of it."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self.ranges: list[tuple[int, int]] = []
+
+    def _fetch(self, offset: int, length: int) -> bytes:
+        self.ranges.append((offset, length))
+        return super()._fetch(offset, length)
+
+
+def in_pages(data: bytes, page_bits: int) -> bytes:
+    """The same file with other pages."""
+    container = Container.open(BytesSource(data))
+    header = container.header
+    counts = [(layer.anchor_count, layer.gaussian_count) for layer in header.layers]
+    streams = [layer.stream_bytes for layer in header.layers]
+    front = encode_front(header.fields, container.tile_table, container.directory, counts, streams, page_bits)
+    return front + data[header.data_offset :]
+
+
+def test_row_pages_that_are_not_needed_are_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of later layers, and those of tiles elsewhere; every page that is needed is read once."""
+    # As if the directory were large: small ones are read whole.
+    monkeypatch.setattr(paged, "AT_ONCE_BYTES", 0)
+    data = in_pages(write_scene(random_scene(3, anchors=900, layers=3, tiles=30)), 2)
+    assert_equal(decode(data), decode(in_pages(data, 10)))
+    header, rows = Container.open(BytesSource(data)).header, Container.open(BytesSource(data)).root.rows
+    first = int(rows["offset"][0])
+    for request, wanted in (
+        (DecodeRequest(layers=1), rows["layer"] == 1),
+        (DecodeRequest(tiles=[4, 6]), rows["page"] == 1),
+        (DecodeRequest(tiles=[4, 6], layers=2), (rows["page"] == 1) & (rows["layer"] <= 2)),
+        (DecodeRequest(), rows["layer"] > 0),
+    ):
+        source = Recorded(data)
+        decode(source, request)
+        assert source.ranges[0][0] == 0
+        # The read of the longest header goes beyond that of this file.
+        parts = [min(start + size, header.data_offset) - max(start, first) for start, size in source.ranges[1:]]
+        assert sum(max(0, part) for part in parts) == int(rows["row_bytes"][wanted].sum())
+
+
+def test_what_may_not_be_held_at_once_is_refused() -> None:
+    """Before a tile is decoded; in parts it can be had (R-13.2-3)."""
+    data = write_scene(random_scene(3, anchors=900, tiles=4))
+    few = Limits(gathered=899)
+    for gather in (decode, decode_scene):
+        with pytest.raises(LimitExceeded, match="tile by tile") as caught:
+            gather(data, limits=few)
+        assert caught.value.refusal == "limit-gathered"
+        assert len(gather(data, limits=few, tiles=[0])) < 900
+        assert len(gather(data, limits=Limits(gathered=900))) == 900
+    assert sum(map(len, iter_tiles(data, limits=few))) == 900
+    anchors = write_scene(random_scene(3, Profile.ANCHOR, anchors=100))
+    slots = 100 * Container.open(BytesSource(anchors)).header.fields.slots
+    assert len(decode(anchors, limits=Limits(gathered_slots=slots))) == 100
+    with pytest.raises(LimitExceeded, match="slots"):
+        decode(anchors, limits=Limits(gathered_slots=slots - 1))
 
 
 @pytest.mark.parametrize("profile", list(Profile))

@@ -7,7 +7,7 @@ import zlib
 
 from hypothesis import strategies as st
 
-from scarfmt.container.file import Block, HeaderFields, Tile, write_container
+from scarfmt.container.file import PAGE_BITS, Block, HeaderFields, Tile, write_container
 from scarfmt.container.schema import (
     CHECKSUM_SIZE,
     FILE_HEADER_SIZE,
@@ -41,66 +41,48 @@ def sample_blocks() -> list[Block]:
         Block(BlockKind.TILE, 2, b"one appears", 1, 15, {Stream.SCALE: 5}),
         Block(BlockKind.LAYER, 3, b"third"),
         Block(BlockKind.TILE, 3, b"one again", 1, 75, {Stream.COLOUR: 9}),
-        Block(PRIVATE_SAFE, 3, b"private", 1, 4, flags=BlockFlag.SAFE_TO_COPY),
+        Block(PRIVATE_SAFE, 3, b"private", count=4, flags=BlockFlag.SAFE_TO_COPY),
     ]
 
 
-def sample_file(layers: int = 3) -> bytes:
+def sample_file(layers: int = 3, page_bits: int = PAGE_BITS) -> bytes:
     """The container of the first `layers` layers of :func:`sample_blocks`."""
     blocks = [block for block in sample_blocks() if block.layer <= layers]
-    return write_container(FIELDS, TILES, blocks, COUNTS[:layers])
+    return write_container(FIELDS, TILES, blocks, COUNTS[:layers], page_bits)
 
 
-def table_start(data: bytes, name: str) -> int:
-    """Absolute offset of a table of `data`."""
-    header_length, tiles = int.from_bytes(data[12:16], "little"), int.from_bytes(data[32:36], "little")
-    return {
-        "FILE_HEADER": 0,
-        "LAYER_SUMMARY": FILE_HEADER_SIZE,
-        "TILE_RECORD": header_length,
-        "DIRECTORY_ENTRY": header_length + 12 * tiles,
-    }[name]
+_STARTS = {"FILE_HEADER": 0, "LAYER_SUMMARY": FILE_HEADER_SIZE}
 
 
-def locate(data: bytes, name: str, row: int, field: str, index: int = 0) -> tuple[int, str]:
-    """Absolute offset and struct code of a (possibly array) field in row `row` of table `name`."""
+def locate(name: str, row: int, field: str, index: int = 0) -> tuple[int, str]:
+    """Absolute offset and struct code of a (possibly array) field of FILE_HEADER or of a LAYER_SUMMARY."""
     place = next(f for f in field_table(STRUCTURES[name]) if f.name == field)
     code = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "f64": "d"}[place.type.split("[")[0]]
-    start = table_start(data, name) + row * STRUCTURES[name].sizeof() + place.offset
+    start = _STARTS[name] + row * STRUCTURES[name].sizeof() + place.offset
     return start + index * struct.calcsize("<" + code), "<" + code
 
 
 def get(data: bytes, name: str, row: int, field: str, index: int = 0) -> int:
     """A field's value."""
-    offset, code = locate(data, name, row, field, index)
+    offset, code = locate(name, row, field, index)
     return struct.unpack_from(code, data, offset)[0]
 
 
 def edit(data: bytes, name: str, row: int, field: str, value: float, index: int = 0) -> bytes:
-    """`data` with one field changed and both checksums of the front made right again."""
-    offset, code = locate(data, name, row, field, index)
+    """`data` with one field of the header changed and the header's checksum made right again."""
+    offset, code = locate(name, row, field, index)
     changed = bytearray(data)
     struct.pack_into(code, changed, offset, value)
-    return refit(bytes(changed), int.from_bytes(data[12:16], "little"), table_start(data, "DIRECTORY_ENTRY"))
+    return refit(bytes(changed), int.from_bytes(data[12:16], "little"), int.from_bytes(data[36:40], "little"))
 
 
-def refit(data: bytes, header_length: int, directory: int) -> bytes:
-    """`data` with directory and header CRC-32 recomputed for a header and directory at these places."""
+def refit(data: bytes, header_length: int, root_length: int) -> bytes:
+    """`data` with the checksums of ROOT and header recomputed, for a header and a ROOT of these lengths."""
     changed = bytearray(data)
-    entries = int.from_bytes(data[36:40], "little")
-    changed[96:100] = zlib.crc32(changed[header_length : directory + 32 * entries]).to_bytes(4, "little")
+    changed[96:100] = zlib.crc32(changed[header_length : header_length + root_length]).to_bytes(4, "little")
     end = header_length - CHECKSUM_SIZE
     changed[end:header_length] = zlib.crc32(changed[:end]).to_bytes(4, "little")
     return bytes(changed)
-
-
-def swap_rows(data: bytes, name: str, first: int, second: int) -> bytes:
-    """`data` with two rows of a table exchanged, checksums right."""
-    size, start = STRUCTURES[name].sizeof(), table_start(data, name)
-    a, b = start + first * size, start + second * size
-    changed = bytearray(data)
-    changed[a : a + size], changed[b : b + size] = data[b : b + size], data[a : a + size]
-    return refit(bytes(changed), int.from_bytes(data[12:16], "little"), table_start(data, "DIRECTORY_ENTRY"))
 
 
 @st.composite
@@ -157,5 +139,4 @@ def block_lists(draw: st.DrawFn, layers: int, tiles: int) -> list[Block]:
     if tiles:
         index = st.integers(0, tiles - 1)
         kinds.append(st.builds(Block, st.just(16), layer, payload, index, st.integers(0, 65536), st.just({3: 1})))
-        kinds.append(st.builds(Block, st.integers(128, 255), layer, payload, index, flags=st.sampled_from([0, 2])))
     return draw(st.lists(st.one_of(kinds), max_size=12, unique_by=lambda b: (b.layer, b.kind, b.tile)))

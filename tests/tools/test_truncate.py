@@ -34,9 +34,10 @@ def test_truncating_equals_writing_fewer_layers(arguments: tuple, data: st.DataO
     """SPEC §14: truncate(encode(L layers), k) == encode(k layers), byte for byte."""
     fields, tiles, blocks, counts = arguments
     blocks = [block for block in blocks if block.kind in READABLE_KINDS]
-    layers = data.draw(st.integers(1, len(counts)))
-    whole = write_container(fields, tiles, blocks, counts)
-    fewer = write_container(fields, tiles, [block for block in blocks if block.layer <= layers], counts[:layers])
+    layers, page_bits = data.draw(st.integers(1, len(counts))), data.draw(st.integers(0, 3))
+    whole = write_container(fields, tiles, blocks, counts, page_bits)
+    kept = [block for block in blocks if block.layer <= layers]
+    fewer = write_container(fields, tiles, kept, counts[:layers], page_bits)
     assert truncate(BytesSource(whole), layers, limits=FORMAT_LIMITS) == fewer
 
 
@@ -50,7 +51,7 @@ def test_truncating_in_steps_equals_truncating_at_once() -> None:
 def test_unknown_blocks_are_copied_only_when_that_is_safe() -> None:
     """An editor cannot know what an unsafe annotation says about the dropped layers."""
     safe = Block(PRIVATE_SAFE, 1, b"safe", flags=BlockFlag.SAFE_TO_COPY)
-    unsafe = Block(PRIVATE_UNSAFE, 1, b"unsafe", 0, flags=0)
+    unsafe = Block(PRIVATE_UNSAFE, 1, b"unsafe", flags=0)
     base = sample_blocks()
     data = write_container(FIELDS, TILES, [*base, safe, unsafe], COUNTS)
     kept = [block for block in base if block.layer <= 2]

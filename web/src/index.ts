@@ -11,10 +11,15 @@ export type { Channel, ChannelEvents, MakeChannel } from "./decoder/channel.js";
 export { StreamError } from "./stream/errors.js";
 export type { TransportId } from "./stream/errors.js";
 export { fileOrder } from "./plan/file_order.js";
-export type { Front } from "./stream/front.js";
+export type { Front } from "./stream/directory.js";
 export type { RangeReader } from "./stream/local_source.js";
 export type { SourceLike } from "./stream/source.js";
 export { ScarStream } from "./stream/scar_stream.js";
+export { isIndexName } from "./scene/index_file.js";
+export type { Resolve } from "./scene/index_file.js";
+export { ScarScene } from "./scene/scar_scene.js";
+export type { SceneEvents, SceneOptions, SceneTileEvent } from "./scene/scar_scene.js";
+export type { SceneFront } from "./scene/scene_front.js";
 export type { EvictEvent, Progress, Stats, StreamEvents, StreamOptions, TileEvent } from "./stream/scar_stream.js";
 
 /** The decoder in WebAssembly; see `loadModule` of src/decoder/shared_module.ts. */

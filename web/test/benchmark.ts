@@ -26,11 +26,12 @@ function measure(decoder: TileDecoder, bytes: Uint8Array): Times {
   const feeder = new Feeder(decoder, bytes);
   const layers = [...Array(feeder.layers).keys()].map((k) => k + 1);
   const tiles = [...Array(feeder.tiles).keys()];
-  const bodies = tiles.map((tile) => layers.map((layer) => feeder.body(tile, layer)));
+  const cubes = tiles.map((tile) => feeder.cube(tile));
+  const blocks = tiles.map((tile) => layers.map((layer) => feeder.block(tile, layer)));
   const models = timed(() => layers.forEach((layer) => feeder.addModels(layer)));
   let [integers, values, count] = [0, 0, 0];
   for (const tile of tiles) {
-    integers += timed(() => layers.forEach((layer) => decoder.advance(tile, layer, bodies[tile][layer - 1])));
+    integers += timed(() => blocks[tile].forEach((block) => decoder.advance(tile, cubes[tile], block)));
     values += timed(() => (count += decoder.values(tile).count));
     decoder.release(tile);
   }

@@ -5,24 +5,35 @@ import puppeteer, { type Browser, type Page } from "puppeteer-core";
 const FLAGS = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"];
 const PATIENCE_MS = 240_000;
 
-/** A page of a browser that is closed whatever happens; errors of scripts fail the run. */
-export async function browsing(run: (page: Page) => Promise<void>, size = { width: 480, height: 360 }): Promise<void> {
-  const browser: Browser = await puppeteer.launch({
-    executablePath: process.env.CHROMIUM,
-    args: FLAGS,
-    protocolTimeout: PATIENCE_MS,
-  });
+export interface Size {
+  width: number;
+  height: number;
+}
+
+/** Runs with a page; errors of its scripts fail the run. */
+export type Browsing = (run: (page: Page) => Promise<void>, size?: Size) => Promise<void>;
+
+export function launch(): Promise<Browser> {
+  return puppeteer.launch({ executablePath: process.env.CHROMIUM, args: FLAGS, protocolTimeout: PATIENCE_MS });
+}
+
+/** A page of a browser of its own, which is closed whatever happens. */
+export const browsing: Browsing = async (run, size) => {
+  const browser = await launch();
   try {
-    const page = await browser.newPage();
-    await page.setViewport(size);
-    page.setDefaultTimeout(PATIENCE_MS);
-    const errors: string[] = [];
-    page.on("pageerror", (error) => errors.push(String(error)));
-    await run(page);
-    if (errors.length > 0) throw new Error(errors.join("\n"));
+    await runIn(await browser.newPage(), run, size);
   } finally {
     await browser.close();
   }
+};
+
+export async function runIn(page: Page, run: (page: Page) => Promise<void>, size?: Size): Promise<void> {
+  await page.setViewport(size ?? { width: 480, height: 360 });
+  page.setDefaultTimeout(PATIENCE_MS);
+  const errors: string[] = [];
+  page.on("pageerror", (error) => errors.push(String(error)));
+  await run(page);
+  if (errors.length > 0) throw new Error(errors.join("\n"));
 }
 
 /** Waits until the page is in a state: "reading", "drawing" or "still". */

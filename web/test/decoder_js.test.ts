@@ -111,10 +111,10 @@ describe("the decoder in JavaScript", () => {
   it("refuses damaged blocks by rule and goes on with other tiles", async () => {
     const one = await feeder(toys());
     one.addModels(1);
-    const damaged = one.body(2, 1);
-    damaged[damaged.length - 1] ^= 1;
+    const damaged = one.block(2, 1);
+    damaged.body[damaged.body.length - 1] ^= 1;
     assert.throws(
-      () => one.decoder.advance(2, 1, damaged),
+      () => one.decoder.advance(2, one.cube(2), damaged),
       (error: Refusal) => error.id === "crc-mismatch" && error.offset !== null,
     );
     assert.throws(() => one.decoder.values(2), RangeError);

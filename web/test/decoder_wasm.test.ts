@@ -97,10 +97,10 @@ describe("the decoder in WebAssembly", () => {
     one.advance(0, 1);
     const before = decoder.values(0);
     const held = decoder.memory();
-    const body = one.body(1, 1);
-    body[body.length - 1] ^= 1;
+    const damaged = one.block(1, 1);
+    damaged.body[damaged.body.length - 1] ^= 1;
     const isRefusal = (error: Refusal) => error.id === "crc-mismatch" && error instanceof Error;
-    assert.throws(() => decoder.advance(1, 1, body), isRefusal);
+    assert.throws(() => decoder.advance(1, one.cube(1), damaged), isRefusal);
     assert.throws(() => decoder.values(1), RangeError);
     assert.ok(decoder.memory() <= held);
     assert.deepEqual(decoder.values(0), before);
@@ -110,7 +110,7 @@ describe("the decoder in WebAssembly", () => {
 
   it("refuses models by their id", () => {
     const one = feeder(toys());
-    const blocks = one.blocks(1, false).filter(({ kind }) => kind !== 1);
+    const blocks = one.blocks(1).filter(({ kind }) => kind !== 1);
     assert.throws(() => one.decoder.addModels(1, blocks), (error: Refusal) => error.id === "missing-block");
   });
 
@@ -120,7 +120,7 @@ describe("the decoder in WebAssembly", () => {
       each.addModels(1);
       each.advance(0, 1);
     }
-    const blocks = one.blocks(2, false);
+    const blocks = one.blocks(2);
     blocks[0].body[0] = 7;
     const isRefusal = (error: Refusal) => error.id === "unsupported-entropy-mode";
     assert.throws(() => one.decoder.addModels(2, blocks), isRefusal);

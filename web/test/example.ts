@@ -1,7 +1,7 @@
 /** The example page for PlayCanvas, and what can be asked of it and done in it. */
 
 import type { Page } from "puppeteer-core";
-import { browsing } from "./chromium.js";
+import { type Browsing, browsing, type Size } from "./chromium.js";
 import { hosting } from "./hosting.js";
 
 const WEB = new URL("../../", import.meta.url);
@@ -12,10 +12,10 @@ const SETTLING = { frames: 10, ms: 300 };
 export async function exampleOf(
   scene: string,
   run: (page: Page) => Promise<void>,
-  size?: { width: number; height: number },
+  { size, open = browsing }: { size?: Size; open?: Browsing } = {},
 ): Promise<void> {
   await hosting(WEB, scene, { asked: [] }, (address) =>
-    browsing(async (page) => {
+    open(async (page) => {
       await page.goto(`${address}examples/playcanvas.html?url=/scene.scar`);
       await page.waitForFunction("document.readyState === 'complete'");
       await page.evaluate("import('playcanvas').then((found) => (globalThis.pc = found))");

@@ -4,7 +4,7 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 
 /** The repository; tests run from web/. */
-const REPOSITORY = join(process.cwd(), "..");
+export const REPOSITORY = join(process.cwd(), "..");
 
 export function readBytes(path: string): Uint8Array {
   return new Uint8Array(readFileSync(path));

@@ -3,11 +3,14 @@
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
 import { openScar } from "../../conformance/decoders/js/decoder.js";
-import { frontLength, parseFront } from "../src/stream/front.js";
-import { FIRST_BYTES, openFront } from "../src/stream/open_front.js";
+import type { Directory } from "../src/stream/directory.js";
+import { frontLength, openPages, parseFront } from "../src/stream/front.js";
+import { FRONT_SIZES, openFront } from "../src/stream/open_front.js";
 import type { ByteSource } from "../src/stream/source.js";
 import { wantedEntries } from "../src/stream/wanted.js";
 import { toys, vector } from "./files.js";
+import { openedFront } from "./fronts.js";
+import { repaged, replicated } from "./replicas.js";
 
 const bytes = toys();
 
@@ -30,28 +33,28 @@ function sourceOf(file: Uint8Array, chunk: number, ranged = true): ByteSource & 
   };
 }
 
-describe("the front", () => {
-  it("gives places and final counts of all tiles", () => {
-    const front = parseFront(bytes, bytes.length);
-    const sizes = [...openScar(bytes).tiles()].map(({ size }) => size);
-    assert.deepEqual([...front.finalCounts], sizes);
-    assert.deepEqual(
-      [...front.base],
-      sizes.map((_, t) => sizes.slice(0, t).reduce((a, b) => a + b, 0)),
-    );
-    assert.equal(front.total, 10914);
-  });
+/** Anchors of each tile, all layers together. */
+function anchors({ index: { tiles, layers, counts } }: Directory): number[] {
+  const of = (tile: number) => counts.subarray(tile * layers, (tile + 1) * layers).reduce((a, b) => a + b, 0);
+  return Array.from({ length: tiles }, (_, tile) => of(tile));
+}
 
-  it("counts slots in the anchor profile", () => {
-    const file = vector("valid/anchors");
-    const front = parseFront(file, file.length);
-    const scar = openScar(file);
-    const places = [...scar.tiles()].map(({ size }) => size * scar.header.slots);
-    assert.deepEqual([...front.finalCounts], places);
+/** Bytes of the directory. */
+const directoryBytes = (file: Uint8Array) => openScar(file).container.entries.offset[0];
+
+describe("the front", () => {
+  it("gives what there is of all tiles, and slots in the anchor profile", () => {
+    for (const file of [bytes, repaged(bytes, 2), vector("valid/anchors")]) {
+      const front = openedFront(file);
+      const scar = openScar(file);
+      const sizes = [...scar.tiles()].map(({ size }) => size);
+      assert.deepEqual(anchors(front), sizes);
+      assert.equal(front.total, sizes.reduce((a, b) => a + b, 0) * scar.header.slots);
+    }
   });
 
   it("gives boxes that hold every anchor of their tile", () => {
-    const { index } = parseFront(bytes, bytes.length);
+    const { index } = openedFront(bytes);
     const scar = openScar(bytes);
     const slack = scar.header.voxel;
     for (const tile of scar.tiles()) {
@@ -61,75 +64,132 @@ describe("the front", () => {
     }
   });
 
-  it("gives sizes that add up to the layers'", () => {
-    const { index, layers } = parseFront(bytes, bytes.length);
-    layers.forEach(({ stream_bytes, byte_count, anchor_count }, k) => {
-      const of = (array: ArrayLike<number>) =>
-        Array.from({ length: index.tiles }, (_, t) => array[t * index.layers + k]).reduce((a, b) => a + b, 0);
-      const before = k === 0 ? 0 : layers[k - 1].anchor_count;
-      assert.equal(of(index.counts), anchor_count - before);
-      assert.equal(of(index.bytes), byte_count - stream_bytes[0]);
-    });
+  it("gives sizes that add up to the layers', before and after pages are read", () => {
+    const file = repaged(bytes, 2);
+    for (const { index, layers } of [parseFront(file, file.length), openedFront(file)]) {
+      layers.forEach(({ stream_bytes, byte_count, anchor_count }, k) => {
+        const of = (array: ArrayLike<number>) =>
+          Array.from({ length: index.tiles }, (_, t) => array[t * index.layers + k]).reduce((a, b) => a + b, 0);
+        const appear = anchor_count - (k === 0 ? 0 : layers[k - 1].anchor_count);
+        assert.ok(of(index.counts) >= appear && of(index.counts) < appear + index.tiles, "up to one a tile more");
+        assert.ok(Math.abs(of(index.bytes) - (byte_count - stream_bytes[0])) < 1e-6);
+      });
+    }
+  });
+
+  it("gives boxes of pages that hold those of their tiles", () => {
+    const file = replicated(bytes, 1, 3);
+    const coarse = parseFront(file, file.length).index.boxes;
+    const fine = openedFront(file).index.boxes;
+    fine.forEach((x, i) => assert.ok(i % 6 < 3 ? coarse[i] <= x : coarse[i] >= x));
+    const volume = (box: Float64Array) => [0, 1, 2].reduce((v, axis) => v * (box[3 + axis] - box[axis]), 1);
+    const all = volume(openedFront(repaged(bytes, 0)).index.boxes.subarray(0, 6));
+    assert.ok(volume(coarse.subarray(0, 6)) < 1e6 * all && volume(coarse.subarray(0, 6)) >= volume(fine.subarray(0, 6)));
   });
 
   it("is one request where it is short, two where it is long, whatever the chunks", async () => {
     const length = frontLength(bytes, bytes.length);
+    const end = directoryBytes(bytes);
     for (const chunk of [1000, 64 * 1024]) {
       const source = sourceOf(bytes, chunk);
       const opened = await openFront(source, new AbortController().signal);
-      assert.deepEqual(source.asked, [[0, FIRST_BYTES]]);
+      assert.deepEqual(source.asked, [[0, FRONT_SIZES.firstBytes]]);
       assert.deepEqual(opened.bytes, bytes.subarray(0, length));
-      assert.deepEqual(opened.rest, bytes.subarray(length, opened.read));
+      assert.deepEqual([opened.position, opened.rest], [end, bytes.subarray(end, opened.read)]);
     }
-    const source = sourceOf(bytes, 1000);
-    const opened = await openFront(source, new AbortController().signal, 3000);
-    assert.deepEqual(source.asked, [
-      [0, 3000],
-      [3000, length - 3000],
-    ]);
-    assert.deepEqual([opened.bytes, opened.rest.length, opened.end], [bytes.slice(0, length), 0, length]);
+    const source = sourceOf(bytes, 500);
+    const opened = await openFront(source, new AbortController().signal, { ...FRONT_SIZES, firstBytes: end - 100 });
+    const { offset } = opened.front.entries;
+    const layer1 = offset[2 * opened.front.root.pages];
+    assert.deepEqual(source.asked, [[0, end - 100]]);
+    assert.deepEqual([opened.position, opened.end], [layer1, end - 100]);
   });
 
-  it("is read on where there are no ranges", async () => {
-    const source = sourceOf(bytes, 5000, false);
+  it("is read up to the row pages of layer 1, of which a large directory has more than is asked for first", async () => {
+    const file = replicated(bytes, 2, 3);
+    assert.ok(directoryBytes(file) > FRONT_SIZES.firstBytes);
+    const source = sourceOf(file, 1000);
+    const { front, position, rest, requests } = await openFront(source, new AbortController().signal);
+    assert.equal(requests, source.asked.length);
+    assert.ok(requests <= 2);
+    const isOfLayer1 = (tile: number) => front.isPlaced(tile) && front.isTold(tile, 1);
+    assert.ok([...Array(front.index.tiles).keys()].every(isOfLayer1));
+    assert.equal(front.isTold(front.index.tiles - 1, 5), false);
+    assert.deepEqual(rest, file.subarray(position, position + rest.length));
+  });
+
+  it("is read on where there are no ranges, with all pages", async () => {
+    const file = repaged(bytes, 1);
+    const source = sourceOf(file, 5000, false);
     const opened = await openFront(source, new AbortController().signal);
-    assert.equal(opened.end, bytes.length);
+    assert.deepEqual([opened.end, opened.position], [file.length, directoryBytes(file)]);
     assert.equal(source.asked.length, 1);
+  });
+
+  it("takes pages in any order to what the whole directory says", () => {
+    const file = repaged(bytes, 2);
+    const whole = openedFront(file);
+    const front = parseFront(file, file.length);
+    for (let page = front.pageEntries - 1; page >= 0; page--) {
+      const { offset, length } = front.entries;
+      if (!front.isOpen(page)) front.openPage(page, file.subarray(offset[page], offset[page] + length[page]));
+    }
+    assert.deepEqual(front.index, whole.index);
+    assert.deepEqual(front.entries, whole.entries);
+    const scar = openScar(file).container;
+    const { kind, layer, tile, offset, length } = scar.entries;
+    for (const e of [...kind.keys()].filter((one) => kind[one] === 16)) {
+      const entry = front.numbers.tileBlock(tile[e], layer[e]);
+      assert.deepEqual([front.entries.offset[entry], front.entries.length[entry]], [offset[e], length[e]]);
+      assert.deepEqual(front.numbers.partOf(entry), { what: "tile", tile: tile[e], layer: layer[e] });
+    }
   });
 });
 
 describe("what to fetch", () => {
-  const front = parseFront(bytes, bytes.length);
-  const kinds = (list: number[]) =>
-    list.map((e) => [front.entries.kind[e], front.entries.layer[e], front.entries.tile[e]]);
+  const front = openedFront(bytes);
+  const { numbers } = front;
 
   it("has the models of a layer before its first tile, each once", () => {
-    const list = wantedEntries(
-      front,
-      [
-        { tile: 3, layer: 1 },
-        { tile: 3, layer: 2 },
-        { tile: 4, layer: 1 },
-      ],
-      -1,
-    );
+    const steps = [
+      { tile: 3, layer: 1 },
+      { tile: 3, layer: 2 },
+      { tile: 4, layer: 1 },
+    ];
+    const list = wantedEntries(front, steps, -1);
     assert.equal(new Set(list).size, list.length);
-    const tiles = kinds(list).filter(([kind]) => kind === 16);
-    assert.deepEqual(tiles, [
-      [16, 1, 3],
-      [16, 2, 3],
-      [16, 1, 4],
-    ]);
-    const last = (layer: number) => kinds(list).findLastIndex(([kind, l]) => kind < 16 && l === layer);
-    assert.ok(last(1) < list.indexOf(front.tileEntries[3 * 5]));
-    assert.ok(last(2) < list.indexOf(front.tileEntries[3 * 5 + 1]));
+    const tiles = list.map((e) => numbers.partOf(e)).filter(({ what }) => what === "tile");
+    assert.deepEqual(tiles, steps.map((step) => ({ what: "tile", ...step })));
+    for (const layer of [1, 2]) {
+      const place = list.indexOf(numbers.tileBlock(3, layer));
+      assert.ok(numbers.models(layer).every((e) => list.indexOf(e) >= 0 && list.indexOf(e) < place));
+    }
   });
 
   it("has models of the layers before, and an annotation after the first models", () => {
-    const annotation = front.entries.kind.indexOf(64);
+    const annotation = numbers.annotation(64);
     const list = wantedEntries(front, [{ tile: 0, layer: 3 }], annotation);
-    assert.deepEqual(list.slice(0, front.modelEntries[0].length), front.modelEntries[0]);
-    assert.equal(list[front.modelEntries[0].length], annotation);
-    for (const k of [0, 1, 2]) for (const e of front.modelEntries[k]) assert.ok(list.includes(e));
+    const first = numbers.models(1);
+    assert.deepEqual(list.slice(0, first.length), first);
+    assert.equal(list[first.length], annotation);
+    for (const k of [1, 2, 3]) for (const e of numbers.models(k)) assert.ok(list.includes(e));
+  });
+
+  it("has pages in place of blocks that nothing is known of, each once", () => {
+    const file = repaged(bytes, 2);
+    const closed = parseFront(file, file.length);
+    const steps = [5, 6, 0].map((tile) => ({ tile, layer: 2 }));
+    const pages = (list: number[]) => list.map((e) => closed.numbers.partOf(e)).filter(({ what }) => what !== "block");
+    assert.deepEqual(pages(wantedEntries(closed, steps, -1)), [
+      { what: "tiles", page: 1 },
+      { what: "rows", page: 1, layer: 2 },
+      { what: "tiles", page: 0 },
+      { what: "rows", page: 0, layer: 2 },
+    ]);
+    openPages(closed, file.subarray(0, closed.entries.offset[closed.root.pages]));
+    assert.deepEqual(pages(wantedEntries(closed, steps, -1)), [
+      { what: "rows", page: 1, layer: 2 },
+      { what: "rows", page: 0, layer: 2 },
+    ]);
   });
 });

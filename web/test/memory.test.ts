@@ -2,15 +2,16 @@
 
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
-import { parseFront } from "../src/stream/front.js";
+import { inRuns } from "../src/pack/places.js";
 import { Ledger } from "../src/stream/ledger.js";
 import { MemoryModel } from "../src/stream/memory.js";
 import { Tiles } from "../src/stream/tiles.js";
 import { toys } from "./files.js";
+import { openedFront } from "./fronts.js";
 
 const bytes = toys();
 const made = (output: "values" | "words" = "values") =>
-  new MemoryModel(new Tiles(parseFront(bytes, bytes.length), false), output);
+  new MemoryModel(new Tiles(openedFront(bytes), false), output);
 
 describe("memory", () => {
   it("of anchors and of room to work in are told apart", () => {
@@ -28,7 +29,7 @@ describe("memory", () => {
     const n = model.splats(4, 3);
     assert.equal(model.bytes(4, 3), n * (4 * 59 + 256));
     assert.equal(model.bytes(4, 5), model.splats(4, 5) * 4 * 59);
-    assert.equal(made("words").bytes(4, 5), model.splats(4, 5) * 80);
+    assert.equal(made("words").bytes(4, 5), inRuns(model.splats(4, 5)) * 80);
     assert.equal(model.bytes(4, 0), 0);
   });
 

@@ -1,55 +1,14 @@
-/** The viewer page in a real browser: it draws, refines, obeys its keys, and keeps the picture when a server fails. */
+/** The viewer page in a real browser: it draws, refines, obeys its keys and its address. */
 
 import assert from "node:assert/strict";
 import { existsSync } from "node:fs";
 import { describe, it } from "node:test";
-import type { Page } from "puppeteer-core";
-import { browsing, lit, message, until } from "./chromium.js";
+import { lit, until } from "./chromium.js";
 import type { ScarStream } from "../src/stream/scar_stream.js";
-import { toys } from "./files.js";
-import { type Host, hosting } from "./hosting.js";
-import { type FileServer, serving } from "./server.js";
+import { sharedBrowser } from "./shared_browser.js";
+import { bytes, complete, PAGE, untilComplete, viewingIn } from "./viewing.js";
 
-const PAGE = new URL("../../../scarfmt/viewer/page/", import.meta.url);
-const bytes = toys();
-
-interface Setting {
-  /** Of the page's address. */
-  query?: string;
-  scene?: Uint8Array;
-  /** Misbehaviour of the scene's server. */
-  prepare?: (server: FileServer, host: Host) => void;
-  /** Runs in the page before its scripts. */
-  before?: () => void;
-}
-
-/** Runs in a browser with the page open on a scene whose server can be told to misbehave. */
-async function viewing(
-  run: (page: Page, server: FileServer, host: Host) => Promise<void>,
-  { query = "url=/scene.scar", scene = bytes, prepare, before }: Setting = {},
-): Promise<void> {
-  await serving(scene, async (url, server) => {
-    const host: Host = { asked: [] };
-    prepare?.(server, host);
-    await hosting(PAGE, url, host, (address) =>
-      browsing(async (page) => {
-        if (before !== undefined) await page.evaluateOnNewDocument(before);
-        await page.goto(`${address}?${query}`);
-        await run(page, server, host);
-      }),
-    );
-  });
-}
-
-/** Layers that are complete, by the lines of the first panel. */
-const complete = (page: Page) => page.$$eval(".panel:first-child tr.complete", (rows) => rows.length);
-
-/** Waits until so many layers are complete and drawn. */
-async function untilComplete(page: Page, layers: number): Promise<void> {
-  const wanted = `document.querySelectorAll(".panel:first-child tr.complete").length === ${layers}`;
-  await page.waitForFunction(wanted, { timeout: 120_000, polling: 100 });
-  await until(page, "still");
-}
+const viewing = viewingIn(sharedBrowser());
 
 describe("the viewer page", () => {
   it("draws a scene, all layers of it, and asks no one else for anything", async () => {
@@ -91,66 +50,6 @@ describe("the viewer page", () => {
       await page.waitForFunction("document.querySelectorAll('canvas').length === 1", { polling: 100 });
       await untilComplete(page, 5);
     });
-  });
-
-  it("mends a connection that is cut", async () => {
-    await viewing(
-      async (page, server) => {
-        await untilComplete(page, 5);
-        assert.ok(server.asked.length > 1);
-      },
-      {
-        prepare: (server) => {
-          server.trick = ({ range }, response, number) => {
-            if (number !== 2 || range === null) return false;
-            response.writeHead(206, server.rangeHeaders(range));
-            response.write(server.bytes.subarray(range[0], range[0] + 1000), () => response.destroy());
-            return true;
-          };
-        },
-      },
-    );
-  });
-
-  it("says that the file was changed, and keeps what is shown", async () => {
-    await viewing(
-      async (page) => {
-        assert.match(await message(page), /changed/);
-        await until(page, "still");
-        assert.ok((await lit(page)) > 0.1);
-      },
-      {
-        prepare: (server) => {
-          server.trick = (_, __, number) => {
-            if (number > 1) server.etag = '"two"';
-            return false;
-          };
-        },
-      },
-    );
-  });
-
-  it("says what is damaged, and shows the rest", async () => {
-    await viewing(
-      async (page) => {
-        assert.match(await message(page), /block at byte \d+ arrived damaged/);
-        await until(page, "still");
-        assert.ok((await lit(page)) > 0.1);
-      },
-      {
-        prepare: (server) => {
-          server.bytes = server.bytes.slice();
-          server.bytes[bytes.length - 3000] ^= 0xff;
-        },
-      },
-    );
-  });
-
-  it("says what is no scene", async () => {
-    await viewing(
-      async (page) => assert.match(await message(page), /signature|not a .scar/),
-      { scene: new Uint8Array(5000).fill(7) },
-    );
   });
 
   it("shows a link that is dropped on it", async () => {

@@ -7,8 +7,10 @@ import { lit } from "./chromium.js";
 import { ask, exampleOf, look, settle, untilLayers, untilTrue } from "./example.js";
 import { toys } from "./files.js";
 import { type FileServer, serving } from "./server.js";
+import { sharedBrowser } from "./shared_browser.js";
 
 const bytes = toys();
+const browsing = sharedBrowser();
 const LAYERS = 5;
 /** Onto the toys: position, target, up, degrees. */
 const VIEW = [1.9, 1.41, -3.46, 0.76, 0.67, 0.3, 0.18, -0.97, -0.14, 17];
@@ -19,10 +21,11 @@ const CLOSE = 1e-4;
 async function opened(run: (page: Page, server: FileServer) => Promise<void>, prepare?: (server: FileServer) => void) {
   await serving(bytes, async (url, server) => {
     prepare?.(server);
-    await exampleOf(url, async (page) => {
+    const inPage = async (page: Page) => {
       await untilTrue(page, "resource");
       await run(page, server);
-    });
+    };
+    await exampleOf(url, inPage, { open: browsing });
   });
 }
 

@@ -24,10 +24,12 @@ class Workers {
   }
 }
 
+const cube = { depth: 0, shift: 0, prefix: 0n };
+
 /** Gives tiles from `first` on, as many as the pool takes. */
 function fill(pool: Pool, first: number): number {
   let tile = first;
-  for (; pool.isFree(tile); tile++) void pool.run({ tile, layers: [], output: "words", last: false });
+  for (; pool.isFree(tile); tile++) void pool.run({ tile, cube, layers: [], output: "words", last: false });
   return tile - first;
 }
 
@@ -54,7 +56,7 @@ describe("a pool", () => {
     await workers.answer(home);
     await workers.answer(1 - home);
     const before = workers.asked.map((requests) => requests.length);
-    void pool.run({ tile: 0, layers: [], output: "words", last: false });
+    void pool.run({ tile: 0, cube, layers: [], output: "words", last: false });
     assert.equal(pool.isFree(0), false);
     assert.equal(pool.isFree(1), true);
     assert.deepEqual(before, [0, 0]);

@@ -16,6 +16,6 @@ await serving(readBytes(scene), (url) =>
       await settle(page);
       await page.screenshot({ path: path as `${string}.png` });
     },
-    { width: Number(width), height: Number(height) },
+    { size: { width: Number(width), height: Number(height) } },
   ),
 );

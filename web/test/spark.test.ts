@@ -5,6 +5,7 @@ import { describe, it } from "node:test";
 import type { WebGLRenderer } from "three";
 import { ScarSplats, UPLOAD_BYTES } from "../src/adapters/spark.js";
 import type { PackedTile } from "../src/decoder/types.js";
+import { inRuns, Places, RUN } from "../src/pack/places.js";
 
 const WIDTH = 4096;
 const DEGREE = 3;
@@ -57,12 +58,16 @@ function made(total: number): { splats: ScarSplats; recorder: Recorder; geometry
 
 describe("tiles on their way to the GPU", () => {
   it("are written in parts that a frame has time for, and are whole in the end", () => {
-    const [base, count] = [1234, 60_000];
-    const { splats, recorder, geometry, harmonics } = made(base + count + 100);
+    const [before, count] = [5 * 256, 60_000];
+    const { splats, recorder, geometry, harmonics } = made(before + inRuns(count) + 1024);
+    splats.put(tileOf(before - 3, 1));
+    while (splats.upload());
+    recorder.written = 0;
+    const earlier = geometry.slice(0, 8 * before);
     const words = tileOf(count);
     const told: PackedTile[] = [];
     splats.onWritten = (tile) => told.push(tile);
-    splats.put(base, words);
+    splats.put(words);
     let frames = 0;
     for (; splats.upload(); frames++) {
       assert.ok(recorder.written <= UPLOAD_BYTES, `${recorder.written} bytes in a frame`);
@@ -71,15 +76,15 @@ describe("tiles on their way to the GPU", () => {
     }
     assert.equal(frames, Math.ceil((words.geometry.byteLength + words.harmonics.byteLength) / UPLOAD_BYTES));
     assert.deepEqual(told, [words]);
-    assert.deepEqual(geometry.subarray(8 * base, 8 * (base + count)), words.geometry);
-    assert.deepEqual(harmonics.subarray(4 * DEGREE * base, 4 * DEGREE * (base + count)), words.harmonics);
-    assert.ok(geometry.subarray(0, 8 * base).every((word) => word === 0), "nothing beside it");
-    assert.ok(geometry.subarray(8 * (base + count)).every((word) => word === 0), "nothing behind it");
+    assert.deepEqual(geometry.subarray(8 * before, 8 * (before + count)), words.geometry);
+    assert.deepEqual(harmonics.subarray(4 * DEGREE * before, 4 * DEGREE * (before + count)), words.harmonics);
+    assert.deepEqual(geometry.subarray(0, 8 * before), earlier, "nothing beside it");
+    assert.ok(geometry.subarray(8 * (before + count)).every((word) => word === 0), "nothing behind it");
   });
 
   it("share a frame where they are small", () => {
-    const { splats, recorder } = made(20_000);
-    for (let tile = 0; tile < 20; tile++) splats.put(1000 * tile, tileOf(1000, tile));
+    const { splats, recorder } = made(20_480);
+    for (let tile = 0; tile < 20; tile++) splats.put(tileOf(1000, tile));
     let frames = 0;
     for (; splats.upload(); frames++) {
       assert.ok(recorder.written <= UPLOAD_BYTES);
@@ -89,11 +94,45 @@ describe("tiles on their way to the GPU", () => {
   });
 
   it("are not written any more once they are cleared, and what was written draws nothing", () => {
-    const { splats, geometry } = made(30_000);
-    splats.put(0, tileOf(30_000));
+    const { splats, geometry } = made(inRuns(30_000));
+    splats.put(tileOf(30_000));
     splats.upload();
-    splats.clear(0, 0, 30_000);
+    splats.clear(0);
     assert.equal(splats.waiting, false);
     assert.ok(geometry.every((word) => word === 0));
+  });
+
+  it("take the places of others that were cleared, and are written in all their parts", () => {
+    const { splats, geometry } = made(4 * 256);
+    [0, 1, 2, 3].forEach((tile) => splats.put(tileOf(200, tile)));
+    while (splats.upload());
+    assert.throws(() => splats.put(tileOf(1, 4)), RangeError);
+    splats.clear(1);
+    splats.clear(3);
+    splats.put(tileOf(300, 5));
+    while (splats.upload());
+    const { geometry: wanted } = tileOf(300);
+    const rows = (first: number, count: number) => geometry.slice(8 * first, 8 * (first + count));
+    const found = [rows(256, 256), rows(768, 256)].find((part) => part[0] === wanted[0])!;
+    const other = found[8 * 255] === rows(256, 256)[8 * 255] ? rows(768, 44) : rows(256, 44);
+    assert.deepEqual([...found, ...other], [...wanted]);
+  });
+});
+
+describe("places", () => {
+  it("stay when a tile grows, and are as few as hold it", () => {
+    const places = new Places(8 * RUN);
+    assert.deepEqual(places.take(7, 10), [{ first: 0, count: 10 }]);
+    assert.deepEqual(places.take(8, RUN), [{ first: RUN, count: RUN }]);
+    assert.deepEqual(places.take(7, RUN + 5), [
+      { first: 0, count: RUN },
+      { first: 2 * RUN, count: 5 },
+    ]);
+    assert.deepEqual(places.give(7), [
+      { first: 0, count: RUN },
+      { first: 2 * RUN, count: RUN },
+    ]);
+    assert.deepEqual(places.give(7), []);
+    assert.deepEqual(places.take(9, 1), [{ first: 0, count: 1 }]);
   });
 });

@@ -7,8 +7,8 @@ import { createWasmDecoder } from "../src/decoder/wasm.js";
 import type { Camera, Planner } from "../src/plan/types.js";
 import { openScar } from "../../conformance/decoders/js/decoder.js";
 import { fileOrder } from "../src/plan/file_order.js";
-import { parseFront } from "../src/stream/front.js";
 import { compiledModule, toys, vector } from "./files.js";
+import { openedFront } from "./fronts.js";
 import { serving } from "./server.js";
 import { threadChannel } from "./threads.js";
 import { assertComplete, assertShown, watching } from "./watching.js";
@@ -69,7 +69,7 @@ describe("a stream", () => {
     });
   });
 
-  it("tells the front first, and places that never move", async () => {
+  it("tells the front first, and in it how many Gaussians will come", async () => {
     await serving(bytes, async (url) => {
       await watching(url, {}, async (watched) => {
         const order: string[] = [];
@@ -78,9 +78,10 @@ describe("a stream", () => {
         const front = await watched.stream.ready;
         await watched.end();
         assert.deepEqual([order.indexOf("front"), order.lastIndexOf("front")], [0, 0]);
-        for (const { tile, base, count } of watched.tiles) {
-          assert.equal(base, front.base[tile]);
-          assert.ok(count <= front.finalCounts[tile]);
+        const { layers, counts } = front.index;
+        for (const { tile, layer, count } of watched.tiles) {
+          const appeared = counts.subarray(tile * layers, tile * layers + layer).reduce((a, b) => a + b, 0);
+          assert.equal(count, appeared);
         }
         assert.equal(front.total, 10914);
       });
@@ -186,7 +187,7 @@ describe("a stream", () => {
   });
 
   it("goes by the view unless it is told otherwise: what is in the picture comes first", async () => {
-    const { index } = parseFront(bytes, bytes.length);
+    const { index } = openedFront(bytes);
     const middle = (tile: number, axis: number) =>
       (index.boxes[6 * tile + axis] + index.boxes[6 * tile + 3 + axis]) / 2;
     const target = 17;

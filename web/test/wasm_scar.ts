@@ -46,7 +46,7 @@ class WasmScar extends Scar {
     const k = layers === 0 ? this.header.layer_count : layers;
     const chosen = [...kind.keys()].filter((e) => layer[e] <= k && kind[e] <= BLOCK.PREDICTORS);
     for (const e of chosen) checkBlock(container, e);
-    openModule(this.#module, container);
+    openModule(this.#module, container.header);
     for (const e of chosen) {
       const bytes = blockBytes(container, e);
       const at = this.#module.put(bytes);
@@ -100,7 +100,8 @@ class WasmScar extends Scar {
   override *tiles({ models }: any): Generator<any> {
     const { container } = this;
     for (let number = 0; number < this.header.tile_count; number++) {
-      let state = newTile(this.#module, container, number);
+      const { depth, shift, prefix } = container.tiles;
+      let state = newTile(this.#module, { depth: depth[number], shift: shift[number], prefix: prefix[number] });
       for (let layer = 1; layer <= models.layers; layer++) {
         const e = findBlock(container, layer, BLOCK.TILE, number);
         if (e >= 0) checkBlock(container, e);

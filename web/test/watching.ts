@@ -87,7 +87,7 @@ async function direct(bytes: Uint8Array, tile: number, layer: number, make: Make
 
 /** What is shown of each tile is, bit for bit, a direct decode to its layer. */
 export async function assertShown(
-  shown: Map<number, TileEvent>,
+  shown: Map<number, Pick<TileEvent, "layer" | "count" | "output">>,
   bytes: Uint8Array,
   make: MakeDecoder = createJsDecoder,
 ): Promise<void> {

@@ -2,7 +2,7 @@
 
 import type { Streaming } from "../../conformance/decoders/js/streaming.js";
 import type { Camera } from "../src/plan/types.js";
-import type { Front } from "../src/stream/front.js";
+import type { Outline } from "./feed.js";
 
 export interface Frame {
   position: [number, number, number];
@@ -71,9 +71,12 @@ function unit(vector: number[]): [number, number, number] {
 }
 
 /** A view from outside onto the middle of the scene. */
-export function outsideView({ header, index, finalCounts }: Front): Frame {
+export function outsideView({ header, index }: Outline): Frame {
   const up = UPWARD[header.coordinate_frame === FRAME_RUB ? 1 : 0];
-  const spans = [0, 1, 2].map((axis) => core(index.boxes, finalCounts, axis));
+  const counts = Float64Array.from({ length: index.tiles }, (_, tile) => {
+    return index.counts.subarray(tile * index.layers, (tile + 1) * index.layers).reduce((a, b) => a + b, 0);
+  });
+  const spans = [0, 1, 2].map((axis) => core(index.boxes, counts, axis));
   const target = spans.map(([low, high]) => (low + high) / 2) as Frame["target"];
   const extent = Math.hypot(...spans.map(([low, high]) => (high - low) / 2)) || 1;
   const distance = extent / Math.sin(FIELD / 2);
@@ -85,7 +88,7 @@ export function outsideView({ header, index, finalCounts }: Front): Frame {
 }
 
 /** Ends of the middle of the tiles' centres along an axis, each tile weighing as many Gaussians as it has. */
-function core(boxes: Float64Array, counts: Uint32Array, axis: number): [number, number] {
+function core(boxes: Float64Array, counts: Float64Array, axis: number): [number, number] {
   const tiles = [...counts.keys()].map((t) => ({
     middle: (boxes[6 * t + axis] + boxes[6 * t + 3 + axis]) / 2,
     half: (boxes[6 * t + 3 + axis] - boxes[6 * t + axis]) / 2,

@@ -1,17 +1,16 @@
-/** One scene on one stage: a stream, how much of it is wanted, and what has come. */
+/** One scene on one stage: what it comes from, how much of it is wanted, and what has come. */
 
 import { byView, readTold } from "../src/plan/by_view.js";
-import type { Front } from "../src/stream/front.js";
 import type { StreamError } from "../src/stream/errors.js";
-import { ScarStream, type Stats, type TileEvent } from "../src/stream/scar_stream.js";
-import type { SourceLike } from "../src/stream/source.js";
+import type { Stats } from "../src/stream/scar_stream.js";
 import type { Budgets, Camera, Planner } from "../src/plan/types.js";
 import type { PackedTile } from "../src/decoder/types.js";
+import { type Feed, isSeveral, openFeed, type Origin, type Outline, type Room } from "./feed.js";
 import { type Frame, toldView } from "./framing.js";
 import type { Stage } from "./stage.js";
 
 export interface ShowingEvents {
-  onFront(front: Front): void;
+  onFront(): void;
   /** The file names a view to begin with. */
   onView(view: Frame): void;
   /** Something is to be drawn or told. */
@@ -34,22 +33,26 @@ export const TILE_DRAWN = "scar-drawn";
 export class Showing {
   /** Null until what draws is there. */
   stage: Stage | null = null;
-  front: Front | null = null;
+  front: Outline | null = null;
   done = false;
   error: StreamError | null = null;
-  #stream: ScarStream;
+  #feed: Feed;
   #camera: Camera | null = null;
-  /** What came before there was a stage, by tile. */
-  readonly #early = new Map<number, TileEvent>();
+  #rooms: Room[] = [];
+  /** What came before there was a stage, by room, then key. */
+  readonly #early = new Map<number, Map<number, PackedTile>>();
 
   constructor(
-    readonly name: string,
-    readonly origin: SourceLike,
+    readonly origin: Origin,
     readonly wish: Wish,
     private readonly events: ShowingEvents,
     private readonly budgets: Partial<Budgets>,
   ) {
-    this.#stream = this.#open();
+    this.#feed = this.#open();
+  }
+
+  get name(): string {
+    return this.origin.name;
   }
 
   /** Draws on a stage from now on, and what has come already at once. */
@@ -57,8 +60,8 @@ export class Showing {
     this.stage = stage;
     stage.onLost = () => this.restart();
     stage.onWritten = ({ tile, layer }) => tell(TILE_DRAWN, { tile, layer });
-    if (this.front !== null) this.#setUp(stage, this.front);
-    for (const event of this.#early.values()) this.#put(event);
+    if (this.front !== null) this.#setUp(stage);
+    for (const [room, tiles] of this.#early) for (const [key, words] of tiles) stage.put(room, key, words);
     this.#early.clear();
   }
 
@@ -69,7 +72,7 @@ export class Showing {
     if (fewer) this.restart();
     else if (this.#camera !== null) {
       this.done = false;
-      this.#stream.setView(this.#camera);
+      this.#feed.setView(this.#camera);
     }
   }
 
@@ -81,29 +84,29 @@ export class Showing {
 
   setView(camera: Camera): void {
     this.#camera = camera;
-    this.#stream.setView(camera);
+    this.#feed.setView(camera);
   }
 
   /** Reads on after an error of the connection, or from the start where nothing was read. */
   again(): void {
     this.error = null;
     if (this.front === null || this.#fromFile()) this.restart();
-    else this.#stream.resume();
+    else this.#feed.resume();
     this.events.onChange();
   }
 
   restart(): void {
-    this.#stream.close();
+    this.#feed.close();
     this.#early.clear();
-    this.#stream = this.#open();
+    this.#feed = this.#open();
   }
 
   stats(): Stats {
-    return this.#stream.stats();
+    return this.#feed.stats();
   }
 
   close(): void {
-    this.#stream.close();
+    this.#feed.close();
     this.stage?.dispose();
   }
 
@@ -112,50 +115,51 @@ export class Showing {
     return this.error?.id === "file-changed";
   }
 
-  #open(): ScarStream {
+  #open(): Feed {
     this.done = false;
     this.error = null;
     const camera = this.#camera ?? undefined;
-    const options = { output: "words", planner: this.#planner(), camera, budgets: this.budgets } as const;
-    const stream = new ScarStream(this.origin, options);
-    stream.on("front", (front) => {
-      this.front = front;
-      if (this.stage !== null) this.#setUp(this.stage, front);
-      this.events.onFront(front);
+    const feed = openFeed(this.origin, { planner: this.#planner(), camera, budgets: this.budgets }, {
+      onFront: (outline, rooms) => {
+        this.front = outline;
+        this.#rooms = rooms;
+        if (this.stage !== null) this.#setUp(this.stage);
+        this.events.onFront();
+      },
+      onTile: (room, key, words) => this.#put(room, key, words),
+      onEvict: (room, key) => {
+        this.#early.get(room)?.delete(key);
+        this.stage?.remove(room, key);
+        this.events.onChange();
+      },
+      onProgress: () => this.events.onChange(),
+      onDone: () => {
+        this.done = true;
+        this.events.onChange();
+      },
+      onError: (error) => {
+        this.error = error;
+        this.events.onError(error);
+      },
     });
-    stream.on("tile", (event) => this.#put(event));
-    stream.on("evict", ({ tile, base }) => {
-      this.#early.delete(tile);
-      this.stage?.remove(tile, base, this.front?.finalCounts[tile] ?? 0);
-      this.events.onChange();
-    });
-    stream.on("progress", () => this.events.onChange());
-    stream.on("done", () => {
-      this.done = true;
-      this.events.onChange();
-    });
-    stream.on("error", (error) => {
-      this.error = error;
-      this.events.onError(error);
-    });
-    tell(STREAM_BEGINS, stream);
-    return stream;
+    tell(STREAM_BEGINS, feed);
+    return feed;
   }
 
-  #setUp(stage: Stage, { total, header }: Front): void {
-    stage.open(total, header.sh_degree);
+  #setUp(stage: Stage): void {
+    stage.open(this.#rooms);
     stage.showDegree(this.wish.degree);
   }
 
-  #put(event: TileEvent): void {
-    if (this.stage === null) this.#early.set(event.tile, event);
-    else this.stage.put(event.base, event.output as PackedTile);
+  #put(room: number, key: number, words: PackedTile): void {
+    if (this.stage === null) this.#early.set(room, (this.#early.get(room) ?? new Map()).set(key, words));
+    else this.stage.put(room, key, words);
     this.events.onChange();
   }
 
-  /** Plans for the view, up to the layers wished for; on the way it sees what the file says of the first view. */
+  /** Plans for the view, up to the layers wished for; on the way it sees what one file says of the first view. */
   #planner(): Planner {
-    let told = false;
+    let told = isSeveral(this.origin);
     return {
       annotation: byView.annotation,
       plan: (index, annotation, ...rest) => {

@@ -1,10 +1,13 @@
-/** A canvas and what is drawn in it: one scene, by Spark. */
+/** A canvas and what is drawn in it: one scene, by Spark, with a mesh for each room. */
 
 import type { SparkRenderer } from "@sparkjsdev/spark";
 import * as THREE from "three";
 
 import { makeSpark, ScarMesh, ScarSplats } from "../src/adapters/spark.js";
 import type { PackedTile } from "../src/decoder/types.js";
+import { RUN } from "../src/pack/places.js";
+import type { Placement } from "../src/scene/placement.js";
+import type { Room } from "./feed.js";
 
 /** Beyond twice as many pixels as the page has, nobody sees a difference, and each costs. */
 const MOST_PIXEL_RATIO = 2;
@@ -20,7 +23,10 @@ export class Stage {
   onWritten: (words: PackedTile) => void = () => undefined;
   /** Called when the GPU took the picture away and gave it back: everything has to be put again. */
   onLost: () => void = () => undefined;
-  #mesh: ScarMesh | null = null;
+  #rooms: Room[] = [];
+  /** By room; made when something first comes for it. */
+  #meshes: ScarMesh[] = [];
+  #degree = USUAL_DEGREE;
   #lost = false;
 
   constructor() {
@@ -35,40 +41,54 @@ export class Stage {
     });
   }
 
-  /** Makes room for a scene of so many Gaussians; what was there is gone. */
-  open(total: number, shDegree: number): void {
+  /** Makes room for a scene; what was there is gone. */
+  open(rooms: Room[]): void {
     this.clear();
-    const source = new ScarSplats(this.#renderer, total, shDegree);
-    source.onWritten = (words) => this.onWritten(words);
-    this.#mesh = new ScarMesh(this.#spark, source);
-    this.#scene.add(this.#mesh.mesh);
+    this.#rooms = rooms;
   }
 
   /** Draws nothing once, so that shaders are there before a scene is. */
   prepare(): void {
-    this.open(1, USUAL_DEGREE);
+    this.open([{ places: RUN, shDegree: USUAL_DEGREE, placement: null }]);
+    this.#meshOf(0);
     this.draw(new THREE.PerspectiveCamera());
     this.clear();
   }
 
-  put(base: number, words: PackedTile): void {
-    this.#mesh?.source.put(base, words);
+  put(room: number, key: number, words: PackedTile): void {
+    this.#meshOf(room).source.put(words, key);
   }
 
-  remove(tile: number, base: number, count: number): void {
-    this.#mesh?.remove(tile, base, count);
+  remove(room: number, key: number): void {
+    this.#meshes[room]?.remove(key);
   }
 
   /** Draws harmonics up to a degree. */
   showDegree(degree: number): void {
-    this.#mesh?.showDegree(degree);
+    this.#degree = degree;
+    this.#meshes.forEach((mesh) => mesh.showDegree(degree));
   }
 
   clear(): void {
-    if (this.#mesh === null) return;
-    this.#scene.remove(this.#mesh.mesh);
-    this.#mesh.dispose();
-    this.#mesh = null;
+    this.#meshes.forEach((mesh) => {
+      this.#scene.remove(mesh.mesh);
+      mesh.dispose();
+    });
+    this.#meshes = [];
+  }
+
+  #meshOf(room: number): ScarMesh {
+    const found = this.#meshes[room];
+    if (found !== undefined) return found;
+    const { places, shDegree, placement } = this.#rooms[room];
+    const source = new ScarSplats(this.#renderer, places, shDegree);
+    source.onWritten = (words) => this.onWritten(words);
+    const made = new ScarMesh(this.#spark, source);
+    if (placement !== null) place(made.mesh, placement);
+    made.showDegree(this.#degree);
+    this.#meshes[room] = made;
+    this.#scene.add(made.mesh);
+    return made;
   }
 
   /** Gaussians that the last frame drew. */
@@ -79,7 +99,7 @@ export class Stage {
   /** Draws a frame; true if another one is needed for what has come. */
   draw(camera: THREE.PerspectiveCamera): boolean {
     if (this.#lost) return false;
-    const more = this.#mesh?.refresh() ?? false;
+    const more = this.#meshes.map((mesh) => mesh.refresh()).includes(true);
     this.#resize();
     this.#renderer.render(this.#scene, camera);
     return more;
@@ -98,4 +118,13 @@ export class Stage {
     this.#renderer.dispose();
     this.canvas.remove();
   }
+}
+
+/** Puts a mesh where the index of a scene says (R-17-11). */
+function place(mesh: THREE.Object3D, { scale, rotation, translation }: Placement): void {
+  const [a, b, c, d, e, f, g, h, i] = rotation;
+  const turn = new THREE.Matrix4().set(a, b, c, 0, d, e, f, 0, g, h, i, 0, 0, 0, 0, 1);
+  mesh.quaternion.setFromRotationMatrix(turn);
+  mesh.scale.setScalar(scale);
+  mesh.position.set(...translation);
 }

@@ -1,9 +1,10 @@
 /** The page: scenes by `?url=` and `&beside=`, or dropped; one camera for all that is shown. */
 
 import type { Budgets } from "../src/plan/types.js";
-import type { StreamError } from "../src/stream/errors.js";
 import { ScarStream } from "../src/stream/scar_stream.js";
-import type { SourceLike } from "../src/stream/source.js";
+import { isIndexName } from "../src/scene/index_file.js";
+import { StreamError } from "../src/stream/errors.js";
+import type { Origin } from "./feed.js";
 import { cameraOf, type Frame, namedView, outsideView, UPWARD, viewName } from "./framing.js";
 import { Panel } from "./panel.js";
 import type { Pilot } from "./pilot.js";
@@ -18,11 +19,7 @@ const MEGABYTE = 1e6;
 
 type Drawing = typeof import("./drawing.js");
 
-/** A scene that can be opened again. */
-interface Subject {
-  name: string;
-  source: SourceLike;
-}
+const TWO = 2;
 
 function element<Kind extends HTMLElement>(id: string): Kind {
   return document.getElementById(id) as Kind;
@@ -69,7 +66,7 @@ class Viewer {
   }
 
   /** Shows scenes, one or two, in place of those shown. */
-  open(subjects: Subject[]): void {
+  open(subjects: Origin[]): void {
     this.#shown.forEach(({ showing }) => showing.close());
     this.#home = null;
     this.#shown = [];
@@ -79,15 +76,14 @@ class Viewer {
     this.#layOut();
   }
 
-  #add(subject: Subject, layers: number): void {
-    const { name, source } = subject;
+  #add(origin: Origin, layers: number): void {
     const events = {
       onFront: () => this.#begin(showing, panel),
       onView: (view: Frame) => this.#beginAt(showing, view),
       onChange: () => this.#needFrame(),
       onError: ({ message, fatal }: StreamError) => this.tell(message, fatal),
     };
-    const showing: Showing = new Showing(name, source, { layers, degree: this.#degree }, events, this.budgets);
+    const showing: Showing = new Showing(origin, { layers, degree: this.#degree }, events, this.budgets);
     const panel = new Panel(showing);
     this.#shown.push({ showing, panel });
     if (this.#drawing !== null) this.#setUp(this.#drawing, showing);
@@ -127,7 +123,7 @@ class Viewer {
     const [first, second] = this.#shown;
     if (first === undefined) return;
     if (second === undefined) {
-      this.#add({ name: first.showing.name, source: first.showing.origin }, Infinity);
+      this.#add(first.showing.origin, Infinity);
       first.panel.wish(1);
     } else {
       second.showing.close();
@@ -234,7 +230,7 @@ class Viewer {
     element("fold").onclick = () => this.togglePanels();
     element("again").onclick = () => this.again();
     const choose = element<HTMLInputElement>("choose");
-    choose.onchange = () => this.open([...(choose.files ?? [])].map(asSubject));
+    choose.onchange = () => this.open(subjectsOf([...(choose.files ?? [])]));
     this.#listenForKeys();
     this.#listenForDrops();
   }
@@ -266,20 +262,28 @@ class Viewer {
     document.addEventListener("drop", (event) => {
       event.preventDefault();
       document.body.classList.remove("dragging");
-      const files = [...(event.dataTransfer?.files ?? [])].map(asSubject);
+      const files = subjectsOf([...(event.dataTransfer?.files ?? [])]);
       const links = (event.dataTransfer?.getData("text/uri-list") ?? "").split(/\r?\n/);
-      const subjects = [...files, ...links.filter((line) => /^[^#]/.test(line)).map(linked)].slice(0, 2);
+      const subjects = [...files, ...links.filter((line) => /^[^#]/.test(line)).map(linked)].slice(0, TWO);
       if (subjects.length > 0) this.open(subjects);
     });
   }
 }
 
-function asSubject(file: File): Subject {
-  return { name: file.name, source: file };
+/** Scenes that files are: one of all of them where an index is among them. */
+function subjectsOf(files: File[]): Origin[] {
+  const index = files.find(({ name }) => isIndexName(name));
+  if (index === undefined) return files.map((file) => ({ name: file.name, source: file }));
+  const resolve = (uri: string) => {
+    const found = files.find(({ name }) => name === uri.split("/").at(-1));
+    if (found === undefined) throw new StreamError("bad-source", `${uri} is not among the files that were chosen`);
+    return found;
+  };
+  return [{ name: index.name, source: index, resolve }];
 }
 
 /** @param text a URL, relative to the page */
-function linked(text: string): Subject {
+function linked(text: string): Origin {
   const url = new URL(text, location.href);
   return { name: decodeURIComponent(url.pathname.split("/").pop() ?? "") || url.host, source: url.href };
 }
@@ -288,7 +292,7 @@ function linked(text: string): Subject {
 const said = new URLSearchParams(location.search);
 const memory = Number(said.get("memory") ?? NaN) * MEGABYTE;
 const viewer = new Viewer(memory > 0 ? { bytes: memory } : {});
-const named = ["url", "beside"].flatMap((key) => said.getAll(key)).slice(0, 2);
+const named = ["url", "beside"].flatMap((key) => said.getAll(key)).slice(0, TWO);
 if (named.length > 0) viewer.open(named.map(linked));
 else ScarStream.prepare();
 element("stages").focus();

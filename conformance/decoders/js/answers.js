@@ -35,8 +35,8 @@ const BEFORE_TILES = ["container", "models"];
 
 export const CAPABILITIES = Object.freeze({
   protocol: "scar-conformance 2",
-  decoder: "scar-decoder-js 0.1.0",
-  versions: ["0.1"],
+  decoder: "scar-decoder-js 0.2.0",
+  versions: ["0.2"],
   profiles: ["explicit", "anchor"],
   stages: [...DECODED, "metadata", "streaming"],
 });

@@ -92,6 +92,16 @@ export class Reader {
     }
   }
 
+  /** The same, exact however large. @param {number} bits at most 63 @returns {bigint} */
+  bigVarint(bits) {
+    const start = this.at;
+    const near = this.varint(bits);
+    if (near < 2 ** 53) return BigInt(near);
+    let value = 0n;
+    for (let i = this.at - 1; i >= start; i--) value = (value << 7n) | BigInt(this.bytes[i] & 0x7f);
+    return value;
+  }
+
   /** @param {number} bits at most 53 */
   svarint(bits) {
     const m = this.varint(bits);

@@ -37,11 +37,11 @@ export const STREAM_NAMES = Object.freeze(Object.keys(STREAM));
 
 export const PROFILE = Object.freeze({ EXPLICIT: 0, ANCHOR: 1 });
 
-/** The `tile` of a directory entry that belongs to none, §5.5. */
+/** The `tile` of an entry that belongs to none, as the decoder protocol lists it. */
 export const NO_TILE = 0xffffffff;
 
 export const MAX_LAYERS = 16;
-export const MAX_TILES = 1048576;
+export const MAX_TILES = 16777216;
 export const MAX_STAGES = 8;
 export const MAX_STEPS = 20;
 export const MAX_CLASSES = 15;
@@ -50,19 +50,22 @@ export const MAX_VIEWPOINTS = 64;
 
 /**
  * Limits of a reader, §13.2.
- * @typedef {{tiles: number, entries: number, anchors: number, gaussians: number, anchors_per_byte: number,
- *   slots_per_byte: number, block_bytes: number, tile_anchors: number, metadata_bytes: number}} Limits
+ * @typedef {{tiles: number, root_bytes: number, anchors: number, gaussians: number, anchors_per_byte: number,
+ *   slots_per_byte: number, block_bytes: number, tile_anchors: number, gathered: number, gathered_slots: number,
+ *   metadata_bytes: number}} Limits
  */
 
 /** @type {Readonly<Limits>} */
 export const DEFAULT_LIMITS = Object.freeze({
   tiles: 1048576,
-  entries: 4194304,
-  anchors: 67108864,
-  gaussians: 268435456,
+  root_bytes: 16777216,
+  anchors: 2147483648,
+  gaussians: 68719476736,
   anchors_per_byte: 1,
   slots_per_byte: 8,
   block_bytes: 268435456,
   tile_anchors: 65536,
+  gathered: 67108864,
+  gathered_slots: 268435456,
   metadata_bytes: 1048576,
 });

@@ -1,223 +1,137 @@
-/** Tile table, directory and blocks (SPEC §5.4 to §5.6): everything about a file but the content of its blocks. */
+/** The directory and its blocks (SPEC §5.4 to §5.6): everything about a file but the content of its blocks. */
 
 import { BLOCK, NO_TILE } from "./constants.js";
 import { crc32 } from "./crc32.js";
-import { demand, Refused } from "./errors.js";
-import { directoryEnd, readHeader, RECORD_BYTES } from "./header.js";
+import { demand } from "./errors.js";
+import { readHeader } from "./header.js";
+import { readRowPage, readTilePage } from "./pages.js";
+import { readRoot } from "./root.js";
 
 /**
  * @typedef {import("./constants.js").Limits} Limits
  * @typedef {import("./source.js").Source} Source
  * @typedef {import("./header.js").Header} Header
  * @typedef {import("./header.js").Summary} Summary
- * @typedef {{depth: Uint8Array, shift: Uint8Array, reserved: Uint16Array, prefix: BigUint64Array}} Tiles
- *   one number a tile
- * @typedef {{kind: Uint8Array, flags: Uint8Array, layer: Uint8Array, reserved: Uint8Array, tile: Uint32Array,
- *   offset: Float64Array, length: Float64Array, count: Uint32Array, crc32: Uint32Array}} Entries one number an entry
- * @typedef {{source: Source, header: Header, layers: Summary[], tiles: Tiles, entries: Entries}} Container
+ * @typedef {import("./pages.js").Tiles} Tiles
+ * @typedef {import("./pages.js").Rows} Rows
+ * @typedef {import("./root.js").Root} Root
+ * @typedef {{kind: Uint8Array, flags: Uint8Array, layer: Uint8Array, tile: Uint32Array, offset: Float64Array,
+ *   length: Float64Array, count: Uint32Array, crc32: Uint32Array}} Entries one number an entry
+ * @typedef {{source: Source, header: Header, layers: Summary[]}} Start
+ * @typedef {Start & {root: Root}} Front what is known before any page is read
+ * @typedef {Start & {tiles: Tiles, entries: Entries}} Container
  */
 
 const CHUNK = 1 << 20;
-const MAX_DEPTH = 21;
-const LAST_KNOWN_MODEL = BLOCK.PREDICTORS;
-const LAST_MODEL = 15;
 
 /**
- * Rules of §5.1 to §5.5, in their order.
+ * Rules of §5.1 to §5.4, in their order. Pages are not read: the source needs no more than header and ROOT.
+ * @param {Source} source
+ * @param {Limits} limits
+ * @param {boolean} allowTruncated
+ * @returns {Front}
+ */
+export function readFront(source, limits, allowTruncated) {
+  const { header, layers } = readHeader(source, limits, allowTruncated);
+  return { source, header, layers, root: readRoot(source, header, layers, limits) };
+}
+
+/**
+ * Rules of §5.1 to §5.5, in their order: all pages are read.
  * @param {Source} source
  * @param {Limits} limits
  * @param {boolean} allowTruncated
  * @returns {Container}
  */
 export function readContainer(source, limits, allowTruncated) {
-  const { header, layers } = readHeader(source, limits, allowTruncated);
-  const start = header.header_length;
-  const end = directoryEnd(header);
-  demand(source.length >= end, "truncated-directory", "the directory is cut", source.length);
-  const bytes = source.read(start, end - start);
-  demand(crc32(bytes) === header.directory_crc32, "directory-crc-mismatch", "directory CRC", header.header_length);
-  const data = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
-  const tiles = readTiles(data, header.tile_count);
-  checkTiles(tiles, header);
-  const entries = readEntries(data, RECORD_BYTES.tile * header.tile_count, header.entry_count);
-  checkEntries(entries, header, layers, limits);
-  return { source, header, layers, tiles, entries };
+  const front = readFront(source, limits, allowTruncated);
+  const { header, layers } = front;
+  return { source, header, layers, tiles: readTiles(front), entries: joinEntries(front, readRows(front, limits)) };
 }
 
-/**
- * @param {DataView} data
- * @param {number} count
- * @returns {Tiles}
- */
-function readTiles(data, count) {
-  const tiles = {
-    depth: new Uint8Array(count),
-    shift: new Uint8Array(count),
-    reserved: new Uint16Array(count),
-    prefix: new BigUint64Array(count),
-  };
-  for (let t = 0, at = 0; t < count; t++, at += RECORD_BYTES.tile) {
-    tiles.depth[t] = data.getUint8(at);
-    tiles.shift[t] = data.getUint8(at + 1);
-    tiles.reserved[t] = data.getUint16(at + 2, true);
-    tiles.prefix[t] = data.getBigUint64(at + 4, true);
+/** @param {Front} front @returns {Tiles} */
+function readTiles({ source, header, root }) {
+  const count = header.tile_count;
+  const tiles = { depth: new Uint8Array(count), shift: new Uint8Array(count), prefix: new BigUint64Array(count) };
+  const { offset, length } = root.tilePages;
+  for (let p = 0; p < root.pages; p++) {
+    const page = readTilePage(source.read(offset[p], length[p]), header, root, p);
+    const start = p * 2 ** header.page_bits;
+    tiles.depth.set(page.depth, start);
+    tiles.shift.set(page.shift, start);
+    tiles.prefix.set(page.prefix, start);
   }
   return tiles;
 }
 
-/**
- * R-5.4-3 to R-5.4-8, each over all tiles before the next.
- * @param {Tiles} tiles
- * @param {Header} header
- */
-function checkTiles(tiles, header) {
-  const { depth, shift, reserved, prefix } = tiles;
-  const all = (/** @type {(t: number) => boolean} */ holds, /** @type {string} */ id) => {
-    for (let t = 0; t < depth.length; t++) {
-      if (!holds(t)) throw new Refused(id, `tile ${t}`, header.header_length + RECORD_BYTES.tile * t);
-    }
-  };
-  all((t) => reserved[t] === 0, "bad-reserved");
-  all((t) => depth[t] <= MAX_DEPTH, "tile-depth");
-  all((t) => shift[t] <= 31, "tile-shift");
-  all((t) => {
-    const bits = header.lattice_bits - depth[t] - shift[t];
-    return bits >= 0 && bits <= 21;
-  }, "tile-local-bits");
-  all((t) => prefix[t] >> BigInt(3 * depth[t]) === 0n, "tile-prefix");
-  let past = 0n;
-  all((t) => {
-    const height = BigInt(3 * (MAX_DEPTH - depth[t]));
-    const first = prefix[t] << height;
-    const follows = first >= past;
-    past = (prefix[t] + 1n) << height;
-    return follows;
-  }, "tile-order");
+/** @param {Front} front @param {Limits} limits @returns {(Rows | null)[][]} by layer - 1, then page; null: not there */
+function readRows({ source, header, root }, limits) {
+  return root.rowPages.map(({ offset, length }, i) =>
+    Array.from(length, (bytes, page) => {
+      if (bytes === 0) return null;
+      return readRowPage(source.read(offset[page], bytes), header, root, { layer: i + 1, page }, limits);
+    }),
+  );
 }
 
 /**
- * @param {DataView} data
- * @param {number} at
- * @param {number} count
+ * Entries of all blocks in the order in which they lie, which says where they are.
+ * @param {Front} front
+ * @param {(Rows | null)[][]} rows
  * @returns {Entries}
  */
-function readEntries(data, at, count) {
-  const entries = {
+function joinEntries({ header, layers, root }, rows) {
+  const ofTiles = rows.flat().reduce((sum, page) => sum + (page?.length.filter((bytes) => bytes > 0).length ?? 0), 0);
+  const entries = emptyEntries(root.blocks.length + ofTiles);
+  let e = 0;
+  const add = (/** @type {import("./root.js").Row} */ row) => putEntry(entries, e++, { ...row, tile: NO_TILE });
+  layers.forEach(({ end_offset, byte_count }, i) => {
+    const blocks = root.blocks.filter(({ layer }) => layer === i + 1);
+    const models = blocks.filter(({ kind }) => kind < BLOCK.TILE);
+    models.forEach(add);
+    let offset = models.reduce((sum, { length }) => sum + length, end_offset - byte_count);
+    rows[i].forEach((page, p) => {
+      if (page === null) return;
+      const first = p * 2 ** header.page_bits;
+      for (let t = 0; t < page.length.length; t++) {
+        if (page.length[t] === 0) continue;
+        entries.kind[e] = BLOCK.TILE;
+        entries.flags[e] = 1;
+        entries.layer[e] = i + 1;
+        entries.tile[e] = first + t;
+        entries.offset[e] = offset;
+        entries.length[e] = page.length[t];
+        entries.count[e] = page.count[t];
+        entries.crc32[e++] = page.crc32[t];
+        offset += page.length[t];
+      }
+    });
+    blocks.filter(({ kind }) => kind > BLOCK.TILE).forEach(add);
+  });
+  return entries;
+}
+
+/** @param {number} count @returns {Entries} */
+export function emptyEntries(count) {
+  return {
     kind: new Uint8Array(count),
     flags: new Uint8Array(count),
     layer: new Uint8Array(count),
-    reserved: new Uint8Array(count),
     tile: new Uint32Array(count),
     offset: new Float64Array(count),
     length: new Float64Array(count),
     count: new Uint32Array(count),
     crc32: new Uint32Array(count),
   };
-  // Numbers of 2^53 and more lose their low bits, and are refused all the same.
-  const u64 = (/** @type {number} */ i) => data.getUint32(i, true) + data.getUint32(i + 4, true) * 2 ** 32;
-  for (let e = 0; e < count; e++, at += RECORD_BYTES.entry) {
-    entries.kind[e] = data.getUint8(at);
-    entries.flags[e] = data.getUint8(at + 1);
-    entries.layer[e] = data.getUint8(at + 2);
-    entries.reserved[e] = data.getUint8(at + 3);
-    entries.tile[e] = data.getUint32(at + 4, true);
-    entries.offset[e] = u64(at + 8);
-    entries.length[e] = u64(at + 16);
-    entries.count[e] = data.getUint32(at + 24, true);
-    entries.crc32[e] = data.getUint32(at + 28, true);
-  }
-  return entries;
 }
 
 /**
- * R-5.5-1 to R-5.5-13, each over all entries before the next.
  * @param {Entries} entries
- * @param {Header} header
- * @param {Summary[]} layers
- * @param {Limits} limits
+ * @param {number} e
+ * @param {Record<keyof Entries, number>} row
  */
-function checkEntries(entries, header, layers, limits) {
-  const { kind, flags, layer, reserved, tile, offset, length, count } = entries;
-  const start = header.header_length + RECORD_BYTES.tile * header.tile_count;
-  const all = (/** @type {(e: number) => boolean} */ holds, /** @type {string} */ id) => {
-    for (let e = 0; e < kind.length; e++) {
-      if (!holds(e)) throw new Refused(id, `directory entry ${e}`, start + RECORD_BYTES.entry * e);
-    }
-  };
-  all((e) => kind[e] !== 0, "entry-kind");
-  all((e) => reserved[e] === 0, "bad-reserved");
-  all((e) => flagsFit(kind[e], flags[e]), "entry-flags");
-  all((e) => layer[e] >= 1 && layer[e] <= (kind[e] === BLOCK.METADATA ? 1 : header.layer_count), "entry-layer");
-  all((e) => tileFits(kind[e], tile[e], header.tile_count), "entry-tile");
-  all((e) => e === 0 || follows(entries, e), "entry-order");
-  all((e) => length[e] >= 1 && length[e] <= header.file_length, "entry-length");
-  all((e) => length[e] <= limits.block_bytes, "limit-block-bytes");
-  let end = directoryEnd(header);
-  all((e) => {
-    const fits = offset[e] === end && end <= header.file_length;
-    end += length[e];
-    return fits;
-  }, "entry-offset");
-  all((e) => kind[e] !== BLOCK.TILE || count[e] <= limits.tile_anchors, "limit-tile-anchors");
-  all((e) => kind[e] !== BLOCK.METADATA || count[e] === 0, "entry-count");
-  checkLayerSums(entries, layers);
-  all((e) => (flags[e] & 1) === 0 || known(kind[e]), "unknown-critical-block");
-}
-
-/**
- * @param {number} kind
- * @param {number} flags
- */
-function flagsFit(kind, flags) {
-  if (kind <= BLOCK.TILE) return flags === 1;
-  return kind === BLOCK.METADATA ? flags === 2 : flags <= 2;
-}
-
-/**
- * @param {number} kind
- * @param {number} tile
- * @param {number} tileCount
- */
-function tileFits(kind, tile, tileCount) {
-  if (kind === BLOCK.TILE) return tile < tileCount;
-  if (kind <= LAST_MODEL || kind === BLOCK.METADATA) return tile === NO_TILE;
-  return tile < tileCount || tile === NO_TILE;
-}
-
-/** Whether entry e comes after the one before. @param {Entries} entries @param {number} e */
-function follows({ layer, kind, tile }, e) {
-  if (layer[e] !== layer[e - 1]) return layer[e] > layer[e - 1];
-  if (kind[e] !== kind[e - 1]) return kind[e] > kind[e - 1];
-  return tile[e] > tile[e - 1];
-}
-
-/** @param {number} kind */
-function known(kind) {
-  return kind <= LAST_KNOWN_MODEL || kind === BLOCK.TILE || kind === BLOCK.METADATA;
-}
-
-/**
- * R-5.5-12.
- * @param {Entries} entries
- * @param {Summary[]} layers
- */
-function checkLayerSums({ layer, kind, length, count }, layers) {
-  let e = 0;
-  let before = 0;
-  layers.forEach((summary, i) => {
-    let bytes = 0;
-    let models = 0;
-    let anchors = 0;
-    for (; e < layer.length && layer[e] === i + 1; e++) {
-      bytes += length[e];
-      if (kind[e] === BLOCK.TILE) anchors += count[e];
-      else models += length[e];
-    }
-    const fits = bytes === summary.byte_count && models === summary.stream_bytes[0];
-    demand(fits, "layer-directory-bytes", `the blocks of layer ${i + 1}`);
-    demand(anchors === summary.anchor_count - before, "layer-directory-anchors", `anchors of layer ${i + 1}`);
-    before = summary.anchor_count;
-  });
+export function putEntry(entries, e, row) {
+  for (const name of /** @type {(keyof Entries)[]} */ (Object.keys(entries))) entries[name][e] = row[name];
 }
 
 /**

@@ -1,5 +1,5 @@
 /**
- * A decoder of .scar files, all of SPEC.md 0.1.
+ * A decoder of .scar files, all of SPEC.md 0.2.
  *
  *     const scar = openScar(bytes);
  *     const { position, values } = scar.decode({ layers: 1 });
@@ -8,7 +8,7 @@
  */
 
 import { activateAnchors, activateGaussians } from "./activate.js";
-import { DEFAULT_LIMITS, PROFILE, STREAM, STREAM_NAMES } from "./constants.js";
+import { BLOCK, DEFAULT_LIMITS, PROFILE, STREAM, STREAM_NAMES } from "./constants.js";
 import { readContainer } from "./container.js";
 import { Refused } from "./errors.js";
 import { IndexNetwork } from "./index_network.js";
@@ -144,7 +144,7 @@ export class Scar {
 
   /**
    * All tiles, or some, in the order of §6.3.
-   * @param {{layers?: number, tiles?: Iterable<number>, activated?: boolean}} [options]
+   * @param {{layers?: number, tiles?: readonly number[], activated?: boolean}} [options]
    * @returns {{anchors: number, position: Float64Array, class: Uint8Array, values: Record<string, Float32Array>,
    *   latent?: Float32Array, activated?: Record<string, Float64Array>}}
    */
@@ -156,6 +156,7 @@ export class Scar {
       if (list === undefined) parts.set(name, [array]);
       else list.push(array);
     };
+    this.#checkGathered(layers, tiles);
     let anchors = 0;
     for (const tile of this.tiles({ layers, tiles })) {
       anchors += tile.size;
@@ -175,6 +176,21 @@ export class Scar {
       else (out[group] ??= {})[name] = concatenate(list);
     }
     return out;
+  }
+
+  /** R-13.2-3. @param {number} layers 0 for all @param {readonly number[]} [tiles] all where it is left out */
+  #checkGathered(layers, tiles) {
+    const last = layers === 0 ? this.header.layer_count : layers;
+    const chosen = tiles === undefined ? null : new Set(tiles);
+    const { kind, layer, tile, count } = this.container.entries;
+    const anchors = count.reduce((sum, appear, e) => {
+      const isHeld = kind[e] === BLOCK.TILE && layer[e] <= last && (chosen?.has(tile[e]) ?? true);
+      return isHeld ? sum + appear : sum;
+    }, 0);
+    const { gathered, gathered_slots: slots } = this.limits;
+    if (anchors <= gathered && anchors * this.header.slots <= slots) return;
+    const advice = "take some tiles, fewer layers, or tile by tile with tiles()";
+    throw new Refused("limit-gathered", `${anchors} anchors at once: ${advice}`);
   }
 }
 

@@ -9,9 +9,9 @@ import { demand, Refused } from "./errors.js";
  * @typedef {import("./source.js").Source} Source
  * @typedef {{signature: Uint8Array, major: number, minor: number, version_reserved: number, header_length: number,
  *   file_length: number, profile: number, sh_degree: number, layer_count: number, slots: number,
- *   lattice_bits: number, coordinate_frame: number, colour_space: number, reserved: number, tile_count: number,
- *   entry_count: number, anchor_count: number, gaussian_count: number, origin: number[], voxel: number,
- *   source_count: number, directory_crc32: number, header_crc32: number}} Header
+ *   lattice_bits: number, coordinate_frame: number, colour_space: number, page_bits: number, tile_count: number,
+ *   root_length: number, anchor_count: number, gaussian_count: number, origin: number[], voxel: number,
+ *   source_count: number, root_crc32: number, header_crc32: number}} Header
  * @typedef {{anchor_count: number, gaussian_count: number, byte_count: number, end_offset: number,
  *   stream_bytes: number[]}} Summary
  */
@@ -21,10 +21,9 @@ const NAME = [0x53, 0x43, 0x41, 0x52];
 const FIXED = 100;
 const SUMMARY = 136;
 const CHECKSUM = 4;
+const MINOR = 2;
+const MOST_PAGE_BITS = 16;
 const MAX_INTEGER = 2n ** 53n - 1n;
-
-/** Bytes of one TILE_RECORD and one DIRECTORY_ENTRY. */
-export const RECORD_BYTES = Object.freeze({ tile: 12, entry: 32 });
 
 /**
  * Rules R-5.1-1 to R-5.3-8 in their order.
@@ -68,7 +67,7 @@ function checkSignature(start) {
     throw new Refused(named ? "damaged-signature" : "bad-signature", "not the signature of a .scar file", 0);
   }
   demand(start.length >= 11, "truncated-header", "the version is cut", start.length);
-  demand(start[9] === 0 && start[10] === 1, "unsupported-version", `version ${start[9]}.${start[10]}`, 9);
+  demand(start[9] === 0 && start[10] === MINOR, "unsupported-version", `version ${start[9]}.${start[10]}`, 9);
 }
 
 /**
@@ -92,15 +91,15 @@ function rawHeader(bytes, data, length) {
     lattice_bits: bytes[28],
     coordinate_frame: bytes[29],
     colour_space: bytes[30],
-    reserved: bytes[31],
+    page_bits: bytes[31],
     tile_count: data.getUint32(32, true),
-    entry_count: data.getUint32(36, true),
+    root_length: data.getUint32(36, true),
     anchor_count: u64(40),
     gaussian_count: u64(48),
     origin: [56, 64, 72].map((at) => data.getFloat64(at, true)),
     voxel: data.getFloat64(80, true),
     source_count: u64(88),
-    directory_crc32: data.getUint32(96, true),
+    root_crc32: data.getUint32(96, true),
     header_crc32: data.getUint32(length - CHECKSUM, true),
   };
 }
@@ -122,16 +121,16 @@ function checkHeader(h, limits) {
   demand(h.lattice_bits >= 1 && h.lattice_bits <= 32, "bad-lattice-bits", `${h.lattice_bits} lattice bits`, 28);
   demand(h.coordinate_frame <= 2, "bad-coordinate-frame", `coordinate frame ${h.coordinate_frame}`, 29);
   demand(h.colour_space <= 2, "bad-colour-space", `colour space ${h.colour_space}`, 30);
-  demand(h.reserved === 0, "bad-reserved", "reserved is not 0", 31);
+  demand(h.page_bits <= MOST_PAGE_BITS, "bad-page-bits", `pages of 2^${h.page_bits} tiles`, 31);
   demand(h.origin.every(Number.isFinite), "bad-origin", `origin ${h.origin}`, 56);
   demand(Number.isFinite(h.voxel) && h.voxel > 0, "bad-voxel", `voxel ${h.voxel}`, 80);
   const reach = Math.max(...h.origin.map(Math.abs)) + h.voxel * 2 ** (h.lattice_bits + 1);
   demand(Number.isFinite(reach), "bad-voxel", `positions reach ${reach}`, 80);
   demand(h.source_count <= MAX_INTEGER, "bad-source-count", `source count ${h.source_count}`, 88);
   demand(h.tile_count <= limits.tiles, "limit-tiles", `${h.tile_count} tiles`, 32);
-  demand(h.entry_count <= limits.entries, "limit-entries", `${h.entry_count} entries`, 36);
   demand(h.anchor_count <= limits.anchors, "limit-anchors", `${h.anchor_count} anchors`, 40);
   demand(h.gaussian_count <= limits.gaussians, "limit-gaussians", `${h.gaussian_count} Gaussians`, 48);
+  demand(h.root_length <= limits.root_bytes, "limit-root", `a ROOT of ${h.root_length} bytes`, 36);
   const anchors = Number(h.anchor_count);
   const length = Number(h.file_length);
   const expands = anchors > 2 ** 16 + limits.anchors_per_byte * length;
@@ -174,7 +173,8 @@ function summaryNumbers(raw) {
  * @returns {RawSummary[]}
  */
 function checkSummaries(data, h) {
-  let end = BigInt(directoryEnd(h));
+  const least = BigInt(h.header_length) + BigInt(h.root_length);
+  let end = 0n;
   let anchors = 0n;
   let gaussians = 0n;
   /** @type {RawSummary[]} */
@@ -189,8 +189,9 @@ function checkSummaries(data, h) {
     demand(fits, "layer-counts", `layer ${i + 1} has ${s.gaussian_count} Gaussians`, at + 8);
     const sum = s.stream_bytes.reduce((a, b) => a + b, 0n);
     demand(sum === s.byte_count, "layer-bytes", `stream bytes of layer ${i + 1}`, at + 32);
-    end += s.byte_count;
-    demand(s.end_offset === end, "layer-offset", `end of layer ${i + 1}`, at + 24);
+    const begins = s.end_offset - s.byte_count;
+    demand(i === 0 ? begins >= least : begins === end, "layer-offset", `end of layer ${i + 1}`, at + 24);
+    end = s.end_offset;
     ({ anchor_count: anchors, gaussian_count: gaussians } = s);
     layers.push(s);
   }
@@ -213,7 +214,11 @@ function checkFileLength(h, layers, length, allowTruncated) {
   demand(allowTruncated || length >= h.file_length, "truncated-file", `${length} bytes of ${end}`, length);
 }
 
-/** @param {{header_length: number, tile_count: number, entry_count: number}} header @returns {number} */
-export function directoryEnd(header) {
-  return header.header_length + RECORD_BYTES.tile * header.tile_count + RECORD_BYTES.entry * header.entry_count;
+/**
+ * D, where the directory ends and blocks begin (R-5.3-4).
+ * @param {Summary[]} layers
+ * @returns {number}
+ */
+export function directoryEnd(layers) {
+  return layers[0].end_offset - layers[0].byte_count;
 }

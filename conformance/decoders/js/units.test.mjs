@@ -15,6 +15,7 @@ import { openScar, Refused } from "./decoder.js";
 import { parseMetadata } from "./metadata.js";
 import { exp2w, sigmoid12, tanh12 } from "./integers.js";
 import { makeVectors } from "./network_block.js";
+import { repack, varint as packedVarint } from "./packing.mjs";
 import { RansStream } from "./rans.js";
 import { readRice, readShifted } from "./rice.js";
 import { Sha256 } from "./sha256.js";
@@ -76,6 +77,13 @@ describe("fields", () => {
     const most = [0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0xff, 0x7f];
     refuses(() => new Reader(Uint8Array.from(most)).count(65536), "count-limit");
     refuses(() => new Reader(Uint8Array.of(...most.slice(0, 8), 0xff, 0x01)).count(65536), "bad-varint");
+  });
+
+  it("large varints are exact", () => {
+    for (const value of [0n, 127n, 2n ** 53n - 1n, 2n ** 53n + 1n, 2n ** 62n + 3n, 2n ** 63n - 1n]) {
+      assert.equal(new Reader(Uint8Array.from(packedVarint(value))).bigVarint(63), value);
+    }
+    refuses(() => new Reader(Uint8Array.from(packedVarint(2n ** 63n))).bigVarint(63), "bad-varint");
   });
 
   it("Rice codes are those of the note of §5.9", () => {
@@ -251,49 +259,64 @@ describe("interface", () => {
   });
 
   it("decodes the layers of a cut file that arrived whole, if asked to", () => {
-    const cut = bytes.subarray(0, 800);
+    const [first] = openScar(bytes).container.layers;
+    const cut = bytes.subarray(0, first.end_offset + 5);
     refuses(() => openScar(cut), "truncated-file");
     const scar = openScar(cut, { allowTruncated: true });
     assert.equal(scar.layersArrived, 1);
     assert.equal(scar.decode({ layers: 1 }).anchors, 2);
     refuses(() => scar.decode(), "truncated-block");
-    refuses(() => openScar(bytes.subarray(0, 400), { allowTruncated: true }), "truncated-directory");
+    refuses(() => openScar(bytes.subarray(0, first.end_offset - first.byte_count - 1), { allowTruncated: true }), "truncated-directory");
   });
 
   it("limits can be lowered", () => {
     refuses(() => openScar(bytes, { limits: { anchors: 2 } }), "limit-anchors");
+    refuses(() => openScar(bytes, { limits: { root_bytes: 10 } }), "limit-root");
+  });
+
+  it("a scene is not gathered beyond what is allowed, its first layer and its tiles may be", () => {
+    for (const limits of [{ gathered: 2 }, { gathered_slots: 2 }]) {
+      const scar = openScar(bytes, { limits });
+      refuses(() => scar.decode(), "limit-gathered");
+      assert.equal(scar.decode({ layers: 1 }).anchors, 2);
+      assert.equal(scar.decode({ tiles: [] }).anchors, 0);
+      assert.equal([...scar.tiles()][0].size, 3);
+    }
   });
 });
 
-/** Makes the CRCs of a file right again, as far as its directory can be read. */
-function repair(bytes) {
-  const view = new DataView(bytes.buffer);
-  const header = view.getUint32(12, true);
-  if (header < 240 || header > bytes.length) return;
-  const start = header + 12 * view.getUint32(32, true);
-  const end = start + 32 * view.getUint32(36, true);
-  if (end <= bytes.length) {
-    for (let at = start; at < end; at += 32) {
-      const offset = Number(view.getBigUint64(at + 8, true));
-      const length = Number(view.getBigUint64(at + 16, true));
-      if (length > 0 && offset + length <= bytes.length) repairBlock(bytes, view, at, offset, length);
-    }
-    view.setUint32(96, crc32(bytes.subarray(header, end)), true);
+/** Changes bytes of blocks, and makes checksums right again, so that what is behind them is looked at. */
+function damageBlocks({ source, entries }, times, next) {
+  for (let i = 0; i < times; i++) {
+    const e = next(entries.kind.length);
+    const block = source.read(entries.offset[e], entries.length[e]);
+    block[next(block.length)] = next(256);
+    if (entries.kind[e] === 16) repairTile(block);
+    entries.crc32[e] = crc32(block);
   }
-  view.setUint32(header - 4, crc32(bytes.subarray(0, header - 4)), true);
 }
 
-function repairBlock(bytes, view, entry, offset, length) {
-  const table = 1 + 9 * bytes[offset];
-  if (bytes[entry] === 16 && table + 4 <= length) {
-    for (let at = offset + 1, from = offset + table + 4; at < offset + table; at += 9) {
-      const past = from + view.getUint32(at + 1, true);
-      if (past <= offset + length) view.setUint32(at + 5, crc32(bytes.subarray(from, past)), true);
-      from = past;
-    }
-    view.setUint32(offset + table, crc32(bytes.subarray(offset, offset + table)), true);
+/** Makes the CRCs of sub-streams right again, as far as their table can be read. */
+function repairTile(block) {
+  const view = new DataView(block.buffer, block.byteOffset, block.byteLength);
+  const table = 1 + 9 * block[0];
+  if (table + 4 > block.length) return;
+  for (let at = 1, from = table + 4; at < table; at += 9) {
+    const past = from + view.getUint32(at + 1, true);
+    if (past <= block.length) view.setUint32(at + 5, crc32(block.subarray(from, past)), true);
+    from = past;
   }
-  view.setUint32(entry + 28, crc32(bytes.subarray(offset, offset + length)), true);
+  view.setUint32(table, crc32(block.subarray(0, table)), true);
+}
+
+/** Changes a number of the directory. */
+function damageDirectory({ root, tiles, rows }, next) {
+  const lists = [...tiles.flatMap(({ depth, shift, gap }) => [depth, shift, gap])];
+  lists.push(...rows.flat().flatMap(({ length, count }) => [length, count]), ...root.models);
+  const list = lists.filter(({ length }) => length > 0)[next(lists.filter(({ length }) => length > 0).length)];
+  const i = next(list.length);
+  if (typeof list[i] === "object") list[i].count = next(256);
+  else list[i] = typeof list[i] === "bigint" ? BigInt(next(8)) : next(256);
 }
 
 describe("damage", () => {
@@ -302,12 +325,15 @@ describe("damage", () => {
     const folders = ["worked", "valid/anchors", "valid/index-grid", "valid/annotations", "valid/predictors"];
     const files = folders.map((name) => readFileSync(join(VECTORS, name, "input.scar")));
     for (let round = 0; round < 600; round++) {
-      const bytes = new Uint8Array(files[round % files.length]);
-      for (let i = 1 + next(3); i > 0; i--) {
-        const first = next(4) === 0 ? 0 : 240;
-        bytes[first + next(bytes.length - first)] = next(256);
+      let bytes = new Uint8Array(files[round % files.length]);
+      if (next(8) === 0) {
+        for (let i = 1 + next(3); i > 0; i--) bytes[next(bytes.length)] = next(256);
+      } else {
+        const { container } = openScar(bytes);
+        damageBlocks(container, 1 + next(3), next);
+        const change = (directory) => next(4) === 0 && damageDirectory(directory, next);
+        bytes = repack(container, { pageBits: next(3), change });
       }
-      if (next(8) > 0) repair(bytes);
       const found = ask(bytes);
       assert.ok(typeof found.refused === "string" || typeof found.stages === "object");
     }

@@ -27,8 +27,8 @@ READERS = {"metadata": read_metadata, "streaming": read_streaming}
 STAGES = ("container", *EXACT, *READERS)
 CAPABILITIES = {
     "protocol": "scar-conformance 2",
-    "decoder": "scarfmt minimal decoder 0.1",
-    "versions": ["0.1"],
+    "decoder": "scarfmt minimal decoder 0.2",
+    "versions": ["0.2"],
     "profiles": ["explicit", "anchor"],
     "stages": list(STAGES),
 }

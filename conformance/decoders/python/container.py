@@ -1,12 +1,15 @@
-"""The structures of SPEC.md §5.2 to §5.5, field by field, with nothing but their tables: the stage ``container``.
+"""The fields of SPEC.md §5.2 to §5.5, those of tiles and blocks unpacked from their pages: the stage ``container``.
 
-The input is a file whose header, tile table and directory are sound; nothing is checked.
+The input is a file whose header, ROOT and pages are sound; only their checksums are compared.
 """
 
 from __future__ import annotations
 
 import zlib
+from dataclasses import asdict
 from typing import Any
+
+from conformance.decoders.python.front import Root, read_entries, read_tiles
 
 Layout = tuple[tuple[str, str, int], ...]
 
@@ -24,15 +27,15 @@ FILE_HEADER: Layout = (
     ("lattice_bits", "u8", 1),
     ("coordinate_frame", "u8", 1),
     ("colour_space", "u8", 1),
-    ("reserved", "u8", 1),
+    ("page_bits", "u8", 1),
     ("tile_count", "u32", 1),
-    ("entry_count", "u32", 1),
+    ("root_length", "u32", 1),
     ("anchor_count", "u64", 1),
     ("gaussian_count", "u64", 1),
     ("origin", "f64", 3),
     ("voxel", "f64", 1),
     ("source_count", "u64", 1),
-    ("directory_crc32", "u32", 1),
+    ("root_crc32", "u32", 1),
 )
 LAYER_SUMMARY: Layout = (
     ("anchor_count", "u64", 1),
@@ -42,18 +45,6 @@ LAYER_SUMMARY: Layout = (
     ("stream_bytes", "u64", 13),
 )
 HEADER_CHECKSUM: Layout = (("header_crc32", "u32", 1),)
-TILE_RECORD: Layout = (("depth", "u8", 1), ("shift", "u8", 1), ("reserved", "u16", 1), ("prefix", "u64", 1))
-DIRECTORY_ENTRY: Layout = (
-    ("kind", "u8", 1),
-    ("flags", "u8", 1),
-    ("layer", "u8", 1),
-    ("reserved", "u8", 1),
-    ("tile", "u32", 1),
-    ("offset", "u64", 1),
-    ("length", "u64", 1),
-    ("count", "u32", 1),
-    ("crc32", "u32", 1),
-)
 SIGNATURE = bytes.fromhex("89534341520d0a1a0a")
 METADATA_KIND, STREAMING_KIND = "64", "65"
 _SIZES = {"u8": 1, "u16": 2, "u32": 4, "u64": 8, "f64": 8}
@@ -83,21 +74,22 @@ def _shown(number: bytes, kind: str) -> str:
 
 
 def container_fields(data: bytes) -> dict[str, Any]:
-    """Every field of header, layer summaries, tile table and directory."""
+    """Every field of header and layer summaries, every tile, and an entry for every block."""
     header = fields_at(data, 0, FILE_HEADER)
     at = size_of(FILE_HEADER)
-    out: dict[str, Any] = {"header": header}
-    layers, at = _rows(data, at, LAYER_SUMMARY, int(header["layer_count"]))
+    layers = []
+    for _ in range(int(header["layer_count"])):
+        layers.append(fields_at(data, at, LAYER_SUMMARY))
+        at += size_of(LAYER_SUMMARY)
     header |= fields_at(data, at, HEADER_CHECKSUM)
-    tiles, at = _rows(data, at + size_of(HEADER_CHECKSUM), TILE_RECORD, int(header["tile_count"]))
-    entries, _ = _rows(data, at, DIRECTORY_ENTRY, int(header["entry_count"]))
-    return {**out, "layers": layers, "tiles": tiles, "entries": entries}
+    root = Root(data)
+    tiles = [_texts(tile._asdict()) for tile in read_tiles(data, root)]
+    entries = [_texts(asdict(entry)) for entry in read_entries(data, root)]
+    return {"header": header, "layers": layers, "tiles": tiles, "entries": entries}
 
 
-def _rows(data: bytes, at: int, layout: Layout, count: int) -> tuple[list[dict[str, Any]], int]:
-    """`count` structures from an offset, and the offset past them."""
-    size = size_of(layout)
-    return [fields_at(data, at + i * size, layout) for i in range(count)], at + count * size
+def _texts(row: dict[str, int]) -> dict[str, str]:
+    return {name: str(number) for name, number in row.items()}
 
 
 def blocks_of_kind(data: bytes, kind: str) -> list[bytes]:
@@ -107,9 +99,9 @@ def blocks_of_kind(data: bytes, kind: str) -> list[bytes]:
 
 
 def profile_of(data: bytes) -> str | None:
-    """``explicit`` or ``anchor``, None where a sound header of version 0.1 does not say so."""
+    """``explicit`` or ``anchor``, None where a sound header of version 0.2 does not say so."""
     header = fields_at(data, 0, FILE_HEADER) if len(data) >= size_of(FILE_HEADER) else {}
-    if not data.startswith(SIGNATURE + b"\0\1") or header.get("profile") not in ("0", "1"):
+    if not data.startswith(SIGNATURE + b"\0\2") or header.get("profile") not in ("0", "1"):
         return None
     crc = int(header["header_length"]) - 4
     if not 0 < crc <= len(data) - 4 or zlib.crc32(data[:crc]) != int.from_bytes(data[crc : crc + 4], "little"):

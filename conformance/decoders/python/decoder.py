@@ -26,6 +26,7 @@ from conformance.decoders.python.fields import (
     parse_tables,
     require,
 )
+from conformance.decoders.python.front import NO_TILE, TILE, Root, read_entries, read_tiles
 from conformance.decoders.python.hash_grid import Grid, parse_grid
 from conformance.decoders.python.index_network import Network, parse_network
 from conformance.decoders.python.models import Opening, Row, network_inputs, parse_codebooks, parse_layer
@@ -41,30 +42,30 @@ class Decoder:
     def __init__(self, data: bytes, layers: int | None = None) -> None:
         head = Payload(data)
         require(head.take(9) == bytes.fromhex("8953434152 0d0a1a0a"), "bad-signature")
-        require(head.fields("BB") == (0, 1), "unsupported-version")
+        require(head.fields("BB") == (0, 2), "unsupported-version")
         _, length, self.file_length = head.fields("BIQ")
         (crc,) = struct.unpack("<I", data[length - 4 : length])
         require(zlib.crc32(data[: length - 4]) == crc, "header-crc-mismatch")
-        self.profile, self.degree, layer_count, self.slots, self.lattice_bits, _, _, _ = head.fields("8B")
+        self.profile, self.degree, layer_count, self.slots, self.lattice_bits, *_ = head.fields("8B")
         self.k = layers or layer_count
-        tile_count, entry_count, _, _ = head.fields("IIQQ")
+        head.at = 56
         *self.origin, self.voxel = head.fields("4d")
-        tables = Payload(data)
-        tables.at = length
-        self.tiles = [tables.fields("BBHQ") for _ in range(tile_count)]
-        entries = [tables.fields("BBBBIQQII") for _ in range(entry_count)]
+        root = Root(data)
+        self.pages = len(root.pages)
+        self.tiles = read_tiles(data, root)
         self.blocks: dict[tuple[int, int, int], tuple[bytes, int]] = {}
-        for kind, flags, layer, _, tile, offset, size, count, crc in entries:
-            require(kind in (*range(1, 9), 16, 64) or not flags & 1, "unknown-critical-block")
-            block = data[offset : offset + size]
+        for entry in read_entries(data, root):
+            require(entry.kind in (*range(1, 9), 16, 64) or not entry.flags & 1, "unknown-critical-block")
+            block = data[entry.offset : entry.offset + entry.length]
             # A block it has no need of is no reason to refuse (R-5.6-3): neither METADATA nor an unknown one.
-            require(kind > 16 or layer > self.k or zlib.crc32(block) == crc, "crc-mismatch")
-            self.blocks[layer, kind, tile] = block, count
+            unused = entry.kind > TILE or entry.layer > self.k
+            require(unused or zlib.crc32(block) == entry.crc32, "crc-mismatch")
+            self.blocks[entry.layer, entry.kind, entry.tile] = block, entry.count
         self.traces = [Trace() for _ in range(self.k)]
         self._models()
 
     def _model(self, layer: int, kind: int) -> bytes | None:
-        return self.blocks.get((layer, kind, 0xFFFFFFFF), (None, 0))[0]
+        return self.blocks.get((layer, kind, NO_TILE), (None, 0))[0]
 
     def _models(self) -> None:
         self.opening = Opening([], 0, [])
@@ -107,7 +108,7 @@ class Decoder:
     def tile(self, number: int) -> Tile:
         out = Tile(self.slots if self.profile else 0, self.channels)
         for k in range(1, self.k + 1):
-            block, new = self.blocks.get((k, 16, number), (None, 0))
+            block, new = self.blocks.get((k, TILE, number), (None, 0))
             parts = substreams(block) if block else {}
             self._layer(out, k, parts, new, number)
         return out
@@ -251,7 +252,7 @@ class Decoder:
         return self.channels[i].first_widths[j] / float(3 ** (n - 1)) if n else 0.0
 
     def positions(self, number: int, tile: Tile) -> list[list[float]]:
-        depth, shift, _, prefix = self.tiles[number]
+        depth, shift, prefix = self.tiles[number]
         corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
         cell = float(1 << shift)
         residual = next((i for i, channel in enumerate(self.channels) if channel.stream == POSITION_RESIDUAL), None)
@@ -287,7 +288,7 @@ class Decoder:
 
     def middle(self, number: int, code: int) -> list[int]:
         """The lattice point in the middle of an anchor's cell."""
-        depth, shift, _, prefix = self.tiles[number]
+        depth, shift, prefix = self.tiles[number]
         corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
         return [c + (x << shift) + (1 << shift >> 1) for c, x in zip(corner, deinterleaved(code), strict=True)]
 

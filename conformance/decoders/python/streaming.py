@@ -10,7 +10,7 @@ from typing import Any
 from conformance.decoders.python.container import STREAMING_KIND, container_fields
 from conformance.decoders.python.fields import Payload, require
 
-MAX_LAYERS, MAX_TILES, MAX_VIEWPOINTS = 16, 1 << 20, 64
+MAX_LAYERS, MAX_TILES, MAX_VIEWPOINTS = 16, 1 << 24, 64
 
 
 def read_streaming(data: bytes) -> Any:

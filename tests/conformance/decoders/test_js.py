@@ -188,7 +188,7 @@ def test_damaged_frames_are_decompressed_or_refused() -> None:
 
 def test_its_own_tests_pass() -> None:
     """CRC-32, SHA-256, varints, Rice codes, rANS, integer networks, the interface, damaged files."""
-    found = run_node("--test", str(FOLDER / "units.test.mjs"))
+    found = run_node("--test", *(str(FOLDER / name) for name in ("units.test.mjs", "directory.test.mjs")))
     assert found.returncode == 0, found.stdout.decode()[-4000:]
 
 

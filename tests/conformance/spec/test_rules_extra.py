@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from conformance.decoders.python.front import Root
 from conformance.generate import VECTORS
 from fuzz.testing.scenes import random_scene
 from scarfmt.coding.reader import SceneReader
@@ -76,6 +77,23 @@ def test_no_tile_block_is_written_for_nothing(profile: Profile) -> None:
         tiles = [entry for entry in container.entries if entry.kind == BlockKind.TILE]
         assert tiles
         assert all(entry.count or container.read_block(entry)[0] for entry in tiles)
+
+
+def test_a_reader_of_one_tile_leaves_other_pages_unread() -> None:
+    """R-5.5-11: damage in those is not seen, and what is read is the same."""
+    whole = (VECTORS / "edge" / "tile-depths-1" / "input.scar").read_bytes()
+    damaged = bytearray(whole)
+    place = Root(whole)
+    for page in (*place.tile_pages[:20], *place.tile_pages[21:]):
+        damaged[page.start] ^= 1
+    with pytest.raises(ScarError, match="page-crc-mismatch"):
+        Container.open(BytesSource(bytes(damaged))).load()
+    readers = [SceneReader(BytesSource(data)) for data in (whole, bytes(damaged))]
+    ours, theirs = (next(iter(reader.tiles(reader.models(2, tiles=[20]), [20]))) for reader in readers)
+    assert ours[0] == theirs[0] == 20
+    assert len(ours[1])
+    assert np.array_equal(ours[1].codes, theirs[1].codes)
+    assert all(map(np.array_equal, ours[1].values, theirs[1].values))
 
 
 @pytest.mark.parametrize("profile", list(Profile))

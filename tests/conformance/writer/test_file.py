@@ -36,7 +36,6 @@ from scarfmt.container.file import Block, Container
 from scarfmt.container.file import write_container as reference_container
 from scarfmt.container.schema import BlockKind, Profile
 from scarfmt.container.source import BytesSource
-from scarfmt.errors import Malformed
 from scarfmt.limits import FORMAT_LIMITS
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
@@ -70,7 +69,7 @@ OPTIONS = {
     "grid-ones": WriteOptions(grid_ones=255),
     "metadata": WriteOptions(metadata=b' { "b" : 1 , "a" : [ ] , "a" : {} } '),
     "blocks": WriteOptions(
-        blocks=(Block(9, 1, b"x", flags=1), Block(66, 1, b"y"), Block(130, 1, b"z", tile=0, flags=2, count=7))
+        blocks=(Block(9, 1, b"x", flags=1), Block(66, 1, b"y"), Block(130, 1, b"z", flags=2, count=7))
     ),
 }
 
@@ -182,20 +181,19 @@ def test_blocks_of_any_kind_can_be_added() -> None:
     data = write_file(scene_of("annotations"), OPTIONS["blocks"])
     container = Container.open(BytesSource(data), readable_kinds=range(256)).load()
     found = {(e.kind, e.tile, e.flags, e.count) for e in container.entries}
-    assert {(9, None, 1, 0), (66, None, 0, 0), (130, 0, 2, 7)} <= found
+    assert {(9, None, 1, 0), (66, None, 0, 0), (130, None, 2, 7)} <= found
     with pytest.raises(Exception, match="kind"):
         Container.open(BytesSource(data)).load()
 
 
-def test_blocks_can_stand_out_of_order() -> None:
-    """Fault files need them so; everything else about them is right."""
-    scene = scene_of("annotations")
-    blocks = blocks_of(write_file(scene))
-    assert write_container(scene.fields, scene.tiles, blocks[::-1], layer_counts(scene)) == write_file(scene)
-    data = write_container(scene.fields, scene.tiles, blocks[::-1], layer_counts(scene), ordered=False)
-    with pytest.raises(Malformed) as caught:
-        Container.open(BytesSource(data)).load()
-    assert caught.value.refusal == "entry-order"
+@pytest.mark.parametrize("page_bits", [0, 1, 10])
+def test_blocks_are_put_in_order_and_in_pages_as_the_reference_writer_does(page_bits: int) -> None:
+    """Of a scene of many tiles; two writers of ROOT and pages that share nothing."""
+    scene = scene_of("explicit-refined")
+    blocks = blocks_of(write_file(scene, WriteOptions(page_bits=page_bits)))
+    ours = write_container(scene.fields, scene.tiles, blocks[::-1], layer_counts(scene), page_bits=page_bits)
+    assert ours == write_file(scene, WriteOptions(page_bits=page_bits))
+    assert ours == reference_container(scene.fields, scene.tiles, blocks, layer_counts(scene), page_bits)
 
 
 def test_tables_that_lack_a_value_are_told() -> None:

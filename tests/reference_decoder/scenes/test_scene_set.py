@@ -12,8 +12,9 @@ import pytest
 from reference_decoder.decode import decode
 from reference_decoder.request import DecodeRequest
 from reference_decoder.scenes.needs import LevelOfDetail, placed_back
-from reference_decoder.scenes.scene_ply import export_scene_ply, placed_views
+from reference_decoder.scenes.scene_ply import export_scene_ply
 from reference_decoder.scenes.scene_set import SceneSet, open_scene, widened
+from reference_decoder.scenes.stream_scene import placed_views
 from reference_decoder.stream_ply import Baking, export_ply
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.source import BytesSource

@@ -51,7 +51,7 @@ def binned(origin: str, work: Work, *, rows: int, range_size: int, tile: int) ->
     bounds = bounds_of([scan_chunk(chunk) for chunk in chunks], False, None)
     names = [f"counts/{chunk.number}" for chunk in chunks]
     for name, chunk in zip(names, chunks, strict=True):
-        count_chunk(work, name, chunk, bounds, 6)
+        count_chunk(work, name, chunk, bounds, True, 6)
     ranges = cut(first_cells(*counts_in(work, names), 6), range_size, tile)
-    write_index(work, [bin_chunk(work, chunk, bounds, ranges) for chunk in chunks])
+    write_index(work, [bin_chunk(work, chunk, bounds, True, ranges) for chunk in chunks])
     return bounds, ranges, len(chunks)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from reference_encoder.scale.bins import bin_chunk, load_range, write_index
+from reference_encoder.scale.cut import cut
+from reference_encoder.scale.scan import bounds_of, count_chunk, counts_in, first_cells, scan_chunk
 from reference_encoder.scale.source import inputs_of
 from reference_encoder.scale.work import Work
 from scarfmt.formats.export_ply import write_inria_ply
@@ -44,9 +47,25 @@ def test_the_same_chunk_gives_the_same_bytes(tmp_path: Path) -> None:
     work, origin = Work(str(tmp_path / "work")), ply_of(clusters(300), tmp_path)
     bounds, ranges, _ = binned(origin, work, rows=100, range_size=50, tile=20)
     before = work.read("bins/000001")
-    edges = bin_chunk(work, inputs_of(origin, 100).chunks[1], bounds, ranges)
+    edges = bin_chunk(work, inputs_of(origin, 100).chunks[1], bounds, True, ranges)
     assert work.read("bins/000001") == before
     assert edges[-1] == 100
+
+
+def test_what_cannot_be_encoded_is_left_out(tmp_path: Path) -> None:
+    """As a reader of everything leaves it out."""
+    scene = clusters(300)
+    logits = scene.opacity_logits.copy()
+    logits[[3, 120, 121]] = np.nan
+    origin, work = ply_of(replace(scene, opacity_logits=logits), tmp_path), Work(str(tmp_path / "work"))
+    chunks = inputs_of(origin, 100).chunks
+    bounds = bounds_of([scan_chunk(chunk) for chunk in chunks], True, None)
+    names = [f"counts/{chunk.number}" for chunk in chunks]
+    for name, chunk in zip(names, chunks, strict=True):
+        count_chunk(work, name, chunk, bounds, False, 6)
+    ranges = cut(first_cells(*counts_in(work, names), 6), 1000, 1000)
+    write_index(work, [bin_chunk(work, chunk, bounds, False, ranges) for chunk in chunks])
+    assert equal(load_range(work, len(chunks), bounds, 0), scene.take(np.isfinite(logits)))
 
 
 def test_files_of_lower_degree_get_zeros(tmp_path: Path) -> None:

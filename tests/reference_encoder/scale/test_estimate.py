@@ -60,6 +60,18 @@ def test_tasks_of_several_kinds_belong_to_one_step() -> None:
     assert estimate.later("read") == pytest.approx(90)
 
 
+def test_a_step_that_another_comes_between_keeps_its_time() -> None:
+    """What is fitted is judged, and fitted again."""
+    estimate, clock, _, lines = made()
+    for step, now in (("read", 4), ("work", 20), ("read", 22)):
+        estimate.begin(step)
+        clock.now = now
+        if step == "work":
+            estimate.end(step, 2)
+    estimate.end("read", 1)
+    assert lines == ["work: 16 s, 2 s left", "read: 2 s, 2 s left"]
+
+
 def test_parts_never_leave_0_to_1_and_lines_are_few() -> None:
     """A line now and then, not one for each of thousands of tasks."""
     estimate, clock, reports, lines = made()

@@ -9,7 +9,7 @@ import fsspec
 import numpy as np
 import pytest
 
-from reference_encoder.scale.source import Inputs, inputs_of, read, together
+from reference_encoder.scale.source import Inputs, inputs_of, positions, read, together
 from scarfmt import formats
 from scarfmt.errors import InvalidInput, LimitExceeded
 from scarfmt.formats.export_ply import ply_header, ply_rows, property_names
@@ -24,7 +24,10 @@ def all_of(inputs: Inputs) -> GaussianScene:
     """Every chunk, as a worker reads it that got the descriptor from elsewhere."""
     chunks = pickle.loads(pickle.dumps(inputs.chunks))
     assert [chunk.number for chunk in chunks] == list(range(len(chunks)))
-    return together([read(part)[0] for chunk in chunks for part in chunk.parts])
+    parts = [part for chunk in chunks for part in chunk.parts]
+    found = together([read(part)[0] for part in parts])
+    assert np.array_equal(np.concatenate([positions(part) for part in parts]), found.positions, equal_nan=True)
+    return found
 
 
 def loaded(path: Path | str) -> GaussianScene:

@@ -35,7 +35,7 @@ export class ScarParser {
     let loaded = false;
     stream.on("front", (front) => {
       try {
-        const resource = new ScarResource(this.app, stream, front);
+        const resource = new ScarResource(this.app, stream, front, this.options.budgets);
         loaded = true;
         callback(null, resource);
       } catch (error) {

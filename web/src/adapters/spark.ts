@@ -2,14 +2,15 @@
  * Draws a stream of tiles with Spark (three.js): `SplatMesh` over textures of our own, rewritten in place.
  *
  * Spark's own words keep 8 bits of scale and rotation and 5 to 8 of harmonics; ours keep what a layer refines (words.ts).
- * A Gaussian has its slot from the first layer to the last, so a tile that is refined is written over, nothing moves, and
- * no copy of the textures is kept in memory.
+ * A tile that is refined is written over and takes more places at its end, so nothing moves, and no copy of the textures
+ * is kept in memory.
  */
 
 import { dyno, SparkRenderer, SplatMesh } from "@sparkjsdev/spark";
 import * as THREE from "three";
 
 import type { PackedTile } from "../decoder/types.js";
+import { Places, type Span } from "../pack/places.js";
 import { UNPACK_GLSL } from "../pack/unpack_glsl.js";
 import { GEOMETRY_TEXELS } from "../pack/words.js";
 
@@ -118,12 +119,15 @@ const READ_HARMONICS = `
   }
 `;
 
+export { placesFor } from "../pack/places.js";
+
 /** What a `SplatMesh` reads from; Spark exports its uses, not its name. */
 type SplatSource = NonNullable<SplatMesh["splats"]>;
 
-/** A part of the textures that is still to be written. */
+/** A tile of which something is still to be written. */
 interface Upload {
-  base: number;
+  /** Where it goes, as far as it is not written. */
+  spans: Span[];
   words: PackedTile;
   done: number;
 }
@@ -136,11 +140,12 @@ export class ScarSplats implements SplatSource {
   private readonly geometry: THREE.DataTexture;
   private readonly harmonics: THREE.DataTexture;
   private readonly pending = new Map<number, Upload>();
+  private readonly places: Places;
   private readonly degreeShown = new dyno.DynoInt({ value: 0 });
 
   /**
    * @param renderer whose context the textures live in
-   * @param total places for Gaussians: those of the whole file
+   * @param total places for Gaussians, a multiple of 256: `placesFor` of the front and the budgets of the stream
    * @param shDegree of the file, 0 to 3
    */
   constructor(
@@ -148,33 +153,36 @@ export class ScarSplats implements SplatSource {
     readonly total: number,
     readonly shDegree: number,
   ) {
+    this.places = new Places(total);
     this.geometry = texture(renderer, GEOMETRY_TEXELS * total);
     this.harmonics = texture(renderer, shDegree * total);
   }
 
-  /** Takes a tile whose first Gaussian has place `base`; `upload` brings it to the GPU. */
-  put(base: number, words: PackedTile): void {
-    this.pending.set(words.tile, { base, words, done: 0 });
+  /**
+   * Takes a tile; `upload` brings it to the GPU. Throws RangeError where it has no room: its stream has larger budgets.
+   * @param key tells it from tiles of other files that are drawn with it
+   */
+  put(words: PackedTile, key: number = words.tile): void {
+    this.pending.set(key, { spans: this.places.take(key, words.count), words, done: 0 });
   }
 
-  /** Makes the places from `base` on draw nothing: what a budget evicts. */
-  clear(tile: number, base: number, count: number): void {
-    this.pending.delete(tile);
-    const nothing = new Uint32Array(8 * count);
-    write(this.renderer, this.geometry, GEOMETRY_TEXELS * base, nothing);
+  /** Makes a tile draw nothing: what a budget evicts. */
+  clear(key: number): void {
+    this.pending.delete(key);
+    for (const { first, count } of this.places.give(key)) {
+      write(this.renderer, this.geometry, GEOMETRY_TEXELS * first, new Uint32Array(8 * count));
+    }
   }
 
   /** Uploads up to `bytes`; true if anything was written, so that the mesh has to be drawn anew. */
   upload(bytes: number = UPLOAD_BYTES): boolean {
     let left = bytes;
     const each = 16 * (GEOMETRY_TEXELS + this.shDegree);
-    for (const [tile, part] of this.pending) {
+    for (const [key, part] of this.pending) {
       if (left < each && left < bytes) break;
-      const count = Math.min(part.words.count - part.done, Math.max(1, Math.floor(left / each)));
-      this.writePart(part, count);
-      left -= count * each;
+      left -= each * this.writePart(part, Math.max(1, Math.floor(left / each)));
       if (part.done < part.words.count) continue;
-      this.pending.delete(tile);
+      this.pending.delete(key);
       this.onWritten(part.words);
     }
     return left < bytes;
@@ -185,15 +193,28 @@ export class ScarSplats implements SplatSource {
     return this.pending.size > 0;
   }
 
-  private writePart(part: Upload, count: number): void {
-    const { words, base, done } = part;
-    const [from, to] = [done, done + count];
+  /** Writes up to so many Gaussians of a tile. @returns how many */
+  private writePart(part: Upload, most: number): number {
+    let left = most;
+    for (let span = part.spans[0]; span !== undefined && left > 0; span = part.spans[0]) {
+      const count = Math.min(span.count, left);
+      this.writeSpan(part.words, part.done, { first: span.first, count });
+      span.first += count;
+      span.count -= count;
+      if (span.count === 0) part.spans.shift();
+      part.done += count;
+      left -= count;
+    }
+    return most - left;
+  }
+
+  private writeSpan({ geometry, harmonics }: PackedTile, from: number, { first, count }: Span): void {
+    const to = from + count;
     if (this.shDegree > 0) {
       const size = 4 * this.shDegree;
-      write(this.renderer, this.harmonics, this.shDegree * (base + from), words.harmonics.subarray(size * from, size * to));
+      write(this.renderer, this.harmonics, this.shDegree * first, harmonics.subarray(size * from, size * to));
     }
-    write(this.renderer, this.geometry, GEOMETRY_TEXELS * (base + from), words.geometry.subarray(8 * from, 8 * to));
-    part.done = to;
+    write(this.renderer, this.geometry, GEOMETRY_TEXELS * first, geometry.subarray(8 * from, 8 * to));
   }
 
   prepareFetchSplat(): void {
@@ -276,9 +297,9 @@ export class ScarMesh {
     return marks || this.stale || this.source.waiting || this.spark.sorting;
   }
 
-  /** Takes away what was put for a tile of so many places. */
-  remove(tile: number, base: number, count: number): void {
-    this.source.clear(tile, base, count);
+  /** Takes away what was put for a tile. */
+  remove(key: number): void {
+    this.source.clear(key);
     this.stale = true;
   }
 

@@ -1,21 +1,30 @@
 /** The decoder written in JavaScript: the fall-back where WebAssembly has no SIMD, and what the fast one is held to. */
 
-import { PROFILE, STREAM } from "../../../conformance/decoders/js/constants.js";
-import { findBlock } from "../../../conformance/decoders/js/container.js";
-import { openScar, Scar } from "../../../conformance/decoders/js/decoder.js";
+import { BLOCK, DEFAULT_LIMITS, NO_TILE, PROFILE, STREAM } from "../../../conformance/decoders/js/constants.js";
+import {
+  type Container,
+  emptyEntries,
+  type Entries,
+  findBlock,
+  putEntry,
+  readFront,
+  type Tiles,
+} from "../../../conformance/decoders/js/container.js";
+import { Scar } from "../../../conformance/decoders/js/decoder.js";
+import { crc32 } from "../../../conformance/decoders/js/crc32.js";
 import { Refused } from "../../../conformance/decoders/js/errors.js";
 import { IndexNetwork } from "../../../conformance/decoders/js/index_network.js";
 import { Tile } from "../../../conformance/decoders/js/tile.js";
 import { packWords } from "../pack/words.js";
-import { SparseSource } from "./sparse.js";
-import type { Block, PackedTile, PackTarget, Point, TileDecoder, TileValues } from "./types.js";
+import { SparseSource, startOf } from "./sparse.js";
+import type { Block, Cube, PackedTile, PackTarget, Point, TileBlock, TileDecoder, TileValues } from "./types.js";
 
 type Models = ReturnType<Scar["models"]>;
 
 /** Y_0 of SPEC §9.4. */
 const SH_0 = 0.28209479177387814;
-const FILE_LENGTH_AT = 16;
-const HEADER_LEAST = 24;
+/** The only tile of the container that a tile is decoded with. */
+const ALONE = 0;
 
 /** A decoder that runs on the calling thread. */
 export async function createJsDecoder(): Promise<TileDecoder> {
@@ -32,18 +41,15 @@ class JsDecoder implements TileDecoder {
 
   open(front: Uint8Array): void {
     if (this.#scar !== null) throw new RangeError("a decoder serves one file");
-    const view = new DataView(front.buffer, front.byteOffset, front.byteLength);
-    const whole = front.length < HEADER_LEAST ? front.length : Number(view.getBigUint64(FILE_LENGTH_AT, true));
-    this.#source = new SparseSource(whole);
-    this.#source.put(0, front);
-    this.#scar = openScar(this.#source);
+    this.#source = startOf(front);
+    this.#scar = new Scar(modelContainer(this.#source), DEFAULT_LIMITS);
   }
 
   addModels(layer: number, blocks: Block[]): void {
     const scar = this.#opened();
     if (layer !== (this.#models?.layers ?? 0) + 1) throw new RangeError(`models of layer ${layer} are not the next`);
-    for (const { kind, tile, body } of blocks) {
-      const e = findBlock(scar.container, layer, kind, tile);
+    for (const { kind, body } of blocks) {
+      const e = findBlock(scar.container, layer, kind);
       if (e < 0) throw new RangeError(`layer ${layer} has no block of kind ${kind}`);
       this.#source.put(scar.container.entries.offset[e], body);
     }
@@ -51,17 +57,18 @@ class JsDecoder implements TileDecoder {
     this.#network = this.#models.network === null ? null : new IndexNetwork(this.#models);
   }
 
-  advance(tile: number, layer: number, body: Uint8Array): void {
+  advance(tile: number, cube: Cube, block: TileBlock): void {
+    const { layer, offset } = block;
     const scar = this.#opened();
     const models = this.#models;
     if (models === null || layer > models.layers) throw new RangeError(`no models of layer ${layer}`);
     if (!(tile >= 0 && tile < scar.header.tile_count)) throw new RangeError(`no tile ${tile}`);
-    const state = this.#tiles.get(tile) ?? new Tile(scar.container, models, tile);
+    const container = tileContainer(scar.container, cube, block);
+    const state = this.#tiles.get(tile) ?? new Tile(container, models, ALONE);
     if (layer !== state.layer + 1) throw new RangeError(`tile ${tile} is at layer ${state.layer}, not ${layer - 1}`);
     if (state.models !== models) state.extend(models);
-    const e = findBlock(scar.container, layer, 16, tile);
-    const offset = e < 0 ? -1 : scar.container.entries.offset[e];
-    if (e >= 0) this.#source.put(offset, body);
+    state.container = container;
+    if (block.body.length > 0) this.#source.put(offset, block.body);
     try {
       state.decodeLayer(layer, this.#network, null);
       this.#tiles.set(tile, state);
@@ -77,7 +84,7 @@ class JsDecoder implements TileDecoder {
     const scar = this.#opened();
     const state = this.#tiles.get(tile);
     if (state === undefined) throw new RangeError(`tile ${tile} is not decoded`);
-    return scar.header.profile === PROFILE.EXPLICIT ? explicitValues(scar, state) : bakedValues(scar, state, eye);
+    return scar.header.profile === PROFILE.EXPLICIT ? explicitValues(scar, tile, state) : bakedValues(scar, tile, state, eye);
   }
 
   packed(tile: number, target: PackTarget, eye?: Point): PackedTile {
@@ -101,11 +108,36 @@ class JsDecoder implements TileDecoder {
   }
 }
 
-function explicitValues(scar: Scar, state: Tile): TileValues {
+/** What ROOT says of blocks, without tiles. */
+function modelContainer(source: SparseSource): Container {
+  const { header, layers, root } = readFront(source, DEFAULT_LIMITS, false);
+  const entries = emptyEntries(root.blocks.length);
+  root.blocks.forEach((row, e) => putEntry(entries, e, { ...row, tile: NO_TILE }));
+  return { source, header, layers, tiles: noTiles(0), entries };
+}
+
+function noTiles(count: number): Tiles {
+  return { depth: new Uint8Array(count), shift: new Uint8Array(count), prefix: new BigUint64Array(count) };
+}
+
+/** One tile, and its block in one layer. */
+function tileContainer(whole: Container, { depth, shift, prefix }: Cube, block: TileBlock): Container {
+  const tiles = noTiles(1);
+  tiles.depth[ALONE] = depth;
+  tiles.shift[ALONE] = shift;
+  tiles.prefix[ALONE] = prefix;
+  const { layer, offset, count, body } = block;
+  const entries: Entries = emptyEntries(body.length > 0 ? 1 : 0);
+  const row = { kind: BLOCK.TILE, flags: 1, layer, tile: ALONE, offset, length: body.length, count, crc32: crc32(body) };
+  if (body.length > 0) putEntry(entries, 0, row);
+  return { ...whole, tiles, entries };
+}
+
+function explicitValues(scar: Scar, tile: number, state: Tile): TileValues {
   const exact = scar.exactValues(state);
   const { rotation, opacity, sh } = scar.activatedValues(state, exact) as Record<string, Float64Array>;
   return {
-    tile: state.number,
+    tile,
     layer: state.layer,
     count: state.size,
     centres: new Float32Array(exact.position),
@@ -118,11 +150,11 @@ function explicitValues(scar: Scar, state: Tile): TileValues {
 }
 
 /** The Gaussians of all slots for a camera centre, opacity 0 where R-9.6-1 says that they are not drawn. */
-function bakedValues(scar: Scar, state: Tile, eye?: Point): TileValues {
+function bakedValues(scar: Scar, tile: number, state: Tile, eye?: Point): TileValues {
   const baked = scar.activatedValues(state, scar.exactValues(state), eye) as Record<string, Float64Array>;
   const { slotLayer } = state;
   return {
-    tile: state.number,
+    tile,
     layer: state.layer,
     count: slotLayer.length,
     centres: new Float32Array(baked["gaussian.centre"]),

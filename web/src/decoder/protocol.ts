@@ -1,6 +1,6 @@
 /** Messages between a stream and its decoders, which run in workers. Each request has one reply, in order. */
 
-import type { Block, Engine, PackedTile, PackTarget, Point, TileDecoder, TileValues } from "./types.js";
+import type { Block, Cube, Engine, PackedTile, PackTarget, Point, TileBlock, TileDecoder, TileValues } from "./types.js";
 
 /** "values", or a viewer's words. */
 export type Output = "values" | PackTarget;
@@ -14,7 +14,8 @@ export type Task =
   | {
       kind: "tile";
       tile: number;
-      layers: { layer: number; body: Uint8Array }[];
+      cube: Cube;
+      layers: TileBlock[];
       output: Output;
       eye?: Point;
       last: boolean;
@@ -99,8 +100,8 @@ function run(decoder: TileDecoder, task: Task): TileOutput | null {
       decoder.release(task.tile);
       return null;
     case "tile": {
-      const { tile, layers, output, eye, last } = task;
-      for (const { layer, body } of layers) advance(decoder, tile, layer, body);
+      const { tile, cube, layers, output, eye, last } = task;
+      for (const block of layers) advance(decoder, tile, cube, block);
       const result = output === "values" ? decoder.values(tile, eye) : decoder.packed(tile, output, eye);
       if (last) decoder.release(tile);
       return result;
@@ -108,11 +109,11 @@ function run(decoder: TileDecoder, task: Task): TileOutput | null {
   }
 }
 
-function advance(decoder: TileDecoder, tile: number, layer: number, body: Uint8Array): void {
+function advance(decoder: TileDecoder, tile: number, cube: Cube, block: TileBlock): void {
   try {
-    decoder.advance(tile, layer, body);
+    decoder.advance(tile, cube, block);
   } catch (error) {
-    throw Object.assign(error as Error, { layer });
+    throw Object.assign(error as Error, { layer: block.layer });
   }
 }
 

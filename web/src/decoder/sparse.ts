@@ -1,5 +1,8 @@
 /** The bytes of a file that have arrived, at their offsets: what the JavaScript decoder reads from. */
 
+const FILE_LENGTH_AT = 16;
+const FILE_LENGTH_END = 24;
+
 /** Ranges of a file that is mostly not there. */
 export class SparseSource {
   readonly #parts = new Map<number, Uint8Array>();
@@ -31,4 +34,16 @@ export class SparseSource {
     }
     throw new RangeError(`bytes ${offset} to ${offset + length} have not arrived`);
   }
+}
+
+/**
+ * A source that holds the first bytes of a file.
+ * @param size of the file; what its header says where that is not known
+ */
+export function startOf(bytes: Uint8Array, size: number | null = null): SparseSource {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  const declared = bytes.length < FILE_LENGTH_END ? bytes.length : Number(view.getBigUint64(FILE_LENGTH_AT, true));
+  const source = new SparseSource(size ?? declared);
+  source.put(0, bytes);
+  return source;
 }

@@ -1,13 +1,28 @@
 /** What every decoder of tiles does, whether in JavaScript or WebAssembly. One instance serves one file. */
 
-/** A block as the directory lists it; `body` is its bytes in the file, whose CRC the caller has checked. */
+/** A block that belongs to no tile; `body` is its bytes in the file, whose CRC the caller has checked. */
 export interface Block {
   /** Block kind, SPEC §16.5. */
   kind: number;
+  body: Uint8Array;
+}
+
+/** Where a tile is, as its tile page says (SPEC §5.5). */
+export interface Cube {
+  depth: number;
+  shift: number;
+  prefix: bigint;
+}
+
+/** What a row page says of a tile in a layer, with the block that it tells of, whose CRC the caller has checked. */
+export interface TileBlock {
   /** Layer, from 1. */
   layer: number;
-  /** Index into the tile table, or 0xFFFFFFFF for none. */
-  tile: number;
+  /** Of the block in the file. */
+  offset: number;
+  /** Anchors that appear. */
+  count: number;
+  /** Empty where the tile has no block, which refines it by empty sub-streams (R-7.1-6): pass it all the same. */
   body: Uint8Array;
 }
 
@@ -71,21 +86,20 @@ export type Engine = "wasm" | "js";
 export interface TileDecoder {
   readonly engine: Engine;
   /**
-   * Reads header, tile table and directory, checked by §5.
-   * @param front the first bytes of the file, up to the end of the directory or beyond
+   * Reads header and ROOT, checked by §5.
+   * @param front the first bytes of the file, up to the end of ROOT or beyond
    */
   open(front: Uint8Array): void;
   /**
-   * Takes every block of a layer that belongs to no tile, in directory order; once a layer, layer by layer.
+   * Takes every block of a layer that belongs to no tile, in the order of the file; once a layer, layer by layer.
    * A decoder ignores kinds that it does not know.
    */
   addModels(layer: number, blocks: Block[]): void;
   /**
-   * Takes a tile from layer - 1 to layer; its integers are kept. The models of the layer must be there.
-   * @param body its TILE block; empty where the directory lists none, which refines the tile by empty sub-streams
-   *   (R-7.1-6): call it all the same
+   * Takes a tile from block.layer - 1 to block.layer; its integers are kept. The models of the layer must be there.
+   * @param cube of the tile: the same in every call
    */
-  advance(tile: number, layer: number, body: Uint8Array): void;
+  advance(tile: number, cube: Cube, block: TileBlock): void;
   /**
    * Values of a tile, in fresh arrays that may be transferred.
    * @param eye camera centre, which only the anchor profile looks at; the origin of the header without it

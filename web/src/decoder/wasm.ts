@@ -1,14 +1,12 @@
 /** The decoder in WebAssembly: the C kernel of scarfmt, with SIMD. */
 
 import { BLOCK, DEFAULT_LIMITS } from "../../../conformance/decoders/js/constants.js";
-import { type Container, findBlock, readContainer } from "../../../conformance/decoders/js/container.js";
-import { SparseSource } from "./sparse.js";
-import type { Block, PackedTile, PackTarget, Point, TileDecoder, TileValues } from "./types.js";
+import { readFront } from "../../../conformance/decoders/js/container.js";
+import { startOf } from "./sparse.js";
+import type { Block, Cube, PackedTile, PackTarget, Point, TileBlock, TileDecoder, TileValues } from "./types.js";
 import { type Address, WasmModule } from "./wasm_module.js";
 
-const FILE_LENGTH_AT = 16;
-const HEADER_LEAST = 24;
-const NO_BYTES = new Uint8Array(0);
+type Header = ReturnType<typeof readFront>["header"];
 
 /**
  * A decoder that runs on the calling thread.
@@ -18,27 +16,17 @@ export function createWasmDecoder(module: WebAssembly.Module): TileDecoder {
   return new WasmDecoder(new WasmModule(module));
 }
 
-/** What a front says, checked by §5. */
-export function readFront(front: Uint8Array): Container {
-  const view = new DataView(front.buffer, front.byteOffset, front.byteLength);
-  const whole = front.length < HEADER_LEAST ? front.length : Number(view.getBigUint64(FILE_LENGTH_AT, true));
-  const source = new SparseSource(whole);
-  source.put(0, front);
-  return readContainer(source, DEFAULT_LIMITS, false);
-}
-
 /** Tells the module what it needs of a header. */
-export function openModule(module: WasmModule, { header }: Container): void {
+export function openModule(module: WasmModule, header: Header): void {
   const { profile, sh_degree, slots, lattice_bits, file_length, origin, voxel } = header;
   const [x, y, z] = origin;
   module.call((f) => f.scar_open(profile, sh_degree, slots, lattice_bits, file_length, x, y, z, voxel));
 }
 
 /** A tile of which nothing is decoded yet. */
-export function newTile(module: WasmModule, { tiles }: Container, number: number): Address {
-  const prefix = tiles.prefix[number];
+export function newTile(module: WasmModule, { depth, shift, prefix }: Cube): Address {
   const [low, high] = [Number(prefix & 0xffffffffn), Number(prefix >> 32n)];
-  return module.call((f) => f.scar_tile(tiles.depth[number], tiles.shift[number], low, high));
+  return module.call((f) => f.scar_tile(depth, shift, low, high));
 }
 
 /** Takes a tile to its next layer; it is gone where the call is refused. @returns where it lies now */
@@ -56,17 +44,17 @@ export function advanceTile(module: WasmModule, tile: Address, body: Uint8Array,
 
 class WasmDecoder implements TileDecoder {
   readonly engine = "wasm";
-  #container: Container | null = null;
+  #header: Header | null = null;
   #layers = 0;
   readonly #tiles = new Map<number, Address>();
 
   constructor(readonly module: WasmModule) {}
 
   open(front: Uint8Array): void {
-    if (this.#container !== null) throw new RangeError("a decoder serves one file");
-    const container = readFront(front);
-    openModule(this.module, container);
-    this.#container = container;
+    if (this.#header !== null) throw new RangeError("a decoder serves one file");
+    const { header } = readFront(startOf(front), DEFAULT_LIMITS, false);
+    openModule(this.module, header);
+    this.#header = header;
   }
 
   addModels(layer: number, blocks: Block[]): void {
@@ -81,26 +69,21 @@ class WasmDecoder implements TileDecoder {
     this.#layers = layer;
   }
 
-  advance(tile: number, layer: number, body: Uint8Array): void {
-    const container = this.#opened();
+  advance(tile: number, cube: Cube, { layer, count, body }: TileBlock): void {
+    const { tile_count } = this.#opened();
     if (layer > this.#layers) throw new RangeError(`no models of layer ${layer}`);
-    if (!(tile >= 0 && tile < container.header.tile_count)) throw new RangeError(`no tile ${tile}`);
-    const state = this.#tiles.get(tile) ?? newTile(this.module, container, tile);
+    if (!(tile >= 0 && tile < tile_count)) throw new RangeError(`no tile ${tile}`);
+    const state = this.#tiles.get(tile) ?? newTile(this.module, cube);
     const before = this.module.call((f) => f.scar_tile_layer(state));
     if (layer !== before + 1) throw new RangeError(`tile ${tile} is at layer ${before}, not ${layer - 1}`);
-    const e = findBlock(container, layer, BLOCK.TILE, tile);
     this.#tiles.delete(tile);
-    const advanced =
-      e < 0
-        ? advanceTile(this.module, state, NO_BYTES, 0)
-        : advanceTile(this.module, state, body, container.entries.count[e]);
-    this.#tiles.set(tile, advanced);
+    this.#tiles.set(tile, advanceTile(this.module, state, body, body.length > 0 ? count : 0));
   }
 
   values(tile: number, eye?: Point): TileValues {
-    const { header } = this.#opened();
+    const { origin } = this.#opened();
     const state = this.#state(tile);
-    const [x, y, z] = eye ?? header.origin;
+    const [x, y, z] = eye ?? origin;
     const layer = this.module.call((f) => f.scar_tile_layer(state));
     const at = this.module.call((f) => f.scar_gaussians(state, x, y, z, 1));
     return { tile, layer, ...takeGaussians(this.module, at) };
@@ -108,7 +91,7 @@ class WasmDecoder implements TileDecoder {
 
   packed(tile: number, target: PackTarget, eye?: Point): PackedTile {
     if (target !== "words") throw new RangeError(`no target ${target}`);
-    const [x, y, z] = eye ?? this.#opened().header.origin;
+    const [x, y, z] = eye ?? this.#opened().origin;
     const state = this.#state(tile);
     const layer = this.module.call((f) => f.scar_tile_layer(state));
     const at = this.module.call((f) => f.scar_words(state, x, y, z));
@@ -132,9 +115,9 @@ class WasmDecoder implements TileDecoder {
     return state;
   }
 
-  #opened(): Container {
-    if (this.#container === null) throw new RangeError("open comes first");
-    return this.#container;
+  #opened(): Header {
+    if (this.#header === null) throw new RangeError("open comes first");
+    return this.#header;
   }
 }
 

@@ -57,7 +57,7 @@ export function planByView(
       start = part.past;
     }
   }
-  return [...first.sort(order), ...then.sort(order)].flatMap(steps);
+  return steps(first.sort(order).concat(then.sort(order)));
 }
 
 /** The beginning of what is missing of a tile that gains most a byte, the shortest of equals. */
@@ -86,8 +86,10 @@ function order(a: Part, b: Part): number {
   return b.worth - a.worth || a.low - b.low || a.tile - b.tile;
 }
 
-function steps({ tile, low, past }: Part): Step[] {
-  return Array.from({ length: past - low + 1 }, (_, i) => ({ tile, layer: low + i }));
+function steps(parts: Part[]): Step[] {
+  const found: Step[] = [];
+  for (const { tile, low, past } of parts) for (let layer = low; layer <= past; layer++) found.push({ tile, layer });
+  return found;
 }
 
 /** What was read of a block: plans are made many times a second. */

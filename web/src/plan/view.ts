@@ -1,7 +1,7 @@
 /** The view that is planned for. Twin of scarfmt/streaming/view.py: the same answers. */
 
 import type { Point } from "../decoder/types.js";
-import { difference, type Boxes } from "./boxes.js";
+import type { Boxes } from "./boxes.js";
 import type { Camera } from "./types.js";
 
 /** How far ahead a moving camera is planned for. */
@@ -11,6 +11,8 @@ const MARGIN = 1.1;
 /** Places along each side of a box, in halves of it, that stand for what is in it. */
 const GRID = [-0.75, -0.25, 0.25, 0.75];
 const PLACES = GRID.flatMap((a) => GRID.flatMap((b) => GRID.map((c): Point => [a, b, c])));
+/** Of a distance, more than its rounding. */
+const NEARLY = 1e-9;
 /** Of the continued fraction of the tangent. */
 const TERMS = 25;
 
@@ -40,21 +42,50 @@ export function shareInPicture({ middle, half }: Boxes, camera: Camera): Float64
   const tall = MARGIN * tangent(camera.fovY / 2);
   const wide = tall * (camera.width / camera.height);
   const eye = soon(camera);
+  const picture = { forward, right, up, wide, tall };
   const seen = new Float64Array(half.length / 3);
   for (let tile = 0; tile < seen.length; tile++) {
     const at = 3 * tile;
-    const away = difference(middle.subarray(at, at + 3), eye);
-    for (const place of PLACES) {
-      const p: Point = [
-        away[0] + place[0] * half[at],
-        away[1] + place[1] * half[at + 1],
-        away[2] + place[2] * half[at + 2],
-      ];
-      const deep = along(p, forward);
-      if (deep > 0 && Math.abs(along(p, right)) <= wide * deep && Math.abs(along(p, up)) <= tall * deep) seen[tile]++;
-    }
+    const away: Point = [middle[at] - eye[0], middle[at + 1] - eye[1], middle[at + 2] - eye[2]];
+    const size: Point = [half[at], half[at + 1], half[at + 2]];
+    seen[tile] = wholly(picture, away, size) ?? placesSeen(picture, away, size) / PLACES.length;
   }
-  return seen.map((count) => count / PLACES.length);
+  return seen;
+}
+
+interface Picture {
+  forward: Point;
+  right: Point;
+  up: Point;
+  /** Half the width and height of the picture at distance 1. */
+  wide: number;
+  tall: number;
+}
+
+/** Places of a box that are in the picture, from its middle, away from the eye, and half its sides. */
+function placesSeen({ forward, right, up, wide, tall }: Picture, away: Point, size: Point): number {
+  let seen = 0;
+  for (const place of PLACES) {
+    const x = away[0] + place[0] * size[0];
+    const y = away[1] + place[1] * size[1];
+    const z = away[2] + place[2] * size[2];
+    const deep = x * forward[0] + y * forward[1] + z * forward[2];
+    if (!(deep > 0 && Math.abs(x * right[0] + y * right[1] + z * right[2]) <= wide * deep)) continue;
+    if (Math.abs(x * up[0] + y * up[1] + z * up[2]) <= tall * deep) seen++;
+  }
+  return seen;
+}
+
+/** 1 or 0 where a ball around all places is in the picture or beside it, null where that does not tell. */
+function wholly({ forward, right, up, wide, tall }: Picture, away: Point, size: Point): number | null {
+  const deep = along(away, forward);
+  const across = Math.abs(along(away, right)) - wide * deep;
+  const above = Math.abs(along(away, up)) - tall * deep;
+  // Rounding may not decide.
+  const radius = Math.sqrt(along(size, size)) + NEARLY * Math.sqrt(along(away, away));
+  const [aside, over] = [radius * Math.sqrt(1 + wide * wide), radius * Math.sqrt(1 + tall * tall)];
+  if (deep < -radius || across > aside || above > over) return 0;
+  return deep > radius && across < -aside && above < -over ? 1 : null;
 }
 
 function along(a: Point, b: Point): number {

@@ -1,12 +1,7 @@
-/** Whole blocks out of bytes that pass. */
+/** Whole pages and blocks out of bytes that pass. */
 
 import { crc32 } from "../../../conformance/decoders/js/crc32.js";
-
-interface Entries {
-  offset: Float64Array;
-  length: Float64Array;
-  crc32: Uint32Array;
-}
+import type { Entries } from "./directory.js";
 
 /** The first bytes of a block whose others have not come. */
 export interface Partial {
@@ -16,7 +11,7 @@ export interface Partial {
   filled: number;
 }
 
-/** Cuts a run of bytes of a file into blocks. Bytes of blocks that are not wanted are let go. */
+/** Cuts a run of bytes of a file into its pages and blocks, called blocks here. Bytes of blocks that are not wanted are let go. */
 export class Assembler {
   #entry: number;
   #body: Uint8Array | null = null;
@@ -26,7 +21,7 @@ export class Assembler {
   /**
    * @param start byte of the file at which the run begins
    * @param wants asked when a block begins
-   * @param take gets each wanted block; null where its CRC is wrong (R-5.6-1)
+   * @param take gets each wanted block; null where its CRC is wrong (R-5.5-1, R-5.6-1)
    * @param partial the block in which the run begins, where it is not a new one
    */
   constructor(
@@ -57,6 +52,11 @@ export class Assembler {
     let from = 0;
     while (from < chunk.length && this.#entry < offset.length) {
       const e = this.#entry;
+      // What is not there, or of a page that is not open, is not cut out.
+      if (length[e] === 0) {
+        this.#entry++;
+        continue;
+      }
       if (this.#at < offset[e]) {
         const skipped = Math.min(chunk.length - from, offset[e] - this.#at);
         from += skipped;
@@ -85,7 +85,7 @@ export class Assembler {
   }
 }
 
-/** The first block that begins at a byte or after it; offsets ascend (R-5.5-9). */
+/** The first entry that begins at a byte or after it; offsets ascend. */
 export function firstFrom(offset: Float64Array, start: number): number {
   let low = 0;
   let high = offset.length;

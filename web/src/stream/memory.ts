@@ -1,12 +1,11 @@
 /** What a tile costs in memory, learnt from what decoders report. */
 
 import type { Output } from "../decoder/protocol.js";
-import { GEOMETRY_TEXELS } from "../pack/words.js";
+import { inRuns, placeBytes } from "../pack/places.js";
 import type { Cost } from "./budget.js";
 import type { Tiles } from "./tiles.js";
 
 const FLOAT = 4;
-const TEXEL = 16;
 /** Bytes of an anchor in a decoder, before they were measured. */
 const FIRST_GUESS = 256;
 const LEAST = 16;
@@ -23,7 +22,7 @@ interface Report {
 /** Bytes of one delivered Gaussian. */
 function splatBytes(output: Output, degree: number): number {
   if (output === "values") return FLOAT * (3 + 3 + 4 + 1 + 3 * (degree + 1) ** 2);
-  return TEXEL * (GEOMETRY_TEXELS + degree);
+  return placeBytes(degree);
 }
 
 export class MemoryModel implements Cost {
@@ -35,7 +34,7 @@ export class MemoryModel implements Cost {
 
   constructor(
     readonly tiles: Tiles,
-    output: Output,
+    readonly output: Output,
   ) {
     this.#splatBytes = splatBytes(output, tiles.front.header.sh_degree);
   }
@@ -69,14 +68,16 @@ export class MemoryModel implements Cost {
     this.#scratch = Math.max(0, ...reports.map((one) => one.bytes - one.anchors * this.#anchorBytes));
   }
 
+  /** What is delivered as words takes places in runs. */
   splats(tile: number, layer: number): number {
-    return this.tiles.splats(tile, layer);
+    const splats = this.tiles.splats(tile, layer);
+    return this.output === "words" ? inRuns(splats) : splats;
   }
 
   bytes(tile: number, layer: number): number {
-    const splats = this.splats(tile, layer);
     const { layers, slots } = this.tiles.index;
-    const kept = layer < layers || this.tiles.keepsComplete ? (splats / slots) * this.#anchorBytes : 0;
-    return splats * this.#splatBytes + kept;
+    const anchors = this.tiles.splats(tile, layer) / slots;
+    const kept = layer < layers || this.tiles.keepsComplete ? anchors * this.#anchorBytes : 0;
+    return this.splats(tile, layer) * this.#splatBytes + kept;
   }
 }

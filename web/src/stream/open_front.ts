@@ -1,17 +1,31 @@
 /** Reading the front of a file with as few requests as it takes: one, unless the directory is large. */
 
+import { directoryEnd } from "../../../conformance/decoders/js/header.js";
+import type { Directory } from "./directory.js";
 import { StreamError } from "./errors.js";
-import { frontLength, MOST_HEADER, parseFront, type ParsedFront } from "./front.js";
+import { frontLength, MOST_HEADER, openPages, parseFront } from "./front.js";
 import type { Body, ByteSource } from "./source.js";
 
-/** What is asked for first: front and first models of most files. */
-export const FIRST_BYTES = 64 * 1024;
+/** How a front is read, bytes. */
+export interface FrontSizes {
+  /** What is asked for first, at least a header: 64 KiB, front and first models of most files, unless given. */
+  firstBytes: number;
+  /**
+   * Pages are read before anything else as long as they end here, 256 KiB unless given; of a larger directory those that
+   * the plan needs.
+   */
+  frontBytes: number;
+}
+
+export const FRONT_SIZES: FrontSizes = { firstBytes: 64 * 1024, frontBytes: 256 * 1024 };
 
 export interface OpenedFront {
-  front: ParsedFront;
-  /** The bytes of the front. */
+  front: Directory;
+  /** Header and ROOT. */
   bytes: Uint8Array;
-  /** What comes after the front in the answer to the first request: bytes read so far, then the body. */
+  /** Where the bytes end that were looked at: every page before is open. */
+  position: number;
+  /** What comes after them in the answer to the last request: bytes read so far, then the body. */
   rest: Uint8Array;
   body: Body;
   /** One past the last byte that the body brings. */
@@ -21,53 +35,59 @@ export interface OpenedFront {
   read: number;
 }
 
-/**
- * Throws StreamError, refusals of §5, or the reason of the signal.
- * @param first bytes to ask for at first, at least those of a header
- */
-export async function openFront(source: ByteSource, signal: AbortSignal, first = FIRST_BYTES): Promise<OpenedFront> {
-  const asked = Math.min(first, source.size ?? first);
-  let body = await source.open(0, asked, signal);
-  let requests = 1;
+/** Throws StreamError, refusals of §5, or the reason of the signal. */
+export async function openFront(source: ByteSource, signal: AbortSignal, sizes = FRONT_SIZES): Promise<OpenedFront> {
+  const asked = Math.min(sizes.firstBytes, source.size ?? sizes.firstBytes);
+  const beginning = new Beginning(source, signal, await source.open(0, asked, signal), asked);
   try {
-    const gathered = new Gathered();
-    await gathered.fill(body, MOST_HEADER);
-    const known = source.size ?? (gathered.ended ? gathered.length : null);
-    const needed = frontLength(gathered.start(MOST_HEADER), known);
-    await gathered.fill(body, needed);
-    if (gathered.length < needed && source.ranged !== false && gathered.length === asked) {
-      body = await source.open(asked, needed - asked, signal);
-      requests++;
-      gathered.ended = false;
-      await gathered.fill(body, needed);
-    }
-    if (gathered.length < needed) throw cut(source, gathered.length, needed);
-    const bytes = gathered.start(needed);
+    await beginning.fill(MOST_HEADER);
+    const known = source.size ?? (beginning.ended ? beginning.length : null);
+    const length = frontLength(beginning.start(MOST_HEADER), known);
+    await beginning.reach(length);
+    const bytes = beginning.start(length);
     const front = parseFront(bytes, source.size);
-    const whole = source.ranged === false;
-    const end = whole ? front.header.file_length : Math.max(Math.min(asked, front.header.file_length), needed);
-    return { front, bytes, rest: gathered.after(needed), body, end, requests, read: gathered.length };
+    const position = source.ranged === false ? directoryEnd(front.layers) : readAtOnce(front, length, { ...sizes, firstBytes: asked });
+    await beginning.reach(position);
+    openPages(front, beginning.start(position));
+    const { file_length } = front.header;
+    const end = source.ranged === false ? file_length : Math.max(Math.min(asked, file_length), position);
+    const { body, requests, length: read } = beginning;
+    return { front, bytes, position, rest: beginning.after(position), body, end, requests, read };
   } catch (error) {
-    await body.chunks.return();
+    await beginning.body.chunks.return();
     throw error;
   }
 }
 
-function cut(source: ByteSource, offset: number, needed: number): StreamError {
-  const message = `the connection ended at byte ${offset}, before the end of the directory at ${needed}`;
-  return new StreamError("cut", message, { source: source.name, offset });
+/** Where the part of the directory ends that is read before anything else. */
+function readAtOnce({ root, layers, entries }: Directory, length: number, sizes: FrontSizes): number {
+  const whole = directoryEnd(layers);
+  if (whole <= sizes.firstBytes) return whole;
+  const endOf = (pages: number) => (pages === 0 ? length : entries.offset[pages - 1] + entries.length[pages - 1]);
+  // Tile pages, then the row pages of layer 1.
+  const ends = [endOf(2 * root.pages), endOf(root.pages)];
+  return ends.find((end) => end <= sizes.frontBytes) ?? length;
 }
 
-/** Chunks that were read, end to end. */
-class Gathered {
+/** The first bytes of a file, as far as they were read. */
+class Beginning {
   readonly #chunks: Uint8Array[] = [];
   length = 0;
   ended = false;
+  requests = 1;
+
+  /** @param asked for, one past the last byte */
+  constructor(
+    readonly source: ByteSource,
+    readonly signal: AbortSignal,
+    public body: Body,
+    public asked: number,
+  ) {}
 
   /** Reads until there are so many bytes, or the body ends. */
-  async fill(body: Body, length: number): Promise<void> {
+  async fill(length: number): Promise<void> {
     while (this.length < length && !this.ended) {
-      const { done, value } = await body.chunks.next();
+      const { done, value } = await this.body.chunks.next();
       if (done === true) {
         this.ended = true;
       } else {
@@ -75,6 +95,21 @@ class Gathered {
         this.length += value.length;
       }
     }
+  }
+
+  /** Reads so many bytes, which may take another request. Throws StreamError where the connection ends before. */
+  async reach(needed: number): Promise<void> {
+    await this.fill(needed);
+    if (this.length < needed && this.source.ranged !== false && this.length === this.asked) {
+      this.body = await this.source.open(this.asked, needed - this.asked, this.signal);
+      this.requests++;
+      this.asked = needed;
+      this.ended = false;
+      await this.fill(needed);
+    }
+    if (this.length >= needed) return;
+    const message = `the connection ended at byte ${this.length}, before ${needed}, in the directory`;
+    throw new StreamError("cut", message, { source: this.source.name, offset: this.length });
   }
 
   /** The first bytes, fewer where there are fewer. */

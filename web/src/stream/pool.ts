@@ -2,7 +2,7 @@
 
 import type { Channel, MakeChannel } from "../decoder/channel.js";
 import type { Failure, Output, Reply, Request, Task, TileOutput } from "../decoder/protocol.js";
-import type { Block, Engine, Point } from "../decoder/types.js";
+import type { Block, Cube, Engine, Point, TileBlock } from "../decoder/types.js";
 import { StreamError } from "./errors.js";
 
 interface Lane {
@@ -16,7 +16,8 @@ interface Lane {
 
 export interface TileTask {
   tile: number;
-  layers: { layer: number; body: Uint8Array }[];
+  cube: Cube;
+  layers: TileBlock[];
   output: Output;
   eye?: Point;
   /** Whether the state of the tile is of no use afterwards. */

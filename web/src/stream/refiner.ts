@@ -6,8 +6,7 @@ import type { Block } from "../decoder/types.js";
 import type { Budgets, Camera, Planner, Step } from "../plan/types.js";
 import type { RetryOptions } from "./backoff.js";
 import { evictionOrder, goals } from "./budget.js";
-import { StreamError } from "./errors.js";
-import { findAnnotation } from "./front.js";
+import { type ErrorPlace, StreamError } from "./errors.js";
 import { Ledger } from "./ledger.js";
 import { MemoryModel } from "./memory.js";
 import type { Meter } from "./meter.js";
@@ -48,6 +47,9 @@ const MOST_WAITING = 4 << 20;
 /** Share of the budget that is left to data under way, and its largest value, bytes. */
 const UNDER_WAY_SHARE = 1 / 8;
 const MOST_UNDER_WAY = 2 << 20;
+/** Plans that take longer, milliseconds, are made less often while pages come: after so many times as long. */
+const SHORT_MS = 5;
+const PAUSE = 4;
 /** By how much of itself the cost of an anchor may change before goals are set anew. */
 const OUTDATED = 0.1;
 
@@ -72,6 +74,8 @@ export class Refiner {
   #done = false;
   /** Whether a plan is about to be made. */
   #planning = false;
+  #timer: ReturnType<typeof setTimeout> | undefined;
+  #planMs = 0;
   #blocked = false;
   #closed = false;
 
@@ -85,7 +89,7 @@ export class Refiner {
     this.#ready = new Queue(front.index.tiles, front.index.layers);
     this.#ledger = new Ledger(front.index.tiles, this.memory);
     this.#views = new Views(front.index.boxes, camera);
-    this.#annotationEntry = planner.annotation === undefined ? -1 : findAnnotation(front, planner.annotation);
+    this.#annotationEntry = planner.annotation === undefined ? -1 : front.numbers.annotation(planner.annotation);
     const onBlock = (entry: number, body: Uint8Array) => this.#arrived(entry, body);
     const onDamaged = (entry: number) => this.#damaged(entry);
     const onIdle = () => this.#dispatch();
@@ -98,20 +102,27 @@ export class Refiner {
     return this.tiles.shownBytes + this.tiles.waitingBytes + this.transfers.underWay + this.parts.pool.memory;
   }
 
+  /** What the last plan took, milliseconds. */
+  get planMs(): number {
+    return this.#planMs;
+  }
+
   /** Fetches at once; decoders get the front first of all, and need not be ready. */
   start(): void {
     const { source, pool } = this.parts;
-    const { front, bytes, body, rest, end } = this.parts.opened;
+    const { front, bytes, body, rest, position, end } = this.parts.opened;
     void pool.open(bytes).then((failure) => {
       if (failure !== null && !this.#closed) this.#fatal(failure);
     });
-    const { kind } = front.entries;
-    const isNeeded = (e: number) => kind[e] <= BLOCK.TILE || e === this.#annotationEntry;
+    const isNeeded = (e: number) => {
+      const part = front.numbers.partOf(e);
+      return part.what !== "block" || part.block.kind < BLOCK.TILE || e === this.#annotationEntry;
+    };
     const wants = source.ranged === false ? (e: number) => this.transfers.isWanted(e) : isNeeded;
     // What the body brings is not to be asked for a second time.
     this.transfers.hold(true);
     this.replan();
-    this.transfers.adopt(body, rest, front.length, end, wants);
+    this.transfers.adopt(body, rest, position, end, wants);
     this.#pace();
   }
 
@@ -133,6 +144,7 @@ export class Refiner {
   /** Decides anew what to fetch. */
   replan(): void {
     if (this.#closed) return;
+    const started = performance.now();
     this.#blocked = false;
     this.#setGoals();
     const steps = this.#plan(this.tiles.haveAll());
@@ -142,19 +154,30 @@ export class Refiner {
     if (entries.some((e) => !this.transfers.hasArrived(e))) this.#done = false;
     this.transfers.want(entries);
     for (const tile of goal.keys()) this.#touch(tile);
+    this.#planMs = performance.now() - started;
   }
 
   /** Decides anew once the present task is over. @param blocked whether the next tile may still not fit */
   #replanSoon(blocked = false): void {
     if (this.#planning) return;
     this.#planning = true;
-    queueMicrotask(() => {
-      this.#planning = false;
-      this.replan();
-      this.#makeRoom(0, 0);
-      this.#blocked = blocked;
-      this.#dispatch();
-    });
+    queueMicrotask(() => this.#replanNow(blocked));
+  }
+
+  /** Decides anew where pages came: they are many where plans take long. */
+  #replanForPages(): void {
+    if (this.#planMs < SHORT_MS) return this.#replanSoon();
+    if (this.#planning) return;
+    this.#planning = true;
+    this.#timer = setTimeout(() => this.#replanNow(false), PAUSE * this.#planMs);
+  }
+
+  #replanNow(blocked: boolean): void {
+    this.#planning = false;
+    this.replan();
+    this.#makeRoom(0, 0);
+    this.#blocked = blocked;
+    this.#dispatch();
   }
 
   resume(): void {
@@ -163,6 +186,7 @@ export class Refiner {
 
   close(): void {
     this.#closed = true;
+    clearTimeout(this.#timer);
     this.transfers.close();
   }
 
@@ -194,10 +218,12 @@ export class Refiner {
 
   #arrived(entry: number, body: Uint8Array): void {
     if (this.#closed) return;
-    const { kind, layer, tile } = this.parts.opened.front.entries;
-    if (kind[entry] === BLOCK.TILE) {
-      this.tiles.put(tile[entry], layer[entry], body);
-      this.#touch(tile[entry]);
+    const part = this.parts.opened.front.numbers.partOf(entry);
+    if (part.what === "tile") {
+      this.tiles.put(part.tile, part.layer, body);
+      this.#touch(part.tile);
+    } else if (part.what !== "block") {
+      this.#openPage(entry, body);
     } else if (entry === this.#annotationEntry) {
       this.#annotation = body;
       this.#replanSoon();
@@ -209,24 +235,30 @@ export class Refiner {
     this.parts.events.onBytes();
   }
 
+  /** What a page tells changes what there is to fetch. */
+  #openPage(entry: number, body: Uint8Array): void {
+    try {
+      this.parts.opened.front.openPage(entry, body);
+    } catch (refusal) {
+      this.#fatal(refusal as Failure);
+      return;
+    }
+    this.#replanForPages();
+  }
+
   async #loadModels(): Promise<void> {
     if (this.#loadingModels) return;
     this.#loadingModels = true;
-    const { modelEntries, entries, index } = this.parts.opened.front;
+    const { numbers, index } = this.parts.opened.front;
     while (this.tiles.models < index.layers && !this.#closed) {
       const layer = this.tiles.models + 1;
-      const found = modelEntries[layer - 1].map((e) => [e, this.#models.get(e)] as const);
-      if (found.some(([, body]) => body === undefined)) break;
-      const blocks = found.map(([e, body]): Block => ({
-        kind: entries.kind[e],
-        layer,
-        tile: entries.tile[e],
-        body: body!,
-      }));
+      const found = numbers.blocksOf(layer).filter(({ block }) => block.kind < BLOCK.TILE);
+      if (found.some(({ entry }) => !this.#models.has(entry))) break;
+      const blocks = found.map(({ entry, block }): Block => ({ kind: block.kind, body: this.#models.get(entry)! }));
       const before = this.parts.pool.memory;
       const failure = await this.parts.pool.models(layer, blocks);
       if (this.#closed) return;
-      for (const [e] of found) this.#models.delete(e);
+      for (const { entry } of found) this.#models.delete(entry);
       if (failure !== null) {
         this.#limitAll(layer - 1);
         this.#report(failure, { layer }, layer === 1);
@@ -321,8 +353,7 @@ export class Refiner {
     const { layers } = this.tiles.index;
     this.tiles.dropBodies(tile, 0);
     for (let k = 0; k < layers; k++) {
-      const entry = this.parts.opened.front.tileEntries[tile * layers + k];
-      if (entry >= 0) this.transfers.forget(entry);
+      this.transfers.forget(this.parts.opened.front.numbers.tileBlock(tile, k + 1));
     }
   }
 
@@ -334,7 +365,9 @@ export class Refiner {
     this.#busy.add(tile);
     this.#ledger.charge(tile, this.#now(tile), this.#target(tile));
     const eye = this.#views.use(tile);
-    const { output, failure, took } = await this.parts.pool.run({ tile, layers, output: this.parts.output, eye, last });
+    const cube = tiles.front.cube(tile);
+    const task = { tile, cube, layers, output: this.parts.output, eye, last };
+    const { output, failure, took } = await this.parts.pool.run(task);
     if (this.#closed) return;
     this.#busy.delete(tile);
     if (failure !== null || output === null) {
@@ -370,21 +403,40 @@ export class Refiner {
   }
 
   #damaged(entry: number): void {
-    const { kind, layer, tile, offset } = this.parts.opened.front.entries;
-    const place = { source: this.parts.source.name, offset: offset[entry], layer: layer[entry] };
-    const text = `the block at byte ${offset[entry]} arrived damaged each time`;
-    if (kind[entry] === BLOCK.TILE) {
-      const { limit } = this.tiles;
-      limit[tile[entry]] = Math.min(limit[tile[entry]], layer[entry] - 1);
-      this.#dropBodies(tile[entry], limit[tile[entry]]);
-      this.parts.events.onError(new StreamError("crc-mismatch", text, { ...place, tile: tile[entry] }));
-    } else if (entry !== this.#annotationEntry) {
-      this.#limitAll(layer[entry] - 1);
-      const error = new StreamError("crc-mismatch", text, place);
-      error.fatal = layer[entry] === 1;
-      this.parts.events.onError(error);
+    const { numbers, entries } = this.parts.opened.front;
+    const part = numbers.partOf(entry);
+    const offset = entries.offset[entry];
+    const place = { source: this.parts.source.name, offset, layer: "layer" in part ? part.layer : undefined };
+    const told = (id: string, what: string, more: ErrorPlace = {}) =>
+      new StreamError(id, `the ${what} at byte ${offset} arrived damaged each time`, { ...place, ...more });
+    if (part.what === "tile") {
+      this.#limitTile(part.tile, part.layer - 1);
+      this.parts.events.onError(told("crc-mismatch", "block", { tile: part.tile }));
+    } else if (part.what === "block") {
+      if (entry !== this.#annotationEntry) this.#damagedModels(part.layer, told("crc-mismatch", "block"));
+    } else {
+      this.#limitPage(part.page, part.what === "rows" ? part.layer - 1 : 0);
+      this.parts.events.onError(told("page-crc-mismatch", "page"));
     }
     this.#replanSoon();
+  }
+
+  #damagedModels(layer: number, error: StreamError): void {
+    this.#limitAll(layer - 1);
+    error.fatal = layer === 1;
+    this.parts.events.onError(error);
+  }
+
+  /** Layers of a tile beyond one are not to be had. */
+  #limitTile(tile: number, layer: number): void {
+    const { limit } = this.tiles;
+    limit[tile] = Math.min(limit[tile], layer);
+    this.#dropBodies(tile, limit[tile]);
+  }
+
+  #limitPage(page: number, layer: number): void {
+    const [first, end] = this.tiles.front.tilesOf(page);
+    for (let tile = first; tile < end; tile++) this.#limitTile(tile, layer);
   }
 
   #limitAll(layer: number): void {

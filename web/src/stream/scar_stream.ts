@@ -5,18 +5,19 @@ import type { Output, TileOutput } from "../decoder/protocol.js";
 import type { Engine } from "../decoder/types.js";
 import { byView } from "../plan/by_view.js";
 import type { Budgets, Camera, Planner } from "../plan/types.js";
-import { Backoff, type RetryOptions } from "./backoff.js";
+import type { RetryOptions } from "./backoff.js";
 import { Emitter } from "./emitter.js";
 import { asStreamError, type StreamError } from "./errors.js";
-import type { Front } from "./front.js";
+import type { Front } from "./directory.js";
 import type { HttpOptions } from "./http_source.js";
 import { Meter } from "./meter.js";
-import { openFront, type OpenedFront } from "./open_front.js";
+import { FRONT_SIZES, type FrontSizes, openFront, type OpenedFront } from "./open_front.js";
 import { Pool } from "./pool.js";
 import { Refiner, type RefinerEvents } from "./refiner.js";
-import { makeSource, type ByteSource, type SourceLike } from "./source.js";
+import { RETRY, retrying } from "./retrying.js";
+import { makeSource, STALL_MS, type ByteSource, type SourceLike } from "./source.js";
 
-export interface StreamOptions extends Partial<HttpOptions> {
+export interface StreamOptions extends Partial<HttpOptions>, Partial<FrontSizes> {
   /** Decides what to fetch first. `byView` unless given: by what the camera sees, in file order before the first view. */
   planner?: Planner;
   /** What tiles are delivered as: plain arrays unless given, or a viewer's words. */
@@ -30,7 +31,7 @@ export interface StreamOptions extends Partial<HttpOptions> {
   /** Makes decoders in another way. */
   channel?: MakeChannel;
   retry?: Partial<RetryOptions>;
-  /** Milliseconds between two plans while the camera moves. */
+  /** Least milliseconds between two plans while the camera moves. */
   replanMs?: number;
 }
 
@@ -38,9 +39,7 @@ export interface StreamOptions extends Partial<HttpOptions> {
 export interface TileEvent {
   tile: number;
   layer: number;
-  /** Place of its first Gaussian in the whole scene, which never changes; the others follow it. */
-  base: number;
-  /** Gaussians now. */
+  /** Gaussians now. Index i is the same one in every later event of the tile. */
   count: number;
   output: TileOutput;
 }
@@ -49,7 +48,6 @@ export interface EvictEvent {
   tile: number;
   /** The layer that it was shown after. */
   layer: number;
-  base: number;
 }
 
 export interface Progress {
@@ -88,7 +86,7 @@ export interface Stats extends Progress {
 }
 
 export interface StreamEvents {
-  /** Header, boxes and places are known. Before any tile. */
+  /** Header, layers and boxes are known. Before any tile. */
   front: Front;
   /** A tile is there, or finer than before. */
   tile: TileEvent;
@@ -104,10 +102,10 @@ export interface StreamEvents {
 }
 
 const MIB = 1 << 20;
-const BUDGETS: Budgets = { splats: Infinity, bytes: 512 * MIB };
-const RETRY: RetryOptions = { retries: 6, firstMs: 250, mostMs: 8000 };
-const STALL_MS = 10_000;
+export const BUDGETS: Budgets = { splats: Infinity, bytes: 512 * MIB };
 const REPLAN_MS = 100;
+/** Of large scenes plans take long: they are made after so many times as long. */
+const PAUSE = 4;
 const MOST_WORKERS = 4;
 /** Tiles that a worker is given before it has answered. */
 const MOST_AHEAD = 2;
@@ -175,9 +173,15 @@ export class ScarStream {
   setView(camera: Camera): void {
     this.#camera = camera;
     if (this.#refiner === null || this.#timer !== undefined || this.#controller.signal.aborted) return;
-    const wait = this.#planned + (this.#options.replanMs ?? REPLAN_MS) - performance.now();
+    const pause = Math.max(this.#options.replanMs ?? REPLAN_MS, PAUSE * this.#refiner.planMs);
+    const wait = this.#planned + pause - performance.now();
     if (wait <= 0) this.#replan();
     else this.#timer = setTimeout(() => this.#replan(), wait);
+  }
+
+  /** What may be kept. */
+  get budgets(): Budgets {
+    return this.#budgets;
   }
 
   /** Changes what may be kept; what no longer fits is evicted. */
@@ -245,22 +249,15 @@ export class ScarStream {
     }
   }
 
-  async #openRetrying(): Promise<OpenedFront> {
+  #openRetrying(): Promise<OpenedFront> {
     const { signal } = this.#controller;
-    const backoff = new Backoff(this.#retry);
-    for (let damages = 0; ;) {
-      try {
-        return await openFront(this.#source, signal);
-      } catch (cause) {
-        if (signal.aborted) throw signal.reason;
-        const error = asStreamError(cause, { source: this.#source.name });
-        const again = isOfTransport(error) || (isDamage(error) && damages++ === 0);
-        const delayMs = again ? backoff.failed(error) : null;
-        if (delayMs === null) throw error;
-        this.#emitter.emit("retry", { error, delayMs });
-        await pause(delayMs, signal);
-      }
-    }
+    const { firstBytes = FRONT_SIZES.firstBytes, frontBytes = FRONT_SIZES.frontBytes } = this.#options;
+    return retrying(() => openFront(this.#source, signal, { firstBytes, frontBytes }), {
+      signal,
+      source: this.#source.name,
+      retry: this.#retry,
+      onRetry: (error, delayMs) => this.#emitter.emit("retry", { error, delayMs }),
+    });
   }
 
   #begin(opened: OpenedFront, pool: Pool): Front {
@@ -299,17 +296,17 @@ export class ScarStream {
   }
 
   #handlers(front: Front): RefinerEvents {
-    const { base, index } = front;
+    const { index } = front;
     return {
       onTile: (tile, layer, output, took) => {
         this.#decodeMs += took;
         this.#mark(tile, layer, index.tiles);
-        this.#emitter.emit("tile", { tile, layer, base: base[tile], count: output.count, output });
+        this.#emitter.emit("tile", { tile, layer, count: output.count, output });
       },
       onEvict: (tile, layer) => {
         for (let k = 0; k < layer; k++) this.#tilesAtLayer[k]--;
         this.#layers[tile] = 0;
-        this.#emitter.emit("evict", { tile, layer, base: base[tile] });
+        this.#emitter.emit("evict", { tile, layer });
       },
       onBytes: () => this.#emitter.emit("progress", this.#progress()),
       onDone: () => this.#emitter.emit("done", this.stats()),
@@ -360,32 +357,7 @@ export class ScarStream {
   }
 }
 
-/** Refusals are of the file: asking again gives the same. */
-function isOfTransport({ id }: StreamError): boolean {
-  return ["network", "http-status", "stalled", "cut", "no-range"].includes(id);
-}
-
-/** Bytes that changed on their way come right the second time, those that changed on a disk do not. */
-function isDamage({ id }: StreamError): boolean {
-  return id === "header-crc-mismatch" || id === "directory-crc-mismatch";
-}
-
-function defaultWorkers(): number {
+export function defaultWorkers(): number {
   if (typeof Worker === "undefined") return 0;
   return Math.min(Math.max((navigator.hardwareConcurrency ?? 2) - 1, 1), MOST_WORKERS);
-}
-
-/** Waits; rejects with the reason of the signal. */
-function pause(milliseconds: number, signal: AbortSignal): Promise<void> {
-  return new Promise((resolve, reject) => {
-    const stop = () => {
-      clearTimeout(timer);
-      reject(signal.reason);
-    };
-    const timer = setTimeout(() => {
-      signal.removeEventListener("abort", stop);
-      resolve();
-    }, milliseconds);
-    signal.addEventListener("abort", stop, { once: true });
-  });
 }

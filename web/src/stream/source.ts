@@ -23,6 +23,9 @@ export interface ByteSource {
   open(offset: number, length: number, signal: AbortSignal): Promise<Body>;
 }
 
+/** Milliseconds without a byte after which a request is given up, unless said otherwise. */
+export const STALL_MS = 10_000;
+
 /** A URL, a file of the user, or anything that gives ranges. */
 export type SourceLike = string | URL | Blob | RangeReader;
 

@@ -1,7 +1,8 @@
 /** What is known of each tile: layers decoded, layers shown, bodies that wait for their turn. */
 
+import type { TileBlock } from "../decoder/types.js";
 import type { SceneIndex } from "../plan/types.js";
-import type { ParsedFront } from "./front.js";
+import type { Directory } from "./directory.js";
 
 export class Tiles {
   readonly index: SceneIndex;
@@ -28,7 +29,7 @@ export class Tiles {
 
   /** @param keepsComplete whether decoders hold what has all its layers, too */
   constructor(
-    readonly front: ParsedFront,
+    readonly front: Directory,
     readonly keepsComplete: boolean,
   ) {
     this.index = front.index;
@@ -87,7 +88,7 @@ export class Tiles {
   setGoals(goal: Uint8Array): void {
     const { layers } = this.index;
     goal.forEach((layer, tile) => {
-      while (layer > 0 && layer < layers && this.front.tileEntries[tile * layers + layer] < 0) layer++;
+      while (layer > 0 && layer < layers && this.front.hasNoBlock(tile, layer + 1)) layer++;
       this.goal[tile] = layer;
     });
   }
@@ -95,15 +96,17 @@ export class Tiles {
   /** Whether a tile can be taken further now. */
   isReady(tile: number): boolean {
     const next = this.decoded[tile] + 1;
-    return !this.#finished(tile) && next <= this.#reach(tile) && this.#isThere(tile, next);
+    if (this.#finished(tile) || !this.front.isPlaced(tile)) return false;
+    return next <= this.#reach(tile) && this.#isThere(tile, next);
   }
 
   /** The layers that a tile can be taken through now, up to one, with their bodies, which are given away. */
-  takeReady(tile: number, upTo: number): { layer: number; body: Uint8Array }[] {
-    const layers: { layer: number; body: Uint8Array }[] = [];
+  takeReady(tile: number, upTo: number): TileBlock[] {
+    const layers: TileBlock[] = [];
     const reach = Math.min(this.#reach(tile), upTo);
     for (let layer = this.decoded[tile] + 1; layer <= reach && this.#isThere(tile, layer); layer++) {
-      layers.push({ layer, body: this.#take(tile, layer) });
+      const offset = this.front.entries.offset[this.front.numbers.tileBlock(tile, layer)];
+      layers.push({ layer, offset, count: this.front.appear(tile, layer), body: this.#take(tile, layer) });
     }
     return layers;
   }
@@ -114,7 +117,7 @@ export class Tiles {
     for (let layer = beyond + 1; layer <= this.index.layers; layer++) {
       if (!this.#bodies.has(this.#key(tile, layer))) continue;
       this.#take(tile, layer);
-      dropped.push(this.front.tileEntries[this.#key(tile, layer)]);
+      dropped.push(this.front.numbers.tileBlock(tile, layer));
     }
     return dropped;
   }
@@ -134,7 +137,7 @@ export class Tiles {
   /** A tile without a block in a layer has that layer as soon as it has models for it (R-7.1-6). */
   #isThere(tile: number, layer: number): boolean {
     const key = this.#key(tile, layer);
-    return this.front.tileEntries[key] < 0 ? layer <= this.models : this.#bodies.has(key);
+    return this.front.hasNoBlock(tile, layer) ? layer <= this.models : this.#bodies.has(key);
   }
 
   #take(tile: number, layer: number): Uint8Array {

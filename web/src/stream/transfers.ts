@@ -3,15 +3,15 @@
 import { Assembler, firstFrom, type Partial } from "./assembler.js";
 import { Backoff, type RetryOptions } from "./backoff.js";
 import { asStreamError, StreamError } from "./errors.js";
-import type { ParsedFront } from "./front.js";
+import type { Directory } from "./directory.js";
 import type { Meter } from "./meter.js";
 import { type ByteRange, MOST_PARALLEL, nextRequest, requestSizes } from "./requests.js";
 import type { Body, ByteSource } from "./source.js";
 
 export interface TransferEvents {
-  /** A block whose CRC is right. */
+  /** A page or a block whose CRC is right. */
   onBlock(entry: number, body: Uint8Array): void;
-  /** A block that came damaged each time. */
+  /** One that came damaged each time. */
   onDamaged(entry: number): void;
   /** Nothing more is tried until `resume`. */
   onFailure(error: StreamError): void;
@@ -64,7 +64,7 @@ export class Transfers {
 
   constructor(
     readonly source: ByteSource,
-    readonly front: ParsedFront,
+    readonly front: Directory,
     readonly meter: Meter,
     readonly events: TransferEvents,
     retry: RetryOptions,
@@ -125,11 +125,11 @@ export class Transfers {
     this.#pump();
   }
 
-  /** Takes over a body whose first bytes were read elsewhere: blocks that begin at `offset` or later. */
+  /** Takes over a body whose first bytes were read elsewhere: what begins at `offset` or later. */
   adopt(body: Body, rest: Uint8Array, offset: number, end: number, wants: (entry: number) => boolean): void {
-    const { offset: at } = this.front.entries;
+    const { offset: at, length } = this.front.entries;
     const entries: number[] = [];
-    for (let e = 0; e < at.length && at[e] < end; e++) if (at[e] >= offset && wants(e)) entries.push(e);
+    for (let e = firstFrom(at, offset); e < at.length && at[e] < end; e++) if (length[e] > 0 && wants(e)) entries.push(e);
     if (this.source.ranged !== false) for (const e of entries) this.#state[e] = UNDER_WAY;
     const transfer = this.#transfer({ start: offset, end, entries }, wants);
     this.meter.begin();

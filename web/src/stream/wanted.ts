@@ -1,23 +1,44 @@
-/** From steps of a plan to blocks of the file. */
+/** From steps of a plan to pages and blocks of the file. */
 
 import type { Step } from "../plan/types.js";
-import type { ParsedFront } from "./front.js";
+import type { Directory } from "./directory.js";
+
+/** What an annotation may take at once, bytes, and how many times its bytes come before it where it takes more. */
+const SMALL = 64 * 1024;
+const SHARE = 8;
 
 /**
- * Blocks in the order to fetch: before the first tile of a layer the models of that layer and those before.
+ * Entries in the order to fetch: before the first tile of a layer the models of that layer and those before. In place
+ * of blocks of which nothing is known yet, the pages that tell of them.
  * @param annotation entry that the planner wants to see, after the first models; -1 for none
  */
-export function wantedEntries(front: ParsedFront, steps: Step[], annotation: number): number[] {
-  const { modelEntries, tileEntries, index } = front;
-  const entries: number[] = [];
+export function wantedEntries(directory: Directory, steps: Step[], annotation: number): number[] {
+  const { numbers, entries } = directory;
+  const wanted: number[] = [];
+  const pages = new Set<number>();
+  const addPage = (page: number) => {
+    if (!directory.isOpen(page) && !pages.has(page)) wanted.push(page);
+    pages.add(page);
+  };
   let models = 0;
   for (const { tile, layer } of steps) {
-    for (; models < layer; models++) {
-      entries.push(...modelEntries[models]);
-      if (models === 0 && annotation >= 0) entries.push(annotation);
-    }
-    const entry = tileEntries[tile * index.layers + layer - 1];
-    if (entry >= 0) entries.push(entry);
+    for (; models < layer; models++) wanted.push(...numbers.models(models + 1));
+    const page = directory.pageOf(tile);
+    addPage(numbers.tilePage(page));
+    addPage(numbers.rowPage(layer, page));
+    const block = numbers.tileBlock(tile, layer);
+    if (entries.length[block] > 0 && directory.isPlaced(tile)) wanted.push(block);
   }
-  return entries;
+  if (annotation >= 0 && wanted.length > 0) wanted.splice(placeOf(directory, wanted, annotation), 0, annotation);
+  return wanted;
+}
+
+/** A small annotation comes after the first models; what is large would keep the scene waiting. */
+function placeOf({ numbers, entries }: Directory, wanted: number[], annotation: number): number {
+  const size = entries.length[annotation];
+  const afterModels = 1 + wanted.lastIndexOf(numbers.models(1).at(-1) ?? -1);
+  if (size <= SMALL) return afterModels;
+  let before = 0;
+  const past = wanted.findIndex((entry) => (before += entries.length[entry]) > SHARE * size);
+  return past < 0 ? wanted.length : Math.max(past, afterModels);
 }

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 CAPABILITIES = {
     "protocol": PROTOCOL,
     "decoder": f"scarfmt reference {__version__}",
-    "versions": ["0.1"],
+    "versions": ["0.2"],
     "profiles": ["explicit", "anchor"],
     "stages": list(STAGES),
 }

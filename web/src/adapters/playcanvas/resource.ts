@@ -10,8 +10,9 @@ import {
 } from "playcanvas";
 
 import type { PackedTile } from "../../decoder/types.js";
-import type { Camera } from "../../plan/types.js";
-import type { Front } from "../../stream/front.js";
+import { placesFor } from "../../pack/places.js";
+import type { Budgets, Camera } from "../../plan/types.js";
+import type { Front } from "../../stream/directory.js";
 import type { ScarStream } from "../../stream/scar_stream.js";
 import { ScarSplats } from "./splats.js";
 
@@ -39,20 +40,22 @@ export class ScarResource extends ScarSplats {
   /**
    * @param stream made with `output: "words"`; no tile of it has come yet
    * @param front what its event "front" has
+   * @param budgets as the stream has them
    */
   constructor(
     private readonly app: AppBase,
     readonly stream: ScarStream,
     front: Front,
+    budgets: Partial<Budgets> = {},
   ) {
-    super(app.graphicsDevice, front);
+    super(app.graphicsDevice, front, placesFor(front, budgets));
     const update = app.on("update", () => this.#update());
     const end = app.once("destroy", () => this.destroy());
     const ready = app.systems.gsplat?.on("frame:ready", (_camera: unknown, _layer: unknown, isReady: boolean) => {
       this.#sorted.push(isReady);
     });
     this.#off = [
-      stream.on("tile", ({ base, output }) => this.put(base, output as PackedTile)),
+      stream.on("tile", ({ output }) => this.put(output as PackedTile)),
       stream.on("evict", ({ tile }) => this.clear(tile)),
       () => update.off(),
       () => end.off(),

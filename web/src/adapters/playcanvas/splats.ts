@@ -1,7 +1,6 @@
 /** Textures of a scene in the form of a PlayCanvas resource, rewritten in place while tiles become finer. */
 
 import {
-  BoundingBox,
   type GraphicsDevice,
   GSplatFormat,
   GSplatResourceBase,
@@ -12,7 +11,8 @@ import {
 } from "playcanvas";
 
 import type { PackedTile } from "../../decoder/types.js";
-import type { Front } from "../../stream/front.js";
+import { Places, type Span } from "../../pack/places.js";
+import type { Front } from "../../stream/directory.js";
 import { READ_GLSL, streamNames } from "./read_glsl.js";
 
 /** Words of geometry of a Gaussian, and of a texel. */
@@ -32,38 +32,42 @@ interface Plane {
  * that returns true, let components copy it when it is sorted, after the event "frame:ready" of `app.systems.gsplat` has
  * said so: `component.workBufferUpdate = WORKBUFFER_UPDATE_ONCE`.
  *
- * A Gaussian has its place from the first layer to the last. Places that draw nothing yet are sorted with the others.
+ * A tile keeps its places while it is refined, and takes more. Places that draw nothing are sorted with the others.
  */
 export class ScarSplats extends GSplatResourceBase {
   readonly #front: Front;
   readonly #planes: Plane[];
-  /** (tiles, 3): middles of the tiles, where places lie that draw nothing. */
-  readonly #middles: Float64Array;
-  /** (tiles, 6): least and greatest corner of what each tile has. */
-  readonly #bounds: Float64Array;
+  readonly #places: Places;
+  /** Where places lie that draw nothing. */
+  readonly #rest: [number, number, number];
+  /** Least and greatest corner (6) of what each tile has. */
+  readonly #bounds = new Map<number, Float64Array>();
   /** First row and the row behind the last one that are to be uploaded. */
   #dirty: [number, number][] = [];
   #fresh = true;
 
-  /** Throws RangeError where textures of this device cannot hold the scene, or cannot be written. */
-  constructor(device: GraphicsDevice, front: Front) {
-    const { total, header } = front;
+  /**
+   * Throws RangeError where textures of this device cannot hold so many Gaussians, or cannot be written.
+   * @param total places for Gaussians, a multiple of 256: `placesFor` of the front and the budgets of the stream
+   */
+  constructor(device: GraphicsDevice, front: Front, total: number) {
+    const { header } = front;
     const side = Math.ceil(Math.sqrt(total));
     if (device.isWebGPU) throw new RangeError("scenes of this kind are drawn by WebGL2: make the device with deviceTypes: [\"webgl2\"]");
     if (side > device.maxTextureSize) {
       throw new RangeError(`a scene of ${total} Gaussians needs textures of ${side}², this device has up to ${device.maxTextureSize}²`);
     }
-    const middles = tileMiddles(front);
-    const centres = spreadMiddles(front, middles);
+    const rest = middle(front);
+    const centres = Float32Array.from({ length: 3 * total }, (_, i) => rest[i % 3]);
     const data = { numSplats: total, shBands: header.sh_degree, getCenters: () => centres, calcAabb: () => undefined };
     super(device, data);
     this.#front = front;
-    this.#middles = middles;
-    this.#bounds = Float64Array.from({ length: 2 * middles.length }, (_, i) => middles[3 * Math.floor(i / 6) + (i % 3)]);
+    this.#places = new Places(total);
+    this.#rest = rest;
     this.#bound();
     const streams = streamNames(header.sh_degree).map((name) => ({ name, format: PIXELFORMAT_RGBA32U }));
     this._format = new GSplatFormat(device, streams, { readGLSL: READ_GLSL });
-    this.streams.init(this._format, Math.max(total, 1));
+    this.streams.init(this._format, total);
     this.#planes = streams.map(({ name }) => {
       const texture = this.getTexture(name) as Texture;
       return { texture, words: texture.lock() as Uint32Array };
@@ -74,22 +78,33 @@ export class ScarSplats extends GSplatResourceBase {
     defines.set("SH_BANDS", String(this.#front.header.sh_degree));
   }
 
-  /** Takes a tile whose first Gaussian has place `base`. */
-  put(base: number, { tile, count, shDegree, geometry, harmonics }: PackedTile): void {
+  /** Takes a tile. Throws RangeError where it has no room: its stream has larger budgets. */
+  put({ tile, count, shDegree, geometry, harmonics }: PackedTile): void {
     const [first, last, ...rest] = this.#planes;
-    lay(geometry, GEOMETRY, 0, first.words, base, count);
-    lay(geometry, GEOMETRY, TEXEL, last.words, base, count);
-    rest.forEach(({ words }, t) => lay(harmonics, TEXEL * shDegree, TEXEL * t, words, base, count));
-    this.#place(tile, base, count, geometry);
-    this.#mark(base, count);
+    const bounds = new Float64Array([...this.#rest, ...this.#rest]);
+    let from = 0;
+    for (const span of this.#places.take(tile, count)) {
+      lay({ words: geometry, stride: GEOMETRY, offset: 0, from }, first.words, span);
+      lay({ words: geometry, stride: GEOMETRY, offset: TEXEL, from }, last.words, span);
+      rest.forEach(({ words }, t) => {
+        lay({ words: harmonics, stride: TEXEL * shDegree, offset: TEXEL * t, from }, words, span);
+      });
+      this.#place(geometry.subarray(GEOMETRY * from, GEOMETRY * (from + span.count)), span.first, bounds);
+      this.#mark(span);
+      from += span.count;
+    }
+    this.#bounds.set(tile, bounds);
   }
 
   /** Takes a tile away: its places draw nothing. */
   clear(tile: number): void {
-    const { base, finalCounts } = this.#front;
-    const [from, to] = [base[tile], base[tile] + finalCounts[tile]];
-    this.#planes[1].words.fill(0, TEXEL * from, TEXEL * to);
-    this.#mark(from, to - from);
+    this.#bounds.delete(tile);
+    for (const span of this.#places.give(tile)) {
+      const end = span.first + span.count;
+      this.#planes[1].words.fill(0, TEXEL * span.first, TEXEL * end);
+      for (let i = 3 * span.first; i < 3 * end; i++) this.centers[i] = this.#rest[i % 3];
+      this.#mark(span);
+    }
   }
 
   /** Whether something has come that is not drawn yet. */
@@ -109,63 +124,64 @@ export class ScarSplats extends GSplatResourceBase {
     return true;
   }
 
-  /** Centres for the sorter. */
-  #place(tile: number, base: number, count: number, geometry: Uint32Array): void {
+  /** Centres for the sorter, from place `first` on; `bounds` grow to hold them. */
+  #place(geometry: Uint32Array, first: number, bounds: Float64Array): void {
     const numbers = new Float32Array(geometry.buffer, geometry.byteOffset, geometry.length);
-    const middle = this.#middles.subarray(3 * tile, 3 * tile + 3);
-    const bounds = this.#bounds.subarray(6 * tile, 6 * tile + 6);
-    bounds.set(middle);
-    bounds.set(middle, 3);
-    for (let i = 0; i < count; i++) {
+    for (let i = 0; i < geometry.length / GEOMETRY; i++) {
       const shown = geometry[GEOMETRY * i + GEOMETRY - 1] >>> OPACITY_BITS > 0;
       for (let axis = 0; axis < 3; axis++) {
-        const x = shown ? numbers[GEOMETRY * i + axis] : middle[axis];
-        this.centers[3 * (base + i) + axis] = x;
+        const x = shown ? numbers[GEOMETRY * i + axis] : this.#rest[axis];
+        this.centers[3 * (first + i) + axis] = x;
         if (x < bounds[axis]) bounds[axis] = x;
         if (x > bounds[3 + axis]) bounds[3 + axis] = x;
       }
     }
   }
 
-  #mark(from: number, count: number): void {
+  #mark({ first, count }: Span): void {
     const { width } = this.#planes[0].texture;
-    if (count > 0) this.#dirty.push([Math.floor(from / width), Math.floor((from + count - 1) / width) + 1]);
+    if (count > 0) this.#dirty.push([Math.floor(first / width), Math.floor((first + count - 1) / width) + 1]);
   }
 
   /** The box of all; the sorter loses what lies outside. */
   #bound(): void {
-    const low = new Vec3(Infinity, Infinity, Infinity);
-    const high = new Vec3(-Infinity, -Infinity, -Infinity);
-    for (let tile = 0; tile < this.#front.index.tiles; tile++) {
-      if (this.#front.finalCounts[tile] === 0) continue;
-      const [x, y, z, far, top, back] = this.#bounds.subarray(6 * tile, 6 * tile + 6);
+    const low = new Vec3(...this.#rest);
+    const high = new Vec3(...this.#rest);
+    for (const [x, y, z, far, top, back] of this.#bounds.values()) {
       low.min(new Vec3(x, y, z));
       high.max(new Vec3(far, top, back));
     }
-    if (low.x <= high.x) this.aabb.setMinMax(low, high);
-    else this.aabb = new BoundingBox();
+    this.aabb.setMinMax(low, high);
   }
 }
 
-function tileMiddles({ index: { tiles, boxes } }: Front): Float64Array {
-  const middle = (i: number) => (boxes[6 * Math.floor(i / 3) + (i % 3)] + boxes[6 * Math.floor(i / 3) + 3 + (i % 3)]) / 2;
-  return Float64Array.from({ length: 3 * tiles }, (_, i) => Math.fround(middle(i)));
+/** The middle of the tiles' middles. */
+function middle({ index: { tiles, boxes } }: Front): [number, number, number] {
+  const along = (axis: number) => {
+    let [low, high] = [Infinity, -Infinity];
+    for (let tile = 0; tile < tiles; tile++) {
+      const x = (boxes[6 * tile + axis] + boxes[6 * tile + 3 + axis]) / 2;
+      low = Math.min(low, x);
+      high = Math.max(high, x);
+    }
+    return tiles === 0 ? 0 : Math.fround((low + high) / 2);
+  };
+  return [along(0), along(1), along(2)];
 }
 
-/** (total, 3): each place in the middle of its tile. */
-function spreadMiddles({ base, finalCounts, total }: Front, middles: Float64Array): Float32Array {
-  const centres = new Float32Array(3 * total);
-  base.forEach((from, tile) => {
-    for (let i = 3 * from; i < 3 * (from + finalCounts[tile]); i++) centres[i] = middles[3 * tile + (i % 3)];
-  });
-  return centres;
+/** Words of Gaussians from number `from` on, of which one texel each is copied. */
+interface Words {
+  words: Uint32Array;
+  /** Words of a Gaussian, and where in them the texel is. */
+  stride: number;
+  offset: number;
+  from: number;
 }
 
-/** Copies one texel of each Gaussian, from rows of `stride` words, to the texels from `base` on. */
-function lay(from: Uint32Array, stride: number, offset: number, to: Uint32Array, base: number, count: number): void {
+function lay({ words, stride, offset, from }: Words, to: Uint32Array, { first, count }: Span): void {
   for (let i = 0; i < count; i++) {
-    const [read, write] = [stride * i + offset, TEXEL * (base + i)];
-    for (let k = 0; k < TEXEL; k++) to[write + k] = from[read + k];
+    const [read, write] = [stride * (from + i) + offset, TEXEL * (first + i)];
+    for (let k = 0; k < TEXEL; k++) to[write + k] = words[read + k];
   }
 }
 

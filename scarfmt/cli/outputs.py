@@ -1,0 +1,135 @@
+"""Scenes as output of a command: the formats to choose from, the options of some, and the files they need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
+from urllib.parse import quote
+
+import click
+
+from scarfmt.cli.files import STANDARD, open_output
+
+if TYPE_CHECKING:
+    from scarfmt.formats.output import Described, Written
+    from scarfmt.formats.outputs import OutputOptions
+    from scarfmt.scene.gaussians import GaussianScene
+
+SUFFIXES = {"compressed-ply": ".compressed.ply", "ply": ".ply", "spz": ".spz", "glb": ".glb", "gltf": ".gltf"}
+"""Endings of file names by id of the format, longer ones first."""
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def spz_options(command: Command) -> Command:
+    """Add what :func:`output_options` reads to a command that writes scenes."""
+    for option in (
+        click.option(
+            "--spz-sh-bits",
+            type=click.IntRange(1, 8),
+            nargs=2,
+            metavar="A B",
+            help="Of an .spz: bits of spherical harmonics of degree 1, and of those above [default: 5 4].",
+        ),
+        click.option(
+            "--spz-fraction-bits",
+            type=click.IntRange(0, 24),
+            metavar="N",
+            help="Of an .spz: positions are multiples of 2^-N [default: the finest that reaches all Gaussians].",
+        ),
+        click.option("--spz-version", type=click.IntRange(3, 4), help="Of an .spz: 3 (gzip) or 4 (zstd) [default: 4]."),
+    ):
+        command = option(command)
+    return command
+
+
+def output_options(format_id: str, said: dict[str, Any]) -> OutputOptions:
+    """The options of :func:`spz_options`, which are taken out of `said`.
+
+    Raises:
+        click.UsageError: one was given for another format.
+    """
+    from scarfmt.formats.export_spz import SpzOptions
+    from scarfmt.formats.outputs import OutputOptions
+
+    names = ("version", "fraction_bits", "sh_bits")
+    given = {name: value for name in names if (value := said.pop(f"spz_{name}")) not in (None, ())}
+    if given and format_id != "spz":
+        raise click.UsageError("--spz-version, --spz-fraction-bits and --spz-sh-bits are for an .spz output")
+    return OutputOptions(SpzOptions(**given))
+
+
+def output_format(name: str, chosen: str | None, others: tuple[str, ...] = ()) -> str:
+    """The format to write: as chosen, or by the file name, or for standard output a PLY.
+
+    Args:
+        name: of the output.
+        chosen: id, or None.
+        others: endings of formats that are no scenes of Gaussians; such an ending without its dot is the id.
+
+    Raises:
+        click.UsageError: the name ends in none that is known, or a .gltf was chosen for standard output.
+    """
+    if name == STANDARD and chosen == "gltf":
+        raise click.UsageError("a .gltf is two files: give a file name, or write a .glb")
+    if chosen is not None:
+        return chosen
+    if name == STANDARD:
+        return "ply"
+    known = {**SUFFIXES, **{ending[1:]: ending for ending in others}}
+    for format_id, ending in known.items():
+        if name.lower().endswith(ending):
+            return format_id
+    endings = ", ".join(known.values())
+    raise click.UsageError(f"the output must end in one of {endings}, or give --format; {name} does not")
+
+
+@dataclass(frozen=True)
+class SceneOutput:
+    """Where a scene goes, and how.
+
+    Attributes:
+        format_id: one of `SUFFIXES`, or ``npz``.
+        target: to write to.
+        options: of the format, with the second file of a .gltf.
+    """
+
+    format_id: str
+    target: BinaryIO
+    options: OutputOptions
+
+    def write(self, described: Described, parts: Iterable[GaussianScene]) -> Written:
+        """Write a scene in one of `SUFFIXES`."""
+        from scarfmt.formats.outputs import write_parts
+
+        return write_parts(self.format_id, parts, described, self.target, self.options)
+
+
+@contextmanager
+def open_scene_output(name: str, format_id: str, options: OutputOptions, force: bool) -> Iterator[SceneOutput]:
+    """A scene file that appears under its name only when complete; that of a .gltf has NAME.bin beside it.
+
+    Raises:
+        As :func:`scarfmt.cli.files.open_output`.
+    """
+    if format_id != "gltf":
+        with open_output(name, force) as target:
+            yield SceneOutput(format_id, target, options)
+        return
+    from scarfmt.formats.export_gltf import Beside
+
+    path = Path(name)
+    buffer = path.with_name(f"{path.stem}.bin")
+    # The buffer gets its name first: a .gltf never names what is not there.
+    with open_output(name, force) as target, open_output(str(buffer), force) as stream:
+        yield SceneOutput(format_id, target, replace(options, beside=Beside(quote(buffer.name), stream)))
+
+
+def tell_written(written: Written, quiet: bool) -> str:
+    """Report on stderr what the format could not hold; returns how many Gaussians were written, for people."""
+    for note in () if quiet else written.notes:
+        click.echo(f"scarfmt: warning: {note}", err=True)
+    return f"{written.count:,} Gaussians"

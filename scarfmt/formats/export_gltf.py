@@ -1,0 +1,160 @@
+"""Writing glTF 2.0 with KHR_gaussian_splatting: a .glb, or a .gltf with its buffer beside it. Floats, uncompressed.
+
+Each attribute has a buffer view of its own, which is what most readers expect; they wait aside until their sizes are
+known. Memory does not grow with the scene.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scarfmt.arrays import F64, U8
+from scarfmt.container.registries import ColourSpace
+from scarfmt.errors import InvalidInput
+from scarfmt.formats import gltf_layout as layout
+from scarfmt.formats.aside import Aside
+from scarfmt.formats.dequantise import SH_C0
+from scarfmt.formats.frame import LUF_TO_RDF, flip_axes, signs_to
+from scarfmt.formats.output import Described, Losses, Parts, Written, finite
+from scarfmt.formats.quantise import opacities, unit_quaternions
+from scarfmt.scene.gaussians import GaussianScene
+
+MAX_GLB_BYTES = 2**32 - 1
+_ARRAY_BUFFER = 34962
+_PER_VERTEX = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
+
+
+@dataclass(frozen=True)
+class Beside:
+    """The buffer of a .gltf.
+
+    Attributes:
+        name: of the file, relative to the .gltf.
+        stream: where to write it.
+    """
+
+    name: str
+    stream: BinaryIO
+
+
+def write_gltf(parts: Parts, described: Described, target: BinaryIO, beside: Beside | None = None) -> Written:
+    """Write a glTF asset of one point primitive, in the axes of glTF. COLOR_0 is there for viewers of point clouds.
+
+    Args:
+        parts: of the scene; Gaussians keep their order.
+        described: the scene.
+        target: of the .glb, or of the JSON.
+        beside: where the buffer goes; None for a .glb, which holds it.
+
+    Raises:
+        InvalidInput: ``output-range``: a value is not finite or too large for float32, or a .glb would have over 4 GiB;
+            ``output-empty``.
+    """
+    signs, losses = signs_to(LUF_TO_RDF, described.frame), Losses()
+    linear = described.colour_space == ColourSpace.LINEAR
+    count, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
+    with Aside(_attributes(described.sh_degree)) as aside:
+        for part in finite(parts, "glTF"):
+            values = _values(flip_axes(part, signs), linear, losses)
+            for name, array in values.items():
+                aside.add(name, array)
+            count += len(part)
+            positions = values[layout.POSITION]
+            low, high = np.minimum(low, positions.min(axis=0)), np.maximum(high, positions.max(axis=0))
+        document, size = _document(aside, count, linear, {"min": low.tolist(), "max": high.tolist()})
+        _write(document, size, aside, target, beside)
+    return Written(count, losses.notes(described, count, axes_of="glTF"))
+
+
+def _attributes(degree: int) -> list[str]:
+    names = [layout.POSITION, layout.COLOUR, layout.ROTATION, layout.SCALE, layout.OPACITY]
+    return names + [name for band in range(degree + 1) for name in layout.harmonics(band)]
+
+
+def _values(scene: GaussianScene, linear: bool, losses: Losses) -> dict[str, NDArray[Any]]:
+    """The attributes, (N, width) each, in the order of `_attributes`."""
+    opacity = opacities(scene.opacity_logits)
+    with np.errstate(over="ignore", under="ignore"):  # what overflows is refused below
+        positions = scene.positions.astype("<f4")
+        scales = np.exp(scene.log_scales.astype(np.float64)).astype("<f4")
+    if not (np.isfinite(positions).all() and np.isfinite(scales).all()):
+        raise InvalidInput("output-range", "a position or a scale is too large for the float32 of glTF")
+    losses.count("scales too small for float32, written as 0", scales == 0)
+    rotations = unit_quaternions(scene.rotations)[:, [1, 2, 3, 0]].astype("<f4")
+    arrays = [positions, _colour(scene, opacity, linear), rotations, scales, opacity.astype("<f4")[:, None]]
+    arrays += [scene.sh[:, number].astype("<f4") for number in range(scene.sh.shape[1])]
+    return dict(zip(_attributes(scene.sh_degree), arrays, strict=True))
+
+
+def _colour(scene: GaussianScene, opacity: F64, linear: bool) -> U8:
+    """(N, 4) uint8: linear light, as glTF has vertex colours, and opacity."""
+    colour = np.clip(scene.sh[:, 0].astype(np.float64) * SH_C0 + 0.5, 0.0, 1.0)
+    if not linear:
+        colour = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+    rgba: U8 = np.rint(np.concatenate([colour, opacity[:, None]], axis=1) * 255).astype(np.uint8)
+    return rgba
+
+
+def _document(aside: Aside, count: int, linear: bool, bounds: Mapping[str, Any]) -> tuple[dict[str, Any], int]:
+    """The JSON but for the place of its buffer, and the bytes of that."""
+    views: list[dict[str, Any]] = []
+    accessors: list[dict[str, Any]] = []
+    offset = 0
+    for name in aside.names:
+        size = aside.size(name)
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": size, "target": _ARRAY_BUFFER})
+        if name == layout.COLOUR:
+            kind = {"componentType": layout.UBYTE, "normalized": True, "type": _PER_VERTEX[size // count]}
+        else:
+            kind = {"componentType": layout.FLOAT, "type": _PER_VERTEX[size // count // 4]}
+        place = {"bufferView": len(accessors), "count": count}
+        accessors.append({**place, **kind, **(bounds if name == layout.POSITION else {})})
+        offset += size
+    splatting = {
+        "kernel": layout.KERNEL,
+        "colorSpace": layout.LINEAR if linear else layout.SRGB,
+        "projection": layout.PROJECTION,
+        "sortingMethod": layout.SORTING,
+    }
+    attributes = {name: number for number, name in enumerate(aside.names)}
+    primitive = {"attributes": attributes, "mode": layout.POINTS, "extensions": {layout.EXTENSION: splatting}}
+    document = {
+        "asset": {"version": "2.0", "generator": "scarfmt"},
+        "extensionsUsed": [layout.EXTENSION],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [primitive]}],
+        "buffers": [{"byteLength": offset}],
+        "bufferViews": views,
+        "accessors": accessors,
+    }
+    return document, offset
+
+
+def _write(document: dict[str, Any], size: int, aside: Aside, target: BinaryIO, beside: Beside | None) -> None:
+    if beside is not None:
+        document["buffers"][0]["uri"] = beside.name
+        target.write(json.dumps(document, indent=1).encode())
+        _copy_all(aside, beside.stream)
+        return
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    length = layout.GLB.size + 2 * layout.CHUNK.size + len(text) + size
+    if length > MAX_GLB_BYTES:
+        raise InvalidInput("output-range", f"a .glb holds at most 4 GiB, and this would have {length}; write a .gltf")
+    target.write(layout.GLB.pack(layout.GLB_MAGIC, layout.GLB_VERSION, length))
+    target.write(layout.CHUNK.pack(len(text), layout.JSON_CHUNK) + text)
+    target.write(layout.CHUNK.pack(size, layout.BINARY_CHUNK))
+    _copy_all(aside, target)
+
+
+def _copy_all(aside: Aside, target: BinaryIO) -> None:
+    for name in aside.names:
+        aside.copy(name, target)

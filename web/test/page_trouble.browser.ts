@@ -1,0 +1,71 @@
+/** The viewer page in a real browser, where something is wrong: it keeps the picture, and says what. */
+
+import assert from "node:assert/strict";
+import { describe, it } from "node:test";
+import { lit, message, until } from "./chromium.js";
+import { sharedBrowser } from "./shared_browser.js";
+import { bytes, untilComplete, viewingIn } from "./viewing.js";
+
+const viewing = viewingIn(sharedBrowser());
+
+describe("the viewer page in trouble", () => {
+  it("mends a connection that is cut", async () => {
+    await viewing(
+      async (page, server) => {
+        await untilComplete(page, 5);
+        assert.ok(server.asked.length > 1);
+      },
+      {
+        prepare: (server) => {
+          server.trick = ({ range }, response, number) => {
+            if (number !== 2 || range === null) return false;
+            response.writeHead(206, server.rangeHeaders(range));
+            response.write(server.bytes.subarray(range[0], range[0] + 1000), () => response.destroy());
+            return true;
+          };
+        },
+      },
+    );
+  });
+
+  it("says that the file was changed, and keeps what is shown", async () => {
+    await viewing(
+      async (page) => {
+        assert.match(await message(page), /changed/);
+        await until(page, "still");
+        assert.ok((await lit(page)) > 0.1);
+      },
+      {
+        prepare: (server) => {
+          server.trick = (_, __, number) => {
+            if (number > 1) server.etag = '"two"';
+            return false;
+          };
+        },
+      },
+    );
+  });
+
+  it("says what is damaged, and shows the rest", async () => {
+    await viewing(
+      async (page) => {
+        assert.match(await message(page), /block at byte \d+ arrived damaged/);
+        await until(page, "still");
+        assert.ok((await lit(page)) > 0.1);
+      },
+      {
+        prepare: (server) => {
+          server.bytes = server.bytes.slice();
+          server.bytes[bytes.length - 3000] ^= 0xff;
+        },
+      },
+    );
+  });
+
+  it("says what is no scene", async () => {
+    await viewing(
+      async (page) => assert.match(await message(page), /signature|not a .scar/),
+      { scene: new Uint8Array(5000).fill(7) },
+    );
+  });
+});

@@ -1,0 +1,49 @@
+/** The viewer page open on a scene whose server can be told to misbehave. */
+
+import type { Page } from "puppeteer-core";
+import { type Browsing, until } from "./chromium.js";
+import { toys } from "./files.js";
+import { type Host, hosting } from "./hosting.js";
+import { type FileServer, serving } from "./server.js";
+
+export const PAGE = new URL("../../../scarfmt/viewer/page/", import.meta.url);
+export const bytes = toys();
+
+export interface Setting {
+  /** Of the page's address. */
+  query?: string;
+  scene?: Uint8Array;
+  /** Misbehaviour of the scene's server. */
+  prepare?: (server: FileServer, host: Host) => void;
+  /** Runs in the page before its scripts. */
+  before?: () => void;
+}
+
+type Run = (page: Page, server: FileServer, host: Host) => Promise<void>;
+
+/** @returns what runs in a browser with the page open on a scene */
+export function viewingIn(browsing: Browsing): (run: Run, setting?: Setting) => Promise<void> {
+  return async (run, { query = "url=/scene.scar", scene = bytes, prepare, before } = {}) => {
+    await serving(scene, async (url, server) => {
+      const host: Host = { asked: [] };
+      prepare?.(server, host);
+      await hosting(PAGE, url, host, (address) =>
+        browsing(async (page) => {
+          if (before !== undefined) await page.evaluateOnNewDocument(before);
+          await page.goto(`${address}?${query}`);
+          await run(page, server, host);
+        }),
+      );
+    });
+  };
+}
+
+/** Layers that are complete, by the lines of the first panel. */
+export const complete = (page: Page) => page.$$eval(".panel:first-child tr.complete", (rows) => rows.length);
+
+/** Waits until so many layers are complete and drawn. */
+export async function untilComplete(page: Page, layers: number): Promise<void> {
+  const wanted = `document.querySelectorAll(".panel:first-child tr.complete").length === ${layers}`;
+  await page.waitForFunction(wanted, { timeout: 120_000, polling: 100 });
+  await until(page, "still");
+}
