@@ -16,11 +16,12 @@ from reference_decoder.request import DecodeRequest, RequestFields, requested
 from reference_decoder.scenes.levels import LevelReader
 from reference_decoder.scenes.making import listed_file
 from reference_decoder.scenes.needs import LevelOfDetail, Need, meets_box, needs_of, placed_request
-from scarfmt.arrays import F32, F64
+from scarfmt.arrays import F64
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.source import ByteSource, Origin, open_source
 from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput
+from scarfmt.formats.joined import widened
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.scene.placement import Placement
@@ -259,8 +260,3 @@ def joined(parts: list[GaussianScene], degree: int) -> GaussianScene:
         return GaussianScene(np.zeros((0, 3)), *empty)
     wide = [replace(part, sh=widened(part.sh, coefficients)) for part in parts]
     return GaussianScene(*(np.concatenate([getattr(part, name) for part in wide]) for name in vars(wide[0])))
-
-
-def widened(sh: F32, coefficients: int) -> F32:
-    """(n, coefficients, 3) harmonics of a higher degree, with zeros above."""
-    return np.pad(sh, ((0, 0), (0, coefficients - sh.shape[1]), (0, 0)))

@@ -9,12 +9,13 @@ from typing import Generic, TypeVar
 from reference_decoder.decode import decode
 from reference_decoder.request import DecodeRequest
 from reference_decoder.scenes.needs import LevelOfDetail, meets_box, placed_request
-from reference_decoder.scenes.scene_set import ScenePart, SceneSet, widened
+from reference_decoder.scenes.scene_set import ScenePart, SceneSet
 from reference_decoder.stream_ply import Baking, baked
 from scarfmt.coding.writer import Report, silent
 from scarfmt.container.schema import Profile
 from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput
+from scarfmt.formats.joined import widened
 from scarfmt.formats.output import Described
 from scarfmt.render.camera import Camera
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene

@@ -13,7 +13,7 @@ from reference_decoder.decode import decode
 from reference_decoder.request import DecodeRequest
 from reference_decoder.scenes.needs import LevelOfDetail, placed_back
 from reference_decoder.scenes.scene_ply import export_scene_ply
-from reference_decoder.scenes.scene_set import SceneSet, open_scene, widened
+from reference_decoder.scenes.scene_set import SceneSet, open_scene
 from reference_decoder.scenes.stream_scene import placed_views
 from reference_decoder.stream_ply import Baking, export_ply
 from scarfmt.coding.reader import SceneReader
@@ -21,6 +21,7 @@ from scarfmt.container.source import BytesSource
 from scarfmt.counters import Counters
 from scarfmt.errors import InvalidInput, Malformed, ScarError
 from scarfmt.formats import load
+from scarfmt.formats.joined import widened
 from scarfmt.render.camera import look_at
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.scene.placement import Placement
