@@ -19,6 +19,7 @@ from scarfmt.container.file import Container, directory_row
 from scarfmt.container.schema import ENTRY_DTYPE, STREAM_COUNT, BlockKind, Profile, Stream
 from scarfmt.container.source import ByteSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE, unpack_table
+from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput
 from scarfmt.limits import DEFAULT_LIMITS, Limits
 from scarfmt.tools.assemble import Plan, entry_of, ordered
@@ -68,7 +69,7 @@ def split_to(
     Raises:
         Malformed, Truncated, Unsupported, LimitExceeded: what a decoder of these tiles refuses.
     """
-    reader = SceneReader(source, limits=limits)
+    reader = SceneReader(source, limits=limits, engine=best_engine())
     container = reader.container
     kept = container.directory[container.directory["kind"] == BlockKind.TILE]
     anchors = np.bincount(kept["tile"], kept["count"].astype(np.float64), len(container.tile_table))

@@ -163,12 +163,15 @@ def test_the_meter_counts_while_something_is_under_way() -> None:
 def test_requests_are_sized_as_the_browser_package_sizes_them() -> None:
     """The numbers of its modules."""
     stream = REPOSITORY / "web" / "src" / "stream"
-    text = "".join((stream / name).read_text(encoding="utf-8") for name in ("requests.ts", "meter.ts", "open_front.ts"))
+    text = "".join((stream / name).read_text(encoding="utf-8") for name in ("requests.ts", "meter.ts"))
     named = dict(re.findall(r"const ([A-Z_]+) = ([^;]+);", text))
     for name, value in named.items():
         ours = getattr(requests, name, None) or getattr(requests, f"_{name}")
         assert ours == eval(value), name
-    assert len(named) == 13
+    assert len(named) == 12
+    opening = (stream / "open_front.ts").read_text(encoding="utf-8")
+    assert re.findall(r"firstBytes: ([^,]+), frontBytes", opening) == ["64 * 1024"]
+    assert requests.FIRST_BYTES == 64 * 1024
 
 
 def test_the_oracle_plans_every_step_once_and_first_layers_first(file: ScarFile) -> None:
