@@ -66,6 +66,7 @@ SHOWN: tuple[Shown, ...] = (
     *_of("training-step", "docs/training.md"),
     *_of("regions", "docs/scaling.md"),
     *_of("directory", "docs/scaling.md"),
+    *_of("large-scene", "docs/large-scenes.md"),
     *_of("stability", "docs/stability.md"),
     *_of("entropy-speed", "docs/entropy-speed.md"),
     *_of("entropy-stress", "docs/entropy-stress.md"),
