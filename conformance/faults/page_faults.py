@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 from conformance.scenes.cases import Case, refused
 from conformance.scenes.container_scenes import paged_file, plain_file, root_file
 from conformance.surgery.parts import flipped, repaged, taken_apart
+from conformance.surgery.raw_pages import RawRows, RawTiles
 from conformance.writer.fields import varint
-from conformance.writer.pages import Pages, RowPage, TilePage
+from conformance.writer.pages import Pages, RowPage
 
 PageChange = Callable[[Pages], object]
 _MAX_BLOCK = 1 << 31
@@ -54,31 +54,11 @@ def _flip(pages: Pages, page: int, layer: int | None) -> None:
         root.rows[layer - 1].row_crc32 ^= 1
 
 
-@dataclass
-class _RawTiles(TilePage):
-    """A tile page of any bytes."""
-
-    data: bytes
-
-    def packed(self) -> bytes:
-        return self.data
-
-
-@dataclass
-class _RawRows(RowPage):
-    """A row page of any bytes."""
-
-    data: bytes
-
-    def packed(self) -> bytes:
-        return self.data
-
-
 def _tiles_as(page: int, change: Callable[[bytes], bytes]) -> bytes:
     """The paged file with the bytes of a tile page changed."""
 
     def changed(pages: Pages) -> None:
-        pages.tiles[page] = _RawTiles([], [], [], change(pages.tiles[page].packed()))
+        pages.tiles[page] = RawTiles([], [], [], change(pages.tiles[page].packed()))
 
     return repaged(paged_file(), changed)
 
@@ -89,7 +69,7 @@ def _rows_as(layer: int, page: int, change: Callable[[bytes], bytes]) -> bytes:
     def changed(pages: Pages) -> None:
         rows = pages.rows[layer - 1][page]
         assert rows is not None
-        pages.rows[layer - 1][page] = _RawRows([], [], [], change(rows.packed()))
+        pages.rows[layer - 1][page] = RawRows([], [], [], change(rows.packed()))
 
     return repaged(paged_file(), changed)
 

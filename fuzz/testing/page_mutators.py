@@ -7,11 +7,11 @@ Numbers are set to telling ones or their neighbours, as in :mod:`.field_mutators
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from random import Random
 from typing import Any
 
-from conformance.writer.pages import Pages, RowPage, TilePage
+from conformance.surgery.raw_pages import RawRows, RawTiles
+from conformance.writer.pages import Pages
 from fuzz.testing.block_mutators import altered, parts_of
 from fuzz.testing.field_mutators import NotHere, telling
 from fuzz.testing.front import PAGE_BITS
@@ -140,33 +140,17 @@ def row_number(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     return put_together(_smaller(data, rng), _settled(change))
 
 
-@dataclass
-class _RawTiles(TilePage):
-    data: bytes
-
-    def packed(self) -> bytes:
-        return self.data
-
-
-@dataclass
-class _RawRows(RowPage):
-    data: bytes
-
-    def packed(self) -> bytes:
-        return self.data
-
-
 def page_bytes(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """Bytes or varints of a tile page or a row page."""
 
     def change(pages: Pages) -> None:
         layer, number = _chosen([*((None, p) for p in range(len(pages.tiles))), *_rows(pages)], rng)
         if layer is None:
-            pages.tiles[number] = _RawTiles([], [], [], altered(pages.tiles[number].packed(), rng))
+            pages.tiles[number] = RawTiles([], [], [], altered(pages.tiles[number].packed(), rng))
             return
         page = pages.rows[layer][number]
         assert page is not None
-        pages.rows[layer][number] = _RawRows([], [], [], altered(page.packed(), rng))
+        pages.rows[layer][number] = RawRows([], [], [], altered(page.packed(), rng))
 
     return put_together(_smaller(data, rng), _settled(change))
 

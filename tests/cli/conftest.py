@@ -22,6 +22,7 @@ from scarfmt.scene.gaussians import GaussianScene
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 Run = Callable[..., Result]
+Shell = Callable[..., subprocess.CompletedProcess[bytes]]
 
 
 @pytest.fixture
@@ -35,7 +36,7 @@ def run() -> Run:
 
 
 @pytest.fixture
-def shell() -> Callable[..., subprocess.CompletedProcess[bytes]]:
+def shell() -> Shell:
     """Run the command in a process of its own, in another directory."""
 
     def call(*arguments: object, cwd: Path, input: bytes | None = None) -> subprocess.CompletedProcess[bytes]:

@@ -18,7 +18,7 @@ from scarfmt.cli.failures import FailureGroup, requires_extra
 from scarfmt.cli.files import open_output
 from scarfmt.engines import described
 from scarfmt.errors import InvalidInput
-from tests.cli.conftest import REPOSITORY, Run
+from tests.cli.conftest import REPOSITORY, Run, Shell
 
 HEAVY = ("torch", "numba", "scipy", "plyfile", "fsspec", "aiohttp", "rich", "PIL")
 
@@ -62,7 +62,7 @@ def test_help_does_not_even_import_numpy() -> None:
     assert "'numpy'" not in done.stdout
 
 
-def test_an_invalid_file_is_one_line_on_stderr_and_exit_code_1(shell, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_an_invalid_file_is_one_line_on_stderr_and_exit_code_1(shell: Shell, tmp_path: Path) -> None:
     (tmp_path / "bad.scar").write_bytes(b"no scene at all")
     done = shell("inspect", "bad.scar", cwd=tmp_path)
     assert done.returncode == 1
@@ -239,7 +239,7 @@ def test_binary_data_is_not_written_to_a_terminal(monkeypatch: pytest.MonkeyPatc
         pass
 
 
-def test_pipes_carry_whole_files(shell, explicit_scar: Path, run: Run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_pipes_carry_whole_files(shell: Shell, explicit_scar: Path, run: Run, tmp_path: Path) -> None:
     done = shell("truncate", "-", "-", "--layers", 2, cwd=tmp_path, input=explicit_scar.read_bytes())
     assert done.returncode == 0
     run("truncate", explicit_scar, tmp_path / "file.scar", "--layers", 2)

@@ -21,7 +21,7 @@ from scarfmt.formats import load
 from scarfmt.formats.export_ply import write_inria_ply
 from scarfmt.formats.outputs import OUTPUTS
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
-from tests.cli.conftest import Run, gaussians
+from tests.cli.conftest import Run, Shell, gaussians
 
 
 def test_a_ply_holds_what_the_decoder_gives(run: Run, encoded: Path, tmp_path: Path) -> None:
@@ -33,7 +33,7 @@ def test_a_ply_holds_what_the_decoder_gives(run: Run, encoded: Path, tmp_path: P
     np.testing.assert_array_equal(written.sh, expected.sh)
 
 
-def test_pipes_carry_a_ply(shell, encoded: Path, tmp_path: Path, run: Run) -> None:  # type: ignore[no-untyped-def]
+def test_pipes_carry_a_ply(shell: Shell, encoded: Path, tmp_path: Path, run: Run) -> None:
     done = shell("decode", "-", "-", "-q", cwd=tmp_path, input=encoded.read_bytes())
     run("decode", encoded, tmp_path / "a.ply")
     assert (done.returncode, done.stderr) == (0, b"")
@@ -274,7 +274,7 @@ def test_what_a_format_cannot_hold_is_said(run: Run, tmp_path: Path) -> None:
     assert (quiet.exit_code, quiet.stderr) == (0, "")
 
 
-def test_convert_goes_between_formats_of_others(run: Run, shell, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_convert_goes_between_formats_of_others(run: Run, shell: Shell, tmp_path: Path) -> None:
     """Also through pipes; floats come back as they were."""
     scene = gaussians(40)
     write_inria_ply(scene, tmp_path / "a.ply")
@@ -285,7 +285,9 @@ def test_convert_goes_between_formats_of_others(run: Run, shell, tmp_path: Path)
     assert isinstance(back, GaussianScene)
     np.testing.assert_array_equal(back.sh, scene.sh)
     assert run("convert", tmp_path / "a.glb", tmp_path / "flat.ply", "--sh-degree", 0).exit_code == 0
-    assert load(tmp_path / "flat.ply").sh.shape == (40, 1, 3)  # type: ignore[union-attr]
+    flat = load(tmp_path / "flat.ply")
+    assert isinstance(flat, GaussianScene)
+    assert flat.sh.shape == (40, 1, 3)
 
 
 def test_convert_refuses_anchors(run: Run, anchors: Path, tmp_path: Path) -> None:

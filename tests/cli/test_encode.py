@@ -19,7 +19,7 @@ from scarfmt.formats.export_ply import write_inria_ply
 from scarfmt.limits import MAX_ANCHORS_PER_TILE
 from scarfmt.render.camera import look_at, orbit_cameras
 from scarfmt.tools.inspection import inspect
-from tests.cli.conftest import Run, gaussians
+from tests.cli.conftest import Run, Shell, gaussians
 from tests.render.capture import files
 
 FAST = ("--effort", 1, "--layers", 1, "--quality", 25)
@@ -70,7 +70,7 @@ def test_a_mean_or_a_floor_can_be_asked_for(run: Run, ply: Path, tmp_path: Path)
     assert run("encode", ply, target, "--worst", 22, "--effort", 1, "--layers", 1).exit_code == 0
 
 
-def test_pipes_give_the_file_that_files_give(shell, ply: Path, run: Run, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_pipes_give_the_file_that_files_give(shell: Shell, ply: Path, run: Run, tmp_path: Path) -> None:
     done = shell("encode", "-", "-", *FAST, "-q", cwd=tmp_path, input=ply.read_bytes())
     assert (done.returncode, done.stderr) == (0, b"")
     assert run("encode", ply, tmp_path / "a.scar", *FAST, "-q").exit_code == 0

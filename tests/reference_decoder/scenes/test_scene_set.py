@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,8 +39,8 @@ def scene(tmp_path: Path) -> SceneSet:
     return open_scene(scene_folder(tmp_path, PLACED))
 
 
-def gaussians(data: bytes, **fields: object) -> GaussianScene:
-    found = decode(data, **fields).scene  # type: ignore[arg-type]
+def gaussians(data: bytes, **fields: Any) -> GaussianScene:
+    found = decode(data, **fields).scene
     assert isinstance(found, GaussianScene)
     return found
 
@@ -151,7 +152,7 @@ def test_a_single_file_is_a_scene(tmp_path: Path) -> None:
 
 
 def test_requests_that_do_not_fit_are_refused(scene: SceneSet) -> None:
-    wrong: list[tuple[str, dict[str, object]]] = [
+    wrong: list[tuple[str, dict[str, Any]]] = [
         ("input-tiles", {"tiles": [0]}),
         ("input-layers", {"layers": 5}),
         ("input-layers", {"layers": 0}),
@@ -160,7 +161,7 @@ def test_requests_that_do_not_fit_are_refused(scene: SceneSet) -> None:
     ]
     for refusal, arguments in wrong:
         with pytest.raises(InvalidInput) as caught:
-            list(scene.iter_tiles(**arguments))  # type: ignore[arg-type]
+            list(scene.iter_tiles(**arguments))
         assert caught.value.refusal == refusal
 
 
