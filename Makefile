@@ -12,7 +12,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test test-slow fuzz fuzz-guided sanitize lint types check wheel bench bench-full pictures
-.PHONY: portability ksy web clean
+.PHONY: dist dist-test portability ksy web docs clean
 
 help:
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' $(MAKEFILE_LIST) | expand -t 22
@@ -21,7 +21,7 @@ help:
 $(STAMP): pyproject.toml setup.py conformance/suite/pyproject.toml $(wildcard scarfmt/kernel/*.c scarfmt/kernel/*.h)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet 'torch==2.13.0'
-	$(BIN)/python -m pip install --quiet --editable '.[train,render,http,import,cluster,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[train,render,http,import,cluster,docs,dev]'
 	$(BIN)/python -m pip install --quiet --no-deps --editable conformance/suite
 	touch $(STAMP)
 
@@ -56,6 +56,13 @@ check: test lint types ## tests, lint and types; CI runs a short sanitize too
 wheel: $(STAMP) web ## build the wheels into dist/ and try them in an empty environment
 	PYTHON=$(BIN)/python .ci/wheel
 
+dist: $(STAMP) ## what a release consists of, from the last commit, into dist/ (docs/releasing.md)
+	rm -rf dist
+	$(BIN)/python -m release.build dist
+
+dist-test: $(STAMP) ## dist twice, compared, and each part installed and used in an empty environment; network, half an hour
+	$(BIN)/python -m pytest -m release tests/release
+
 bench: $(STAMP) ## every benchmark, short, on the example scene: prints, writes to build/bench/ alone
 	$(BIN)/python -m benchmarks.all --short
 
@@ -80,6 +87,11 @@ web/node_modules/.package-lock.json: web/package-lock.json
 web: web/node_modules/.package-lock.json ## the browser package and the page of `scarfmt view` (needs node 20 and npm)
 	npm run --prefix web types
 	npm run --prefix web build
+
+docs: $(STAMP) web/node_modules/.package-lock.json ## the site of all documentation, build/docs/html (needs node 20 and npm)
+	web/node_modules/.bin/tsc -p web/tsconfig.types.json --outDir build/docs/types
+	$(BIN)/python -m sphinx --quiet --fresh-env --fail-on-warning --keep-going -c docs/site -d build/docs/doctrees . build/docs/html
+	$(BIN)/python -m docs.site.outside build/docs/html
 
 clean: ## remove what make made, .venv included
 	rm -rf $(VENV) demo-out build scarfmt/viewer/page web/dist web/node_modules *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -16,7 +16,7 @@ LIBRARIES = {
     "scarfmt.kernel.native": "without it all results are the same, and slower",
     "reference_encoder.training.raster.native": "without it nothing can be trained on a CPU",
 }
-"""What is lost where one could not be built."""
+"""The loss if a library could not be built."""
 FAILURE = "native.failed.txt"
 """Says in an installation without a library why; of the kernel, `scarfmt --version` repeats it."""
 _WARNING = """
@@ -35,6 +35,8 @@ class BuildLibraries(build_ext):
     def build_extension(self, ext) -> None:  # type: ignore[no-untyped-def]
         if sys.platform == "linux":
             ext.extra_link_args = [*ext.extra_link_args, "-Wl,-s"]
+            # The folder of the sources leaves no trace: the same sources give the same bytes.
+            ext.extra_compile_args = [*ext.extra_compile_args, f"-ffile-prefix-map={Path.cwd()}=."]
         failure = Path(self.get_ext_fullpath(ext.name)).with_name(FAILURE)
         failure.unlink(missing_ok=True)
         try:

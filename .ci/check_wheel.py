@@ -1,4 +1,4 @@
-"""What is in a wheel: the packages that belong there and nothing else, and a library that old Linuxes can load."""
+"""Check of a wheel: it holds its packages and nothing else, and a library that old Linuxes can load."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ MOST_BYTES = {"scarfmt": 2_500_000, "scarfmt_conformance": 5_000_000}
 STRANGERS = ("/tests/", "/testing/", "/benchmarks/", "/fuzz/", ".c", ".h", ".pyc")
 """Parts of names that have no business in a wheel."""
 GLIBC = (2, 29)
-"""Of manylinux_2_29, which the name of the wheel says."""
+"""Version of glibc in manylinux_2_29, the tag in the name of the wheel."""
 LIBRARIES = {"scarfmt/kernel/native.so", "reference_encoder/training/raster/native.so"}
 
 
 def check(path: Path) -> list[str]:
-    """What is wrong with a wheel; empty if nothing."""
+    """The faults of a wheel; empty if there are none."""
     distribution = path.name.partition("-")[0]
     wrong = []
     with zipfile.ZipFile(path) as wheel:

@@ -83,7 +83,7 @@ class Job:
 
     @property
     def key(self) -> str:
-        """Its name among the results."""
+        """The name of this variant among the results."""
         return f"{self.scene} | {self.study} | {self.variant} | seed {self.seed}" + " | full" * self.full
 
     @property
@@ -360,7 +360,7 @@ def main() -> None:
     parser.add_argument("--scene", nargs="+", help=f"default: {', '.join(SCENES)}")
     parser.add_argument("--study", nargs="+", choices=STUDIES, default=STUDIES)
     parser.add_argument("--full", action="store_true", help="all rows and longer training")
-    parser.add_argument("--again", action="store_true", help="measure what there are results of, too")
+    parser.add_argument("--again", action="store_true", help="measure also what has results already")
     parser.add_argument("--report", action="store_true", help="only rewrite docs/ablations.md")
     parser.add_argument("--workers", type=int, default=2)
     arguments = parser.parse_args()

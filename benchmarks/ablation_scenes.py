@@ -50,7 +50,7 @@ _VECTORS = 40_000
 
 @dataclass(frozen=True)
 class Encoded:
-    """What the encoder decided.
+    """The encoder's decisions for a scene.
 
     Attributes:
         scene: with static tables.
@@ -129,7 +129,7 @@ def _watched(wanted: tuple[int, int] | None) -> Iterator[list[tuple[Problem, tup
 
 
 def _fit(problem: Problem, options: EncodeOptions, codewords: int, stages: int) -> FittedLatent | None:
-    """As `fit_latent` for the linear latent, with a quantiser of any size."""
+    """The linear latent fitted as by `fit_latent`, with a quantiser of any size."""
     latent = linear_latent(problem.vectors, problem.weight, problem.rate * len(problem.classes), problem.metric)
     if latent is None:
         return None

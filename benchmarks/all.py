@@ -34,6 +34,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "scaling": (SHORT, FULL),
     "survey_time": (SHORT, FULL),
     "large_scene": (SHORT, ("--gaussians", "10000000", "--workers", "1", "2")),
+    "scale_loss": (SHORT, FULL),
     "decoder_costs": (SHORT, FULL),
     "regions": (SHORT, FULL),
     "directory": (SHORT, FULL),
@@ -60,7 +61,7 @@ ENVIRONMENT = {"OMP_WAIT_POLICY": "passive", "OPENBLAS_NUM_THREADS": "1"}
 
 
 class Outcome(NamedTuple):
-    """What became of one benchmark: its exit status and the seconds it took."""
+    """The outcome of one benchmark: its exit status and the seconds it took."""
 
     name: str
     status: int

@@ -24,7 +24,7 @@ from benchmarks.scenes import REPOSITORY
 DECODE_RUNS, DECODE_SECONDS = 3, 2.0
 """Decodes in one process: at most so many, none begun after so many seconds."""
 ENVIRONMENT = {"OMP_WAIT_POLICY": "passive", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-"""Of children that decode, unless the caller says otherwise: threads are the decoder's own, not those of a library."""
+"""Environment of children that decode, unless the caller says otherwise: only the decoder starts threads."""
 
 Job = dict[str, Any]
 
@@ -88,7 +88,7 @@ def peak_bytes() -> int:
 
 
 def note_path(path: Path) -> Path:
-    """What is known of a kept file lies there."""
+    """The file with the notes about a kept file."""
     return path.with_name(path.name + ".json")
 
 

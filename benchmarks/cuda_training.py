@@ -75,7 +75,7 @@ MOST = {
 
 @dataclass(frozen=True)
 class Iteration:
-    """What one iteration finds, on the processor.
+    """The result of one iteration on the processor.
 
     Attributes:
         picture: (H, W, 3).
@@ -164,8 +164,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("capture", type=Path, help="photos with cameras")
     parser.add_argument("--resolution", type=int, default=RESOLUTION, help="longest side of the photos, pixels")
-    parser.add_argument("--iterations", type=int, default=ITERATIONS, help="of whole trainings")
-    parser.add_argument("--preset", choices=PRESETS, help="one of them; all unless said")
+    parser.add_argument("--iterations", type=int, default=ITERATIONS, help="number of iterations of whole trainings")
+    parser.add_argument("--preset", choices=PRESETS, help="only this preset [default: all]")
     chosen = parser.parse_args(arguments)
     try:
         run_device("cuda")

@@ -106,7 +106,7 @@ def _predicted(scene: QuantisedScene) -> int:
 
 
 def finer(scene: QuantisedScene) -> QuantisedScene:
-    """The scene with `MORE_STEPS` of `FINER` channels more in the last layer, of trits that nothing tells."""
+    """The scene with `MORE_STEPS` of `FINER` channels more in the last layer, of trits that nothing predicts."""
     draw, model = np.random.default_rng(0), scene.model
     places = [index for index in (model.channel_index(stream) for stream in FINER) if index is not None]
     last = model.layers[-1]

@@ -1,4 +1,4 @@
-"""What a view looks like with some of a scene's Gaussians: chosen for the view, or by layers alone.
+"""The picture of a view with some of a scene's Gaussians: chosen for the view, or by layers alone.
 
     python -m benchmarks.detail                              plush-on-bed and flowers; ten minutes on one core
     python -m benchmarks.detail --short --no-write           the example scene, two views, printed
@@ -64,7 +64,7 @@ class Subject:
         return self.scene.layers[-1].gaussians
 
     def by_view(self, camera: Camera, budget: int, told: Streaming | None) -> list[Need]:
-        """What `decode --budget` takes, with or without what the file tells."""
+        """The parts that `decode --budget` takes, with or without the gains in the file."""
         if told is not None:
             return self.scene.needs(LevelOfDetail(camera, budget), DecodeRequest())
         tiles, layers = self.index.bytes.shape
@@ -88,7 +88,7 @@ class Subject:
         return [Need(0, tile, k, int(self.index.counts[tile, :k].sum())) for tile, k in have.items() if k]
 
     def picture(self, needs: list[Need], view: drawing.Camera) -> Any:
-        """What a view shows of some tiles."""
+        """The picture of some tiles in a view."""
         parts = self.scene.made_of(needs, lambda part, _: part.scene, DecodeRequest())
         return drawn([part for part in parts if isinstance(part, GaussianScene)], view)
 
@@ -144,8 +144,8 @@ def tables(results: dict[str, Record]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
-    parser.add_argument("--views", type=int, default=1, metavar="N", help="of each of six recordings [default: 1]")
-    parser.add_argument("--effort", type=int, default=1, help="of encoding [default: 1]")
+    parser.add_argument("--views", type=int, default=1, metavar="N", help="views of each recording [default: 1]")
+    parser.add_argument("--effort", type=int, default=1, help="effort of encoding [default: 1]")
     parser.add_argument("--report", action="store_true", help="only rewrite docs/scene-index.md")
     said = parser.parse_args(arguments)
     keep = not said.no_write

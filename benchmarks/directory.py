@@ -27,13 +27,13 @@ from scarfmt.tools.inspection import inspect
 NAME = "directory"
 PAGE = REPOSITORY / "docs" / "scaling.md"
 ASKED_BYTES = 256 << 10
-"""What may be read until the first tile of layer 1 is known."""
+"""Maximum bytes that may be read until the first tile of layer 1 is known."""
 MODELS = {BlockKind.LAYER: 120, BlockKind.TABLES: 9000, BlockKind.CODEBOOKS: 7000, BlockKind.PREDICTORS: 4000}
 """Bytes of the models of a layer, about those of real scenes."""
 GAUSSIANS = (0.3, 0.3, 0.2, 0.2, 0.0)
-"""Which part of them first appears in each layer."""
+"""Share of the Gaussians that first appears in each layer."""
 BYTES = (0.8, 1.0, 1.2, 1.4, 1.6)
-"""Of a layer, for every Gaussian of a tile."""
+"""Bytes of a layer for every Gaussian of a tile."""
 OLD_TILE, OLD_ENTRY = 12, 32
 """Bytes of a tile and of a block in the directory of format 0.1, which was read whole."""
 
@@ -107,7 +107,7 @@ def _blocks(layer: int, case: Case, random: np.random.Generator) -> Table:
 
 
 def measure(case: Case) -> dict[str, Any]:
-    """What the directory of a scene takes, and what a reader takes of it."""
+    """The bytes of a scene's directory, and the bytes that a reader fetches of it."""
     front = front_of(case)
     source = Remote(front, HEAD_BYTES)
     container = Container.open(source)

@@ -24,7 +24,7 @@ DRAWING = (
     "scarfmt/formats",
     *(f"scarfmt/render/{name}.py" for name in ("projection", "rasterise", "compare", "metrics")),
 )
-"""What decides how far a picture of a scene file is from another."""
+"""Source files that decide how far a picture of a scene file is from another."""
 ENCODER = ("reference_encoder", "scarfmt")
 """Packages whose source decides what a file holds."""
 _NOT_ENCODER = ("scarfmt/cli", "conformance/suite/scarfmt_conformance", "fuzz/testing")
@@ -65,7 +65,7 @@ def key_of(parts: Iterable[object]) -> str:
 
 
 def scene_parts(scene: Scene) -> list[str]:
-    """What of a scene an encoded file depends on: the bytes of its files."""
+    """The parts of a scene that an encoded file depends on: the bytes of its files."""
     known = [] if scene.known is None else [file_key(scene.known)]
     return [file_key(scene.path), *known]
 
@@ -78,7 +78,7 @@ def judging_key(scene: Scene) -> str:
 
 
 def kept_path(scene: Scene, what: str, suffix: str = ".scar") -> Path:
-    """Where what was made of `scene` is kept; `what` names it and everything it depends on but scene and source."""
+    """The path of a file made of `scene`; `what` names it and everything it depends on but scene and source."""
     SCRATCH.mkdir(parents=True, exist_ok=True)
     stem = "".join(c if c.isalnum() or c == "-" else "_" for c in scene.name)
     short = "".join(c if c.isalnum() or c in "-." else "_" for c in what)
@@ -86,7 +86,7 @@ def kept_path(scene: Scene, what: str, suffix: str = ".scar") -> Path:
 
 
 def encoded_path(scene: Scene, quality: float, effort: int, **more: Any) -> Path:
-    """Where the encoded file of `scene` is, or would be: another path as soon as the encoder's source changes."""
+    """The path of the encoded file of `scene`, which changes as soon as the encoder's source changes."""
     return kept_path(scene, "-".join([f"q{quality:g}-e{effort}", *(f"{name}-{more[name]}" for name in sorted(more))]))
 
 

@@ -47,7 +47,7 @@ class Shape:
 
     @property
     def name(self) -> str:
-        """As tables show it."""
+        """The name in tables."""
         head = f"{self.words // _CLUSTER} x {_CLUSTER}" if self.two_level else f"flat {self.words}"
         return f"{head}, {self.stages} stages, H = {self.hidden}" + (", attention" if self.attention else "")
 

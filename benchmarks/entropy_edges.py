@@ -32,7 +32,7 @@ def every_way() -> list[Operations]:
 
 
 def measure_edges() -> list[Edge]:
-    """What was compared, how often, the worst case, its limit, and how many differ."""
+    """The comparisons: what was compared, how often, the worst case, its limit, and how many differ."""
     rng = np.random.default_rng(7)
     return [
         _linear_layers(rng),

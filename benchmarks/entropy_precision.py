@@ -1,4 +1,4 @@
-"""What training in less than float32 does to the index network, on one synthetic problem."""
+"""The effect of training the index network in less than float32, on one synthetic problem."""
 
 from __future__ import annotations
 

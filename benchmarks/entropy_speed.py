@@ -157,7 +157,7 @@ def _static_seconds(symbol_table: FrequencyTable, words: bytes, run: int) -> flo
 
 
 def measure_backend(backend: str, full: bool) -> dict[str, Any]:
-    """What a child process measures."""
+    """The measurements of a child process."""
     if backend == "torch":
         import torch
 
@@ -199,7 +199,7 @@ def part_rows(shapes: Sequence[dict[str, Any]]) -> list[list[str]]:
 
 
 def target_rows(results: dict[str, Any]) -> list[list[str]]:
-    """What was asked for beside what was measured: the slowest and the fastest of the shapes it is about."""
+    """The targets beside the measurements: the slowest and the fastest of the shapes they are about."""
     rows = []
     for hidden, wanted in TARGETS.items():
         names = {Shape(stages, hidden).name for stages in (2, 4)}
@@ -256,7 +256,7 @@ def measure(full: bool) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true", help="every shape, more runs; keeps the results")
-    parser.add_argument("--short", action="store_true", help="a few shapes: what is done without --full")
+    parser.add_argument("--short", action="store_true", help="a few shapes; the default")
     parser.add_argument("--no-write", action="store_true", help="with --full: print the tables instead")
     parser.add_argument("--child", choices=BACKENDS, help=argparse.SUPPRESS)
     arguments = parser.parse_args()

@@ -70,7 +70,7 @@ class Question:
 
 
 def make_question(seed: int) -> Question:
-    """One of each kind in turn."""
+    """A function that makes one question of each kind in turn."""
     rng = np.random.default_rng(seed)
     kind, stages = _KINDS[seed % len(_KINDS)], int(rng.integers(1, 5))
     sizes = (1, 1) if kind == "one symbol" else (int(rng.integers(2, 40)), int(rng.integers(2, 40)))
@@ -245,7 +245,7 @@ def failures(results: dict[str, Any]) -> int:
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--full", action="store_true", help="more networks, and training; keeps the results")
-    parser.add_argument("--short", action="store_true", help="some dozen networks: what is done without --full")
+    parser.add_argument("--short", action="store_true", help="some dozen networks; the default")
     parser.add_argument("--no-write", action="store_true", help="with --full: print the tables instead")
     chosen = parser.parse_args(arguments)
     count = NETWORKS_FULL if chosen.full else NETWORKS

@@ -1,4 +1,4 @@
-"""What integer networks save: the same symbols under static tables, with predictors, with the index network.
+"""The bytes that integer networks save: the same symbols under static tables, with predictors, with the index network.
 
     python -m benchmarks.gain                              the scenes of `SCENES`, quality 41
     python -m benchmarks.gain --scenes plush-dog --qualities 47
@@ -54,7 +54,7 @@ _SHORT_EPOCHS = 1
 
 
 def quantised(scene: Scene, options: EncodeOptions) -> QuantisedScene:
-    """What the encoder decides for a scene, before any network."""
+    """The encoder's decisions for a scene, before any network."""
     source, _ = clean(load(scene.path), drop_invalid=True)
     return pipeline.quantised(source, options).scene
 

@@ -35,7 +35,7 @@ SHAPES = (
     ("network, gates of 32 units", 96, 32),
     ("network, 64 by 64", 64, 64),
 )
-"""What they are: rows and inputs. Classes are no inputs of a predictor in the kernel."""
+"""Shapes of the products: rows and inputs. Classes are no inputs of a predictor in the kernel."""
 BLOCK, BLOCKS, FLOAT_ROWS, CHAINS = 16, 8, 5, 10
 KINDS = 4
 _ROUNDS = 2_000_000

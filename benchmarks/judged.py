@@ -13,7 +13,7 @@ from scarfmt.cli.scenes import Subject
 from scarfmt.render.compare import compare, compare_with_photos
 
 EQUAL_DB = 100.0
-"""What equal pictures count as."""
+"""PSNR that equal pictures count as, dB."""
 PERCENTILE = 5
 
 Judgement = dict[str, Any]

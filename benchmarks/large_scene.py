@@ -38,7 +38,7 @@ EXECUTORS = ("processes", "dask")
 SERIAL_STEPS = ("overlook", "fit", "train", "reduce", "merge")
 """Steps of one task: more workers do not shorten them."""
 LEAST_MODELLED = 1_000_000
-"""Gaussians of a scene that tells anything of a larger one."""
+"""Least Gaussians of a scene from which a larger one can be predicted."""
 BANDWIDTH = 1e9
 """Bytes a second that the store of a cluster is taken to give each worker."""
 CLUSTER = 100
@@ -139,10 +139,11 @@ def _bytes_in(path: Path) -> int:
 def moved_bytes(kept: Mapping[str, int], source_bytes: int) -> int:
     """Bytes read and written by all tasks of an encoding.
 
-    The source is read three times, rows of ranges three times more, and what a range weighs, its integers and its
-    blocks as often as a later step needs them. What every worker reads once is not counted.
+    The source is read three times, rows of ranges twice more (and of some to judge by), and what a range weighs, its
+    symbols and its blocks as often as a later step needs them. What every worker reads once is not counted.
     """
-    reads = {"bins": 3, "measured": 1, "samples": 1, "glances": 1, "contents": 2, "histograms": 1, "segments": 1}
+    once = ("measured", "samples", "glances", "contents", "drawn", "histograms", "symbols", "segments")
+    reads = {"bins": 3, **dict.fromkeys(once, 1)}
     return 3 * source_bytes + sum(size * (1 + reads.get(name, 0)) for name, size in kept.items())
 
 
@@ -165,7 +166,7 @@ def model(runs: Sequence[Figures], gaussians: float, workers: int) -> tuple[floa
 
 
 def runs_table(results: Mapping[str, Figures]) -> str:
-    """What was measured, one run a line."""
+    """The measurements, one run a line."""
     rows = [
         [
             f"{run['gaussians']:,}",
@@ -205,7 +206,7 @@ def _is_alone(run: Figures) -> bool:
 
 
 def models(results: Mapping[str, Figures], gaussians: float = 1e9) -> list[str]:
-    """What the model says of a cluster, by effort."""
+    """The predictions of the model for a cluster, by effort."""
     lines = []
     alone = [run for run in results.values() if _is_alone(run) and run["gaussians"] >= LEAST_MODELLED]
     for effort in sorted({run["effort"] for run in alone}):

@@ -100,7 +100,7 @@ def curve(problem: Problem, latent: Latent, chosen: RvqResult) -> list[tuple[flo
 
 
 def variants(rvq: RvqOptions, steps: int) -> Iterator[tuple[str, AutoencoderOptions]]:
-    """What the table compares: the paper's choice first, then one change at a time."""
+    """The variants of the table: the paper's choice first, then one change at a time."""
     paper = AutoencoderOptions(replace(rvq, epochs=0), hidden=64, layer_norm=True, loss="l1", steps=steps)
     yield "paper: LayerNorm, rotation, L1, H=64", paper
     yield "straight-through", replace(paper, estimator="straight-through")
@@ -128,7 +128,7 @@ def linear_curves(problem: Problem, rvq: RvqOptions) -> tuple[float, Curves]:
 
 
 def learned_curves(problem: Problem, options: AutoencoderOptions) -> tuple[float, Curves]:
-    """As `linear_curves`; trained once."""
+    """The curves of the learned latent, in the form of `linear_curves`; it is trained once."""
     space = whiten(problem.vectors, problem.weight, problem.metric)
     trained = train(space.x, problem.weight, options)
     latent, start = stored(trained, space, problem.weight, options)
@@ -156,7 +156,7 @@ def main() -> None:
     parser.add_argument("--quality", type=float, default=45.0)
     parser.add_argument("--steps", type=int)
     parser.add_argument("--bits", type=float, nargs="+", default=[5.0, 8.0, 12.0, 16.0])
-    parser.add_argument("--limit", type=int, help="most anchors, drawn evenly")
+    parser.add_argument("--limit", type=int, help="maximum number of anchors, drawn evenly")
     parser.add_argument("--seed", type=int, default=0)
     add_arguments(parser, scenes=False)
     arguments = parser.parse_args()

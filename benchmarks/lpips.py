@@ -19,7 +19,7 @@ from torch.nn.functional import conv2d, max_pool2d, relu
 from scarfmt.arrays import F32
 
 _SHIFT, _SCALE = (-0.030, -0.088, -0.188), (0.458, 0.448, 0.450)
-"""Of ImageNet's photos, in -1..1."""
+"""Mean and deviation of ImageNet's photos, in -1..1."""
 _CONVOLUTION = re.compile(r"(?:features|net\.slice\d)\.(\d+)\.(weight|bias)")
 _HEAD = re.compile(r"lin(\d)\.model\.1\.weight")
 _LEAST_LENGTH = 1e-10
@@ -89,7 +89,7 @@ class Lpips:
         return total
 
     def _features(self, picture: F32, mapped: bool) -> list[Tensor]:
-        """What is compared, each (1, channels, h, w)."""
+        """The features that are compared, each (1, channels, h, w)."""
         shift, scale = (torch.tensor(values)[:, None, None] for values in (_SHIFT, _SCALE))
         x = torch.from_numpy(picture).permute(2, 0, 1).contiguous()
         x = (((2 * x - 1 if mapped else x) - shift) / scale)[None]

@@ -1,4 +1,4 @@
-"""What each mechanism of the format and of the encoder is worth: a scene with one of them switched off.
+"""The worth of each mechanism of the format and of the encoder: a scene with one of them switched off.
 
     python -m benchmarks.mechanisms                        the scenes of `SCENES`: about half an hour
     python -m benchmarks.mechanisms --scenes plush-dog
@@ -58,12 +58,12 @@ from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.model import ContextRule
 
 QUALITY, SECOND_QUALITY = 45.0, 47.0
-"""Where lambda is; the second is where the curve of `deciding` is measured besides."""
+"""Qualities at which lambda is set; the second also gives a point of the curve of `deciding`."""
 EFFORT, SHORT_EFFORT = 2, 1
 _VIEWS, _VIEW_SEED, _SAMPLED = 6, 20_000_003, 3
 """Judged views of each kind, their seed, and one pixel of so many squared."""
 _MOST_DB = 99.0
-"""Of a picture: those of nothing are equal."""
+"""PSNR that equal pictures count as, dB."""
 Record = dict[str, Any]
 Switch = Callable[[], AbstractContextManager[Any]]
 
@@ -254,7 +254,7 @@ DECIDING: dict[str, Switch] = {
 }
 """Ways to decide that lack something."""
 OF_LATENTS = ("LATENT channel", "codewords", "second RVQ stage")
-"""Of these, what scenes without view-dependent colour never use."""
+"""Mechanisms of latents, which scenes without view-dependent colour never use."""
 
 
 # Both

@@ -19,7 +19,7 @@ Point = Sequence[float]
 
 
 def worth(record: Record) -> float:
-    """What the file would be larger by without a mechanism, as a share of it."""
+    """The growth of the file without a mechanism, as a share of it."""
     if "bytes" in record:
         return float(record["without"]) / float(record["bytes"]) - 1
     return at_equal_pictures(record["own"], record["without"])

@@ -1,4 +1,4 @@
-"""What offsets would take with a context, and show with coarser steps: the tables of docs/decisions/0038-offsets.md.
+"""The bytes of offsets with a context, and the quality with coarser steps: tables of docs/decisions/0038-offsets.md.
 
     python -m benchmarks.offsets scene.scar CAPTURE
 
@@ -33,11 +33,11 @@ from scarfmt.scene.gaussians import AnchorModel
 COARSER = (1, 3, 9)
 _ENTRY_BITS = 7
 _CLASSES = 8
-"""Of equally many values, that a number becomes when it is a context."""
+"""Number of classes of equally many values that a number becomes when it is a context."""
 
 
 def kilobytes(values: I64, contexts: I64 | None = None) -> float:
-    """Of (n, 3) offsets under a table for each component and each of (n, 3) contexts, tables included."""
+    """Kilobytes of (n, 3) offsets under a table for each component and each of (n, 3) contexts, tables included."""
     contexts = np.zeros_like(values) if contexts is None else contexts
     bits = 0.0
     for column, numbers in zip(values.T, contexts.T, strict=True):
@@ -54,7 +54,7 @@ def classes(values: F64 | I32 | I64) -> I64:
 
 
 def offsets(data: bytes) -> Iterator[tuple[str, float]]:
-    """What contexts there could be, and the kilobytes that all offsets of a file take with each."""
+    """The possible contexts, and the kilobytes that all offsets of a file take with each."""
     reader = SceneReader(BytesSource(data), engine=best_engine())
     models = reader.models()
     channel, scale = (models.model.channel_index(stream) for stream in (Stream.OFFSETS, Stream.SCALE))
@@ -72,7 +72,7 @@ def offsets(data: bytes) -> Iterator[tuple[str, float]]:
 def known(
     contents: Sequence[TileContent], scaling: I32, on: NDArray[np.bool_], every: I64
 ) -> Iterator[tuple[str, I64]]:
-    """What a decoder knows before an offset, as contexts that broadcast to (N, K, 3)."""
+    """The values that a decoder knows before an offset, as contexts that broadcast to (N, K, 3)."""
     layers = np.concatenate([content.slot_layers for content in contents])
     yield "class of the anchor", np.concatenate([content.classes for content in contents])[:, None, None]
     yield "layer that turns the slot on", layers[:, :, None]

@@ -37,12 +37,12 @@ from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 Perceptual = Callable[[F32, F32], float]
 Metrics = Mapping[str, Perceptual]
-"""Of (original, picture), by the name of a member of `Figures`."""
+"""Perceptual metrics of (original, picture), by the name of a member of `Figures`."""
 
 
 @dataclass(frozen=True)
 class Figures:
-    """What a file takes and shows.
+    """The bytes and the quality of a file.
 
     Attributes:
         file_bytes: of the file.
@@ -134,14 +134,14 @@ HEAD = ("kB", "PSNR, dB", "worst", "SSIM", "FLIP", "LPIPS", "LPIPS, 0..1")
 
 
 def cells(row: Figures) -> list[str]:
-    """As tables show them, under `HEAD`."""
+    """The cells of a table under `HEAD`."""
     perceptual = ("–" if value is None else f"{value:.4f}" for value in (row.flip, row.lpips, row.lpips_3dgs))
     decibels = (f"{value:.2f}" for value in (row.psnr_db, row.worst_psnr_db))
     return [f"{row.file_bytes / 1000:,.1f}", *decibels, f"{row.ssim:.4f}", *perceptual]
 
 
 def figures_table(rows: Sequence[Figures]) -> str:
-    """Of the layers of a file, from the first, in Markdown."""
+    """A Markdown table of the layers of a file, from the first."""
     return table(("layers", *HEAD), [[str(number), *cells(row)] for number, row in enumerate(rows, 1)])
 
 
@@ -158,7 +158,7 @@ def held_out(path: Path, resolution: int | None) -> list[Photo]:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """What every script takes that compares with photos."""
+    """Add the options that every script shares which compares with photos."""
     parser.add_argument("--resolution", type=int, help="longest side of the photos, pixels")
     parser.add_argument("--lpips", type=Path, nargs="+", default=[], metavar="FILE", help="weights for LPIPS")
 
@@ -166,7 +166,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("file", type=Path, help="a .scar")
-    parser.add_argument("capture", type=Path, help="what `scarfmt train` takes, with the photos")
+    parser.add_argument("capture", type=Path, help="capture as for `scarfmt train`, with the photos")
     add_arguments(parser)
     parser.add_argument("--json", type=Path, help="where to write the figures")
     parser.add_argument("--beside", choices=SCENES, help="print published figures of this scene below")

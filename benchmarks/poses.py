@@ -53,7 +53,7 @@ class Fit:
 
     @classmethod
     def of(cls, distances: Sequence[float]) -> Fit | None:
-        """Of the pairs' median distances, pixels; None where there are none."""
+        """The fit from the pairs' median distances, pixels; None if there are none."""
         if not distances:
             return None
         return cls(len(distances), float(np.median(distances)), float(np.quantile(distances, 0.9)))
@@ -130,8 +130,8 @@ def _cells(found: dict[str, float] | None) -> list[str]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("name", nargs="?", help="of the capture, as the page shows it")
-    parser.add_argument("capture", nargs="?", type=Path, help="what `scarfmt train` takes, with poses")
+    parser.add_argument("name", nargs="?", help="name of the capture on the page")
+    parser.add_argument("capture", nargs="?", type=Path, help="capture as for `scarfmt train`, with poses")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="look at every Nth photo [default: all]")
     parser.add_argument("--report", action="store_true", help="only rewrite docs/trained.md")
     parser.add_argument("--no-write", action="store_true", help="print the table; JSON goes to build/bench/ only")

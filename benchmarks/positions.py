@@ -1,4 +1,4 @@
-"""What positions cost: the binary splits of SPEC §7.2 against order-0 octrees, on real scenes.
+"""The bytes of positions: the binary splits of SPEC §7.2 against order-0 octrees, on real scenes.
 
     python -m benchmarks.positions [--scenes NAME ...] [--short] [--no-write]
 

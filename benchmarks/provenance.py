@@ -75,7 +75,7 @@ def _version(package: str) -> str | None:
 
 
 def _git(*arguments: str) -> str | None:
-    """What git prints; None where there is no git or no checkout."""
+    """The output of git; None if there is no git or no checkout."""
     try:
         done = subprocess.run(["git", *arguments], cwd=REPOSITORY, capture_output=True, text=True, check=True)
     except (OSError, subprocess.CalledProcessError):
@@ -128,15 +128,19 @@ def _names(results: Document, depth: int) -> list[str]:
     return [f"{section}/{name}" for section, named in results.items() for name in named]
 
 
-def statement(document: Document, section: str = "") -> str:
-    """A sentence for each run that measured figures of `document`, or of its names that begin with `section`.
+def statement(document: Document, section: str = "", ending: str = "") -> str:
+    """A sentence for each run that measured figures of `document`.
+
+    Args:
+        section: counts only names that begin with it.
+        ending: counts only names that end with it.
 
     Raises:
         ValueError: none of its runs says so.
     """
     lines = []
     for run in document.get(FIELD, ()):
-        names = [] if run["of"] == EVERYTHING else [name for name in run["of"] if name.startswith(section)]
+        names = [] if run["of"] == EVERYTHING else _chosen(run["of"], section, ending)
         if names or run["of"] == EVERYTHING:
             lines.append((", ".join(name.removeprefix(section).replace("/", ", ") for name in names), _sentence(run)))
     if not lines:
@@ -144,6 +148,10 @@ def statement(document: Document, section: str = "") -> str:
     if len(lines) == 1:
         return lines[0][1]
     return "\n".join(f"- {names}: {text}" for names, text in lines)
+
+
+def _chosen(names: Collection[str], section: str, ending: str) -> list[str]:
+    return [name for name in names if name.startswith(section) and name.endswith(ending)]
 
 
 def _sentence(run: Run) -> str:

@@ -100,7 +100,7 @@ def run_key(run: dict[str, Any]) -> str:
 
 
 def plan(arguments: argparse.Namespace) -> list[tuple[Scene, float, bool]]:
-    """What is measured: scenes, qualities, and whether only as a whole."""
+    """The plan of the measurements: scenes, qualities, and whether only as a whole."""
     if arguments.report:
         return []
     scenes = chosen(arguments.scenes or (SHORT_SCENES if arguments.short else None))

@@ -1,4 +1,4 @@
-"""What it costs to decode a box instead of a whole scene, and what the size of tiles has to do with it.
+"""The cost of decoding a box instead of a whole scene, by the size of tiles.
 
     python -m benchmarks.regions                            flowers and plush-on-bed: about twenty minutes
     python -m benchmarks.regions --short --no-write         the example scene, printed
@@ -28,13 +28,13 @@ from benchmarks.scenes import Scene, chosen
 NAME = "regions"
 QUALITY = 41.0
 TARGET = 0.05
-"""Of the bytes and of the time, for 1 % of the volume."""
+"""Target share of the bytes and of the time, for 1 % of the volume."""
 SCENES = ("flowers", "plush-on-bed")
 TILES = (32768, 16384, 8192, 4096, 2048, 1024)
 SHARES = (0.01, 0.1)
 COUNTS = {0.01: 100, 0.1: 100}
 TIMED = {0.01: 20, 0.1: 8}
-"""Of each share, boxes that bytes are counted for, and the first of them that are decoded."""
+"""Boxes of each share that are decoded: the first of those in `COUNTS`, whose bytes are counted."""
 _JOBS = "benchmarks.regions_jobs"
 _SCALING = "benchmarks.scaling_jobs"
 
@@ -62,7 +62,7 @@ def measure(scene: Scene, short: bool, keep: Callable[[str, dict[str, Any]], Non
 def _of_file(
     scene: Scene, base: Path, coded: str, most: int, regions: list[dict[str, Any]], timed_most: int | None
 ) -> dict[str, Any] | None:
-    """What is measured of one file; None where no decoder with the usual limits would take it (SPEC §13.2)."""
+    """The measurements of one file; None if no decoder with the usual limits would accept it (SPEC §13.2)."""
     path = base.with_suffix(f".{coded}-{most}.scar")
     facts = child.run(
         job=f"{_SCALING}:rewrite", file=str(base), static=coded == "static", tile_anchors=most, out=str(path)
@@ -99,7 +99,7 @@ def _of_file(
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:
-    """What is kept of the figures of many boxes, to five digits."""
+    """A summary of the figures of many boxes, to five digits."""
     found = {"median": median(values), "mean": fmean(values), "worst": max(values)}
     return {name: float(f"{value:.5g}") for name, value in found.items()}
 

@@ -1,4 +1,4 @@
-"""What decoding a box of a file takes against decoding all of it: bytes, symbols, time (`benchmarks.child`)."""
+"""The cost of decoding a box of a file against decoding all of it: bytes, symbols, time (`benchmarks.child`)."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def choose(job: Job) -> dict[str, Any]:
 
 
 def sizes(job: Job) -> dict[str, Any]:
-    """Where the bytes of a file are, and the bytes and tiles that each region of `regions` reads."""
+    """The bytes of the parts of a file, and the bytes and tiles that each region of `regions` reads."""
     with open_source(job["file"]) as source:
         reader = SceneReader(source)
         header, rows = reader.header, reader.container.directory

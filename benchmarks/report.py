@@ -58,11 +58,11 @@ def save_results(
 
 
 def add_arguments(parser: argparse.ArgumentParser, scenes: bool = True) -> None:
-    """What every benchmark takes: ``--short``, ``--no-write`` and, with `scenes`, ``--scenes``."""
-    parser.add_argument("--short", action="store_true", help="little of it, on the example scene of this repository")
+    """Add the options of every benchmark: ``--short``, ``--no-write`` and, with `scenes`, ``--scenes``."""
+    parser.add_argument("--short", action="store_true", help="a short run on the example scene of this repository")
     parser.add_argument("--no-write", action="store_true", help="print the tables; JSON goes to build/bench/ only")
     if scenes:
-        parser.add_argument("--scenes", nargs="+", metavar="NAME", help="scenes to measure [default: all it is about]")
+        parser.add_argument("--scenes", nargs="+", metavar="NAME", help="scenes to measure [default: all]")
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:

@@ -1,4 +1,4 @@
-"""What a user would pick instead: each file format at each setting, how it is written and how it is read."""
+"""The rival file formats: each at each setting, how it is written and how it is read."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from scarfmt.formats.source import Source
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 
 FAMILIES = ("spz", "sog", "compressed-ply", "splat", "ply-zstd")
-"""What --formats chooses from, beside ``scar``."""
+"""The choices of --formats, beside ``scar``."""
 
 # SPZ: the farthest a coordinate can lie, and the largest log scale.
 _SPZ_REACH, _SPZ_LARGEST = 2047.0, 255 / 16 - 10

@@ -28,7 +28,7 @@ def reading_cost(path: Path, scale: float) -> dict[str, Any]:
 
 
 def readers(path: Path) -> list[str]:
-    """Those that there are here for a file."""
+    """The readers that exist here for a file."""
     return [OURS, *([GSPLY] if path.suffix in _GSPLY_READS and (PYTHON / "gsply").exists() else [])]
 
 
@@ -38,7 +38,7 @@ def read_job(job: dict[str, Any]) -> dict[str, Any]:
 
 
 def reading(path: Path, scale: float, reader: str) -> Callable[[], object]:
-    """What reads a file once, by `OURS` or `GSPLY`."""
+    """A function that reads a file once, by `OURS` or `GSPLY`."""
     if reader == OURS:
         return lambda: read(path, scale)
     sys.path.insert(0, str(PYTHON))

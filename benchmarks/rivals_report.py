@@ -52,7 +52,7 @@ def tables(runs: Sequence[Run]) -> str:
 
 
 def verdicts(runs: Sequence[Run]) -> str:
-    """What `.scar` needs to be as good as each rival that no other beats, and the first pictures."""
+    """The bytes that `.scar` needs to be as good as each rival that no other beats, and the first pictures."""
     full = [run for run in runs if run.get("scar") and run["rivals"]]
     head = ["scene", "SH", "rival", "B/G", "mean / 5 % / worst, dB", "`.scar` at its mean, B/G", "ratio"]
     head += ["`.scar` at all three, B/G", "ratio"]

@@ -1,4 +1,4 @@
-"""What a user would pick instead of `.scar`: the same scenes, judged from the same views.
+"""The measurements of rival formats: the same scenes, judged from the same views.
 
     python -m benchmarks.rivals_run                                 all scenes: a quarter of an hour once cached
     python -m benchmarks.rivals_run --short --no-write              the example scene, printed
@@ -49,7 +49,7 @@ Judge = tuple[Subject, list[View]]
 
 @dataclass(frozen=True)
 class Plan:
-    """What of each scene is measured.
+    """The plan of the measurements of each scene.
 
     Attributes:
         families: formats, see `FAMILIES`.
@@ -139,7 +139,7 @@ def written(scene: Scene, source: Path, rival: Format, fresh: bool) -> tuple[Pat
 
 
 def kept_file(scene: Scene, source: Path, rival: Format) -> Path:
-    """Where a rival's file is kept: another path as soon as anything it depends on changes."""
+    """The path of a rival's file, which changes as soon as anything it depends on changes."""
     told = rival.command(Path("source.ply"), Path("out"))
     how = tool_key() if rival.of_npm else file_key(REPOSITORY / "benchmarks" / "rivals_formats.py")
     arguments = told.words[2:] if rival.of_npm else told.words[3:]
@@ -166,7 +166,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
     parser.add_argument("--formats", nargs="+", choices=FAMILIES, default=FAMILIES)
-    parser.add_argument("--fresh", action="store_true", help="write the rivals' files again, to time it")
+    parser.add_argument("--fresh", action="store_true", help="write the rivals' files again and time it")
     parser.add_argument("--report", action="store_true", help="measure nothing, rewrite the page")
     arguments = parser.parse_args()
     short, keep = arguments.short, not arguments.no_write

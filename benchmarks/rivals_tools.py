@@ -61,7 +61,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Cost:
-    """Of a whole process, start to end: wall time, and most memory held."""
+    """The cost of a whole process from start to end: wall time, and peak memory."""
 
     seconds: float
     peak_bytes: int

@@ -1,4 +1,4 @@
-"""Where residual vector quantisation saturates: the tables of docs/decisions/0035-rvq-or-trits.md.
+"""The saturation of residual vector quantisation: the tables of docs/decisions/0035-rvq-or-trits.md.
 
     python -m benchmarks.rvq_saturation plush-on-bed.npz
     python -m benchmarks.rvq_saturation --short                 few vectors of the example scene, small codebooks
@@ -40,7 +40,7 @@ from scarfmt.formats.source import Source
 
 STAGES, BATCH, ROUNDS = 4, 4096, 60
 LAMBDAS = (0.0, 0.004)
-"""Of the vectors' mean energy, a bit."""
+"""Prices of a bit, in the vectors' mean energy."""
 DEAD_ZONE = 0.15
 """Lambda of scalar rounding, in squared steps a bit: about the slope of a uniform quantiser."""
 Points = list[tuple[float, float]]
@@ -60,12 +60,12 @@ class Case:
     energy: float
 
     def decibels(self, error: float) -> float:
-        """Of a mean squared error, relative to sending the mean."""
+        """A mean squared error in dB, relative to sending the mean."""
         return float(10 * np.log10(error / self.energy))
 
 
 def table_bits(symbols: Mapping[TableKey, I64]) -> float:
-    """What symbols and their static tables take."""
+    """The bits of symbols and their static tables."""
     tables: dict[TableKey, SymbolTable] = {}
     bits = 0.0
     for key, values in symbols.items():
@@ -77,7 +77,7 @@ def table_bits(symbols: Mapping[TableKey, I64]) -> float:
 
 
 def scalar_bits(q: I64) -> float:
-    """What (N, d) integers take under static tables, one a column."""
+    """The bits of (N, d) integers under static tables, one a column."""
     return table_bits({TableKey(Stream.LATENT, k, 1, 0): column for k, column in enumerate(q.T)})
 
 
@@ -88,7 +88,7 @@ def rounded(x: F64, step: float) -> I64:
 
 
 def index_bits(indices: I64, stages: int) -> float:
-    """What the first stages of (N, M) indices take: contexts are those of SPEC §7.6 for one class."""
+    """The bits of the first stages of (N, M) indices. Contexts are those of SPEC §7.6 for one class."""
     symbols: dict[TableKey, I64] = {}
     for stage in range(stages):
         zero = indices[:, stage - 1] == 0 if stage else np.zeros(len(indices), np.bool_)
@@ -99,13 +99,13 @@ def index_bits(indices: I64, stages: int) -> float:
 
 
 def book_bits(made: Exported, stages: int) -> float:
-    """What the codebooks of the first stages take."""
+    """The bits of the codebooks of the first stages."""
     books = {0: made.codebooks.coarse, 1: made.codebooks.residual}
     return 8.0 * len(pack_codebooks({number: words for number, words in books.items() if number < min(stages, 2)}))
 
 
 def trained(start: Quantiser, f: torch.Tensor, lambda_: float, rounds: int) -> Exported:
-    """What books come to that follow what is chosen at a lambda."""
+    """The books after they have followed the choices at a lambda."""
     quantiser, generator = copy.deepcopy(start), torch.Generator().manual_seed(1)
     z = quantiser.project(f).detach()
     for _ in range(rounds):
@@ -127,7 +127,7 @@ def sums_after(made: Exported, stages: int) -> F32:
 
 
 def refined(case: Case, made: Exported, stages: int, steps: Sequence[float]) -> Points:
-    """Of scalar refinements of what the first stages leave, by steps in lattice units; no stage is scalar alone."""
+    """The curves of scalar refinements after the first stages, by steps in lattice units; no stage is scalar alone."""
     sums = sums_after(made, stages)
     fixed = index_bits(made.indices.astype(np.int64), stages) + book_bits(made, stages) if stages else 0.0
     points = []

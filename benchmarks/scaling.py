@@ -35,14 +35,15 @@ CODED = ("static", "neural")
 MOST_IN_ARRAYS = 4_000_000
 """Above, a scene is only decoded tile by tile."""
 MOST_NEURAL_COPIES = 6
-"""More are written under static tables alone: the writer evaluates the networks for every anchor."""
+"""Maximum copies that are written with networks. More are written under static tables alone: the writer evaluates the
+networks for every anchor."""
 _LARGE = 100_000
 """Slopes of large scenes are from here on: below, starting up counts."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is measured.
+    """The plan of the measurements.
 
     Attributes:
         scene: name of the scene.
@@ -152,7 +153,7 @@ SERIES: dict[str, Callable[[dict[str, Any]], dict[str, Any] | None]] = {
     "static, first layer": lambda run: run.get("static", {}).get("first"),
     "neural, first layer": lambda run: run.get("neural", {}).get("first"),
 }
-"""What is measured at every size: how to find processor seconds (`cpu`) and `peak_bytes`, None where it is not."""
+"""The series that are measured at every size: how to find processor seconds (`cpu`) and `peak_bytes`, or None."""
 
 
 def points(runs: Sequence[dict[str, Any]], series: str, field: str) -> list[tuple[float, float]]:

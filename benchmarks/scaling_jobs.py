@@ -1,4 +1,4 @@
-"""What the benchmarks of scaling and of regions do in processes of their own (`benchmarks.child`)."""
+"""The jobs of the benchmarks of scaling and of regions in processes of their own (`benchmarks.child`)."""
 
 from __future__ import annotations
 

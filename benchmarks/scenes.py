@@ -47,7 +47,7 @@ class Scene:
 
     @property
     def title(self) -> str:
-        """Its name, with a mark if constants were fitted on it."""
+        """The name of the scene, with a mark if constants were fitted on it."""
         return self.name + (FITTED_MARK if self.fitted else "")
 
     def options(self, **more: Any) -> EncodeOptions:

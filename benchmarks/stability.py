@@ -118,7 +118,7 @@ def measure_processes(real: Path, short: bool) -> dict[str, Any]:
 
 
 def measure_encoder(scene: Path, short: bool) -> dict[str, str]:
-    """What a part of the example is encoded to, by kind of process."""
+    """The encoded bytes of a part of the example, by kind of process."""
     some = encoder_environments()
     if short:
         some = {name: some[name] for name in ("as usual", "hash seed 1")}

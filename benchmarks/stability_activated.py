@@ -119,7 +119,7 @@ def _exact_centre(x: list[Any]) -> list[Any]:
 
 
 def _single_logit(x: Floats) -> Floats:
-    """As a decode stores it."""
+    """The logit in the precision in which a decode stores it."""
     return opacity_logits(x[:, 0]).astype(np.float32)[:, None]
 
 

@@ -91,7 +91,7 @@ def _reference_inputs(x: F64) -> F64:
 
 
 def scene_operations(network: QuantisedMlp) -> Iterator[Operation]:
-    """What becomes of a network's outputs: opacity, standard deviation, quaternion, colour of a slot."""
+    """The operations after a network's outputs: opacity, standard deviation, quaternion, colour of a slot."""
     mlp = _perceptron(network)
 
     def made(name: str, single: Single, double: Double) -> Operation:

@@ -1,4 +1,4 @@
-"""What `benchmarks.stability` found, as tables, and what of it is wrong."""
+"""The tables of `benchmarks.stability`, and the faults among its findings."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ _SYMBOLS = 300
 
 
 def measure_values(count: int) -> list[Edge]:
-    """What was compared, how often, the worst case, its limit, and how many differ.
+    """The comparisons: what was compared, how often, the worst case, its limit, and how many differ.
 
     Args:
         count: cases of each kind.

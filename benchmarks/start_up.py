@@ -1,4 +1,4 @@
-"""What a reader costs before it reads: importing it, and its first file beyond what that file costs later.
+"""The start-up cost of a reader: importing it, and the time of its first file beyond that of later ones.
 
     python -m benchmarks.start_up scar f.scar
     python -m benchmarks.start_up gsply f.spz FOLDER

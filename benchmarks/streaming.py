@@ -111,8 +111,8 @@ def tables(results: dict[str, Record]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
-    parser.add_argument("--views", type=int, default=2, metavar="N", help="of each of six recordings [default: 2]")
-    parser.add_argument("--effort", type=int, default=2, help="of encoding [default: 2]")
+    parser.add_argument("--views", type=int, default=2, metavar="N", help="views of each recording [default: 2]")
+    parser.add_argument("--effort", type=int, default=2, help="effort of encoding [default: 2]")
     parser.add_argument("--report", action="store_true", help="only rewrite docs/streaming.md")
     said = parser.parse_args(arguments)
     keep = not said.no_write

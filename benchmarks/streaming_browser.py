@@ -44,7 +44,7 @@ DRIVER = WEB / "dist" / "tests" / "measure.mjs"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 MBIT, ROUND_TRIP_MS = 10.0, 50.0
 SIZE = (640, 480)
-"""Of the page, pixels; pictures are compared at half of it."""
+"""Size of the page, pixels; pictures are compared at half of it."""
 PATIENCE_S = 240
 TILE = 8192
 QUALITIES = {"plush-on-bed, poses": 41.0, "flowers": 41.0, "plush-toys": 42.0}
@@ -58,7 +58,7 @@ Record = dict[str, Any]
 
 
 def lacking() -> str | None:
-    """What there is not to measure with, None if nothing."""
+    """The requirements that this machine lacks, None if nothing."""
     if shutil.which("node") is None or not DRIVER.exists() or not PAGE.joinpath("index.html").is_file():
         return "node, or what `make web` builds, is missing"
     return None if _browser() else "there is no Chromium on the path"
@@ -135,7 +135,7 @@ def _over(each: Sequence[Figures], how: Callable[[Iterable[float]], float]) -> F
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser, scenes=False)
-    parser.add_argument("--runs", type=int, default=5, help="of each condition [default: 5]")
+    parser.add_argument("--runs", type=int, default=5, help="runs of each condition [default: 5]")
     parser.add_argument("--report", action="store_true", help="only rewrite docs/viewing.md")
     said = parser.parse_args(arguments)
     keep = not said.no_write

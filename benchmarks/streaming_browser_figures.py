@@ -1,4 +1,4 @@
-"""What a page noted, told as figures: when a view is complete, when it is so many dB, which task was longest."""
+"""The figures from the notes of a page: when a view is complete, when it reaches a PSNR, which task was longest."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Figures = dict[str, float | None]
 
 @dataclass(frozen=True)
 class Log:
-    """What a page noted of one scene, milliseconds since it was asked for.
+    """The notes of a page about one scene, in milliseconds since it was requested.
 
     Attributes:
         front: when the front was read.
@@ -117,7 +117,7 @@ def figures(log: Log, picture: Picture) -> Figures:
 
 
 def by_bytes(picture: Picture, mbit: float, round_trip_ms: float) -> Figures:
-    """The same, were blocks to come in the order of the plan, without a pause, and were decoding to take no time."""
+    """The figures if blocks came in the order of the plan, without a pause, and decoding took no time."""
     fetching, told = picture.fetching, picture.told
     steps = by_gains(fetching.index, told, planned_for(picture.camera))
     ahead = REQUESTS_BEFORE * round_trip_ms
@@ -129,7 +129,7 @@ def by_bytes(picture: Picture, mbit: float, round_trip_ms: float) -> Figures:
 
 
 def simulated(picture: Picture, mbit: float, round_trip_ms: float) -> Figures:
-    """The same with the requests of a client (`benchmarks.streaming_clients`), decoding taking no time."""
+    """The figures with the requests of a client (`benchmarks.streaming_clients`), if decoding took no time."""
     camera, client = planned_for(picture.camera), ScarStream(picture.file, planned, True)
     run(client, Link(Trace.constant(mbit), round_trip_ms / 1000), lambda _: camera, SIMULATED_S)
     states = [(1000 * at, list(cast(tuple[int, ...], have))) for at, have in client.shown if any(cast(Any, have))]

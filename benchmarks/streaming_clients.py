@@ -23,11 +23,11 @@ from scarfmt.streaming.view import Camera
 REPLAN_S = 0.1
 """Views come, and plans are made anew, this often."""
 _SAMPLE_S = 0.02
-"""What came is counted this often at least."""
+"""Maximum time between two counts of what has arrived."""
 
 
 class Client(Protocol):
-    """What fetches.
+    """The interface of a client that fetches.
 
     Attributes:
         asked: when, of each request.
@@ -50,7 +50,7 @@ class Client(Protocol):
         """A moment to ask for more."""
 
     def took(self, now: float, flow: Flow, size: float) -> None:
-        """So many bytes of an answer came."""
+        """Called when this many bytes of an answer have arrived."""
 
 
 def run(client: Client, link: Link, view_at: Callable[[float], Camera], horizon: float) -> None:
@@ -87,7 +87,7 @@ class WholeFile:
         return self._done
 
     def look(self, now: float, camera: Camera) -> None:
-        """Of no matter."""
+        """Do nothing: the view does not matter."""
 
     def ask(self, now: float, link: Link) -> None:
         """The file, once."""
@@ -104,7 +104,7 @@ class WholeFile:
 
 
 class ScarFile:
-    """What a client needs to know of a file of T tiles and L layers.
+    """The values that a client needs to know of a file of T tiles and L layers.
 
     Args:
         data: the file.
@@ -175,7 +175,7 @@ class ScarStream:
         self._planned = False
 
     def ask(self, now: float, link: Link) -> None:
-        """As many requests as may be under way."""
+        """Send as many requests as may be under way."""
         if not self.asked:
             size = max(min(FIRST_BYTES, self._file.size), self._file.front)
             inside = [entry for entry in self._file.blocks if entry.end <= size]

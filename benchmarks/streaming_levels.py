@@ -38,7 +38,7 @@ class LevelStream:
         return self.shown[-1][1] == len(self._levels.files) - 1
 
     def look(self, now: float, camera: Camera) -> None:
-        """Of no matter: a level is one piece."""
+        """Do nothing: a level is one piece."""
 
     def ask(self, now: float, link: Link) -> None:
         """Everything that is known to be needed of the level in hand."""

@@ -39,7 +39,7 @@ class Trace:
 
     @classmethod
     def constant(cls, mbits: float) -> Trace:
-        """The same at any time."""
+        """A trace of the same speed at any time."""
         return cls(f"{mbits:g} Mbit/s", np.zeros(1), np.array([mbits]), 1.0)
 
     @classmethod

@@ -25,7 +25,7 @@ from scarfmt.streaming.view import Camera, share_in_picture
 
 Order = Callable[[SceneIndex, Streaming | None, Camera], list[Step]]
 MOST_DB = 100.0
-"""Of equal pictures."""
+"""PSNR of equal pictures, dB."""
 
 
 def file_order(index: SceneIndex, _told: Streaming | None, _camera: Camera) -> list[Step]:
@@ -34,18 +34,18 @@ def file_order(index: SceneIndex, _told: Streaming | None, _camera: Camera) -> l
 
 
 def culled(index: SceneIndex, told: Streaming | None, camera: Camera) -> list[Step]:
-    """The same, but tiles that are not in the picture after all others."""
+    """The planned order, with the tiles outside the picture after all others."""
     seen = share_in_picture(tight_boxes(index.cubes, None), camera) > 0
     return sorted(file_order(index, told, camera), key=lambda step: not seen[step.tile])
 
 
 def without_gains(index: SceneIndex, _told: Streaming | None, camera: Camera) -> list[Step]:
-    """As planned for a file that tells nothing."""
+    """The order planned for a file without gains."""
     return plan(index, None, camera, [0] * len(index.bytes))
 
 
 def by_gains(index: SceneIndex, told: Streaming | None, camera: Camera) -> list[Step]:
-    """As planned by what the file tells."""
+    """The order planned by the gains in the file."""
     return plan(index, told, camera, [0] * len(index.bytes))
 
 
@@ -80,7 +80,7 @@ class Film:
             self.edges.append(np.concatenate([[0], np.cumsum([len(content) for content in part.contents])]))
 
     def picture(self, have: Sequence[int], view: drawing.Camera) -> F64:
-        """What a view shows of tiles after so many layers each; black where there is nothing."""
+        """The picture of tiles, each after a number of layers; black where there is nothing."""
         parts = []
         for layer, (gaussians, edges) in enumerate(zip(self.layers, self.edges, strict=True), start=1):
             ranges = [np.arange(edges[t], edges[t + 1]) for t, k in enumerate(have) if k == layer]
@@ -90,14 +90,14 @@ class Film:
 
 
 def drawn(parts: Sequence[GaussianScene], view: drawing.Camera) -> F64:
-    """What a view shows of some scenes together; black where there is nothing."""
+    """The picture of some scenes together; black where there is nothing."""
     if not sum(map(len, parts)):
         return np.zeros((view.height, view.width, 3))
     return np.asarray(render(_joined(parts), view), np.float64)
 
 
 def _drawable(scene: QuantisedScene) -> GaussianScene:
-    """Its Gaussians; a decoder of harmonics that no latent came for yet adds nothing."""
+    """The Gaussians of a decode. A decoder of harmonics whose latents have not arrived adds nothing."""
     received = scene.model.max_stages > 0 or any(
         step for row in scene.model.layers[-1:] for steps in row.steps for step in _latent(scene, steps)
     )
@@ -128,7 +128,7 @@ class Fetching:
         self.told = 0 if block is None else block.length
 
     def sizes(self, steps: Sequence[Step], told: bool) -> F64:
-        """(n,) bytes that have come after each step, all models that it needs and, if `told`, the block included."""
+        """Bytes that have come after each step, (n,): all models that it needs and, if `told`, the block."""
         models, total, out = 0, float(self.front + (self.told if told else 0)), []
         for tile, layer in steps:
             total += float(self.index.bytes[tile, layer - 1] + self.index.model_bytes[models:layer].sum())

@@ -1,4 +1,4 @@
-"""What a client that streams a file may decide by, at any moment of a motion."""
+"""The policies of a client that streams a file: its decision at any moment of a motion."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Order = Callable[["Moment"], list[Step]]
 
 @dataclass(frozen=True)
 class Moment:
-    """What is known when a plan is made.
+    """The values that are known when a plan is made.
 
     Attributes:
         index: of the file.
@@ -47,7 +47,7 @@ def file_order(moment: Moment) -> list[Step]:
 
 
 def in_view_first(moment: Moment) -> list[Step]:
-    """The same, but tiles that are not in the picture after all others."""
+    """The planned order, with the tiles outside the picture after all others."""
     seen = share_in_picture(tight_boxes(moment.index.cubes, None), moment.camera) > 0
     return sorted(file_order(moment), key=lambda step: not seen[step.tile])
 
@@ -60,7 +60,7 @@ def nearest_first(moment: Moment) -> list[Step]:
 
 
 def planned(moment: Moment) -> list[Step]:
-    """As planned, by what the file tells if that has come."""
+    """The order planned by the gains in the file, once they have arrived."""
     return plan(moment.index, moment.streaming, moment.camera, moment.have)
 
 

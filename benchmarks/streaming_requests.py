@@ -1,4 +1,4 @@
-"""Which bytes a client asks for next and how fast they came, as `web/src/stream/{requests,meter}.ts` decide it."""
+"""The requests of a client and its measure of speed, by the rules of `web/src/stream/{requests,meter}.ts`."""
 
 from __future__ import annotations
 
@@ -75,7 +75,8 @@ class Meter:
         self._best: list[tuple[float, float]] = []
 
     def sizes(self, now: float) -> Sizes:
-        """What to ask for: as fast as bytes come, or came in the best stretch of the last seconds."""
+        """The sizes of requests, by the speed of the bytes: the present one, or that of the best stretch of the last
+        seconds."""
         rate = _FIRST_GUESS if self._rate is None else self._rate
         recent = (speed for when, speed in self._best if when > now - _KEPT_STRETCHES_MS / 1000)
         return Sizes.of(max(rate, next(recent, 0.0)), min(self._delays, default=0.0))

@@ -1,4 +1,4 @@
-"""What streaming is set against: whole SOG, whole SPZ, and SOG in levels of detail ("streamed SOG").
+"""The rivals of streaming: whole SOG, whole SPZ, and SOG in levels of detail ("streamed SOG").
 
 All are written by splat-transform (`benchmarks.rivals_tools`) and kept beside the other rivals' files. Spherical
 harmonics of SOG take 3 iterations of k-means in place of 10: without a GPU ten take an hour, and bytes stay the same.
@@ -28,7 +28,7 @@ ITERATIONS = ("--sh-iterations", "3")
 COARSE = "12.5%"
 """Gaussians of the coarser level."""
 INDEX_BYTES = 313
-"""Of a lod-meta.json with one place and two levels, gzipped."""
+"""Bytes of a lod-meta.json with one place and two levels, gzipped."""
 GOOD_BITS = (6, 5)
 _STEPS = 32
 

@@ -85,7 +85,7 @@ class Walk:
         return view_at(self.motion, self.start, self.around, BEGUN * float(self.motion.seconds[-1]) + seconds)
 
     def planned(self, seconds: float) -> Camera:
-        """The same as planners have it."""
+        """The view of a moment in the form that planners use."""
         return planned_for(self.at(seconds))
 
 
@@ -103,7 +103,7 @@ class Pictures:
         self._wanted: dict[tuple[str, int], F64] = {}
 
     def decibels(self, walk: Walk, moment: int, what: str, draw: Callable[[drawing.Camera], F64]) -> float:
-        """Of what `draw` makes of the view at a moment; `what` names what is drawn."""
+        """The PSNR of what `draw` makes of the view at a moment; `what` names what is drawn."""
         key = f"{walk.motion.name} {moment} {what}"
         if key not in self._known:
             view = walk.at(float(MOMENTS[moment]))
@@ -160,7 +160,7 @@ class Parties:
         return self._oracles[walk.motion.name]
 
     def picture(self, name: str, state: Any, view: drawing.Camera) -> F64:
-        """What there is to see."""
+        """The picture of the view."""
         if name == STREAMED:
             assert self.levels is not None
             return drawn([] if state == NOTHING else [self.levels.scenes[state]], view)
@@ -169,7 +169,7 @@ class Parties:
         return self._film.picture(state, view)
 
     def label(self, name: str, state: Hashable) -> str:
-        """What is drawn, the same for all policies of a file."""
+        """The label of what is drawn, equal for all policies of a file."""
         if name == STREAMED:
             return "black" if state == NOTHING else f"level {state} of streamed SOG"
         if name in self.wholes:
@@ -178,7 +178,7 @@ class Parties:
         return f"{self.key} {' '.join(map(str, state))}" if any(state) else "black"
 
     def unseen(self, name: str, walk: Walk) -> Mapping[Hashable, float]:
-        """Of what comes, the part that no view of the first seconds has in its picture: by tile, or at None."""
+        """Share of the arriving bytes that no view of the first seconds has in its picture: by tile, or at None."""
         views = [walk.planned(float(seconds)) for seconds in np.arange(0, WATCHED_S, _LOOKS_S)]
         if name in self.wholes:
             return {None: 1 - _share_of_centres(self.wholes[name].scene, walk)}
@@ -236,7 +236,7 @@ def measure(scene: Scene, conditions: Sequence[tuple[Trace, float]], recordings:
 def _figures(
     parties: Parties, name: str, walk: Walk, link: Link, pictures: Pictures, unseen: Mapping[Hashable, float]
 ) -> dict[str, Any]:
-    """Of one party in one condition."""
+    """The figures of one party in one condition."""
     client = parties.client(name, walk)
     run(client, link, walk.planned, HORIZON_S)
 

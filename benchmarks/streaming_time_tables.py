@@ -21,7 +21,7 @@ PLOTTED = (OURS, BASE, "streamed SOG", "whole SOG", "whole SPZ", ORACLE)
 NETWORK = "10 Mbit/s"
 AIM_DB, AIM = 30.0, 0.25
 FAST_MBIT = 100.0
-"""More is a network on which round trips decide."""
+"""Bandwidth above which round trips decide."""
 _COMPLETE_S = 2.5
 """From then on everything has come on the fastest network."""
 _NEVER = "–"
@@ -124,7 +124,7 @@ def _size(record: Record, name: str) -> int:
 
 
 def final_db(record: Record, name: str) -> float:
-    """Of the views on the fastest network, once everything has come."""
+    """The PSNR of the views on the fastest network, once everything has arrived."""
     fastest = max(record["networks"], key=lambda network: record["networks"][network])
     curve = record["curves"][fastest][name]
     return float(np.mean([found for seconds, found in zip(MOMENTS, curve, strict=False) if seconds >= _COMPLETE_S]))
@@ -147,7 +147,7 @@ def _traffic(record: Record, name: str) -> list[str]:
 
 
 def policies(results: Mapping[str, Record]) -> str:
-    """What each policy takes of the time of file order, mean and worst, and the mean dB; on slow networks."""
+    """The time of each policy relative to file order, mean and worst, and the mean dB; on slow networks."""
     head = ["scene", "order", *(f"{level:g} dB" for level in LEVELS_DB), "worst to 35 dB", "35 dB, fast",
             f"mean dB, {WATCHED_S:g} s", "requests", "never looked at"]  # fmt: skip
     rows = []

@@ -21,7 +21,7 @@ MOMENTS = WATCHED_S * _STEP ** np.arange(-_BEFORE, _AFTER, dtype=np.float64)
 HORIZON_S = float(MOMENTS[-1])
 
 Decibels = Callable[[int, Hashable], float]
-"""Of the view at one of `MOMENTS`, of what there is to draw."""
+"""The PSNR of the view at one of `MOMENTS`, for what can be drawn then."""
 
 
 def figures_of(client: Client, decibels: Decibels, unseen: Mapping[Hashable, float]) -> dict[str, Any]:
@@ -60,7 +60,7 @@ def _curve(client: Client, decibels: Decibels) -> list[float]:
 
 
 def state_at(shown: Sequence[tuple[float, Hashable]], seconds: float) -> Hashable:
-    """What there was to draw at a moment."""
+    """The tiles and layers that could be drawn at a moment."""
     return shown[bisect_right([since for since, _ in shown], seconds) - 1][1]
 
 

@@ -1,4 +1,4 @@
-"""What decoding one file's symbols costs by what codes them, and one file by threads, array library and kernel."""
+"""The time of decoding one file's symbols, by what codes them, and of one file by threads, array library and kernel."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def measure_entropy(
 
 
 def _multiply_adds(path: str) -> int:
-    """Of an anchor of the last layer."""
+    """The multiply-adds of an anchor of the last layer."""
     with open_source(path) as source:
         return int(describe_models(source)["multiply_adds"])
 
@@ -60,7 +60,7 @@ def ways() -> dict[str, child.Job]:
 
 
 def missing() -> list[str]:
-    """What this machine does not offer, in words."""
+    """The requirements that this machine does not meet, in words."""
     out = [] if cuda_here() else ["torch sees no CUDA GPU here, so none was measured"]
     return out + ([] if absence() is None else ["the compiled kernel is not built here, so all is without it"])
 

@@ -39,7 +39,7 @@ def measure_layers(scene: Scene, quality: float, effort: int, rounds: int) -> Re
 
 
 def _other_reads(path: str) -> Record:
-    """What else is done with a file: written out as PLY tile by tile, and its header read."""
+    """The measurements beside decoding: writing a PLY tile by tile, and reading the header."""
     told = child.run(child.ENVIRONMENT, job="inspect", file=path)
     out = Path(f"{path}.ply")
     export = child.run(child.ENVIRONMENT, job="export", file=path, out=str(out))

@@ -1,4 +1,4 @@
-"""Where the time of a decode goes, with the compiled kernel and without, and the least that it could take.
+"""The parts of the time of a decode, with and without the compiled kernel, and the least time it could take.
 
 The least is the sum of what no decoder can leave out, each measured alone in the same process: the multiply-adds of the
 file's networks at the machine's integer peak (`benchmarks.integer_peak`), as many rANS symbols from tables that are
@@ -55,7 +55,7 @@ STAGES = {
         ("scarfmt.kernel.activation", "KernelActivation.put_tile"),
     ),
 }
-"""Functions whose time is told, by what they do: module and name. None of them calls another.
+"""Functions whose time is reported, by what they do: module and name. None of them calls another.
 
 With the kernel, files without an index network are read tile by tile, all streams in one call; else stream by stream.
 World units are then part of the activation.
@@ -107,7 +107,7 @@ def stages(job: Record) -> Record:
 
 @dataclass
 class Recording:
-    """What a decode cannot leave out.
+    """The work that a decode cannot leave out.
 
     Attributes:
         products: how often each (rows, inner, columns) was multiplied.
@@ -195,7 +195,8 @@ def readers(words: bytes) -> list[SymbolSource]:
 
 
 def read_all(kept: Recording, source: SymbolSource) -> None:
-    """As many symbols of the same tables, each table's in one run; those with tables of their own from equal shares."""
+    """Read as many symbols of the same tables, each table's in one run; those with tables of their own from equal
+    shares."""
     for table, count in kept.tables.values():
         source.decode(table, count)
     for alphabet, count in kept.modelled.items():

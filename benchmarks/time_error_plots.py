@@ -26,7 +26,7 @@ def draw(results: dict[str, Any], keep: bool) -> list[Path]:
 def _decode(records: Sequence[Record], keep: bool) -> Path:
     figure, axes = new_plot("decode to arrays, s, 2 threads", "PSNR, dB", log_x=True)
     for number, record in enumerate(records):
-        xs = [layer["decode"]["2"]["min"] for layer in record["layers"]]
+        xs = [layer["decode"]["2"]["median"] for layer in record["layers"]]
         _line(axes, xs, record, number)
     return save_plot(figure, NAMES[0], keep)
 

@@ -1,4 +1,4 @@
-"""What precision costs and brings: bits of the index network, of positions, and steps of attribute values.
+"""The costs and gains of precision: bits of the index network, of positions, and steps of attribute values.
 
 The encoder has no options for the first two: here its own constants are replaced while it runs. Positions and steps
 are measured on files with static tables (effort 1), networks on the indices of one scene.

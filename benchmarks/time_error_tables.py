@@ -31,8 +31,8 @@ def layers_text(records: Sequence[Record]) -> str:
 
 
 def seconds(times: Record) -> str:
-    """Least and median."""
-    return f"{times['min']:.3f} ({times['median']:.3f})"
+    """Median and least."""
+    return f"{times['median']:.3f} ({times['min']:.3f})"
 
 
 def mebibytes(size: float) -> str:
@@ -76,7 +76,7 @@ def _networks(records: Sequence[Record]) -> str:
         least = min((row["index_bytes"] for row in record["networks"]), default=1)
         for row in record["networks"]:
             bits = [str(row["weight_bits"]), str(row["activation_bits"])]
-            cells = [f"{row['index_bytes']:,}", change(row["index_bytes"], least), f"{row['decode']['min']:.3f}"]
+            cells = [f"{row['index_bytes']:,}", change(row["index_bytes"], least), f"{row['decode']['median']:.3f}"]
             rows.append([record["scene"], row["swept"], *bits, *cells, f"{row['train_seconds']:.0f}"])
     return table(head, rows, 2)
 
@@ -105,7 +105,7 @@ def _steps(records: Sequence[Record]) -> str:
 
 
 def _cells(row: Record) -> list[str]:
-    return [f"{row['bytes']:,}", f"{row['psnr_db']:.2f}", f"{row['ssim']:.4f}", f"{row['decode']['min']:.3f}"]
+    return [f"{row['bytes']:,}", f"{row['psnr_db']:.2f}", f"{row['ssim']:.4f}", f"{row['decode']['median']:.3f}"]
 
 
 def entropy_text(records: Sequence[Record]) -> str:
@@ -126,9 +126,9 @@ def ways_text(records: Sequence[Record]) -> str:
     head = ["scene", "quality", "way", "decode s", "CPU s", "times as fast", "peak MiB"]
     rows = []
     for record in records:
-        first = next(iter(record["ways"].values()))["min"]
+        first = next(iter(record["ways"].values()))["median"]
         for name, times in record["ways"].items():
-            cells = [seconds(times), f"{times['cpu']:.3f}", f"{first / times['min']:.2f}"]
+            cells = [seconds(times), f"{times['cpu']:.3f}", f"{first / times['median']:.2f}"]
             rows.append([record["scene"], f"{record['quality']:g}", name, *cells, mebibytes(times["peak_bytes"])])
     absent = sorted({text for record in records for text in record["missing"]})
     return table(head, rows, 3) + "".join(f"\nNot measured: {text}.\n" for text in absent)

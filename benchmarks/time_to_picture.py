@@ -78,7 +78,7 @@ def fastest(times: Mapping[str, Mapping[str, Record]]) -> dict[str, Record]:
 
 
 def start_up(ways: Sequence[Way]) -> dict[str, Record]:
-    """Of a process that reads one file: seconds of `benchmarks.start_up`, the least of some, by reader."""
+    """The start-up of a process that reads one file: seconds of `benchmarks.start_up`, least of several, by reader."""
     first = {SCAR: next(way.file for way in ways if way.family == SCAR)}
     spz = [way.file for way in ways if way.family == "spz"]
     if spz and (PYTHON / "gsply").exists():
@@ -96,7 +96,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
     parser.add_argument("--families", nargs="*", choices=FAMILIES, help="rivals [default: all]")
-    parser.add_argument("--settings", nargs="+", choices=SETTINGS, help="of .scar [default: all]")
+    parser.add_argument("--settings", nargs="+", choices=SETTINGS, help="settings of .scar files [default: all]")
     parser.add_argument("--report", action="store_true", help="measure nothing, rewrite tables and plots")
     arguments = parser.parse_args()
     keep, short = not arguments.no_write, arguments.short

@@ -66,7 +66,7 @@ class Way:
     note: str = ""
 
     def record(self) -> Record:
-        """What results keep of it."""
+        """The record of a file in the results."""
         told = {"family": self.family, "name": self.name, "goal": self.goal, "bytes": self.size}
         return {**told, "psnr_db": self.psnr_db, "layers": self.layers, "note": self.note}
 
@@ -161,5 +161,5 @@ def _reading(path: Path, job: Record) -> Callable[[], object]:
 
 
 def reader_name(reader: str) -> str:
-    """As tables show it."""
+    """The name of a reader in tables."""
     return {SCAR: "this decoder", IMPORTER: "our importer"}.get(reader, reader)

@@ -23,14 +23,14 @@ def title(way: Record) -> str:
 
 
 def seconds_to(way: Record, cores: str, mbit: float) -> float:
-    """Transfer, then decoding: neither waits for parts of the other."""
-    return float(way["bytes"] * 8 / (mbit * 1e6) + way["decode"][cores]["min"])
+    """Transfer, then decoding, the median of its runs: neither waits for parts of the other."""
+    return float(way["bytes"] * 8 / (mbit * 1e6) + way["decode"][cores]["median"])
 
 
 def sooner(mine: Record, other: Record, cores: str) -> tuple[float, float] | None:
     """Between which bandwidths, Mbit/s, the picture of `mine` is there first; None if nowhere."""
     megabits = (mine["bytes"] - other["bytes"]) * 8 / 1e6
-    seconds = mine["decode"][cores]["min"] - other["decode"][cores]["min"]
+    seconds = mine["decode"][cores]["median"] - other["decode"][cores]["median"]
     if megabits <= 0 and seconds <= 0:
         return 0.0, math.inf
     if megabits >= 0 and seconds >= 0:
@@ -87,8 +87,8 @@ def _scene(record: Record) -> str:
         for way in (way for way in record["ways"] if way["goal"] == goal):
             one, many = (way["decode"][cores] for cores in CORES)
             told = [f"{goal:g} dB", title(way) + _layers(way), f"{way['bytes']:,}", f"{way['psnr_db']:.1f}"]
-            least = [f"{times['min']:.3f} ({times['median']:.3f})" for times in (one, many)]
-            rows.append([*told, one["reader"], *least, *(_both(way, mbit) for mbit in BANDWIDTHS)])
+            medians = [f"{times['median']:.3f} ({times['min']:.3f})" for times in (one, many)]
+            rows.append([*told, one["reader"], *medians, *(_both(way, mbit) for mbit in BANDWIDTHS)])
     notes = {f"{record['scene']}, {title(way)}: {way['note']}" for way in record["ways"] if way["note"]} | set(
         record["missing"]
     )
@@ -125,7 +125,7 @@ def image(record: Record) -> str:
 
 
 def start_up(records: Sequence[Record]) -> str:
-    """What a process costs before and beside reading."""
+    """The cost of a process before and beside reading."""
     head = ["scene", "reader", "import, s", "first file, s more", "opening a file, s"]
     rows = []
     for record in records:

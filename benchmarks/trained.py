@@ -1,4 +1,4 @@
-"""What photos become, in one table: trained files, and a 3DGS model of the same photos in the formats there are.
+"""The results of photos in one table: trained files, and a 3DGS model of the same photos in several formats.
 
     python -m benchmarks.trained plush-on-bed CAPTURE --scar "an hour=plush.scar" --ply plush-on-bed.ply
     python -m benchmarks.trained truck-half CAPTURE --scar truck.scar --lpips vgg16.pth heads.pth
@@ -63,7 +63,7 @@ class Row:
 
     @property
     def key(self) -> str:
-        """Its name among the results of its scene."""
+        """The name among the results of the scene."""
         return f"{self.name}, layer {self.layers}"
 
 
@@ -110,20 +110,20 @@ def of_model(scene: Scene, capture: Capture, said: argparse.Namespace, perceptua
 
 
 def record(row: Row, capture: Capture) -> Record:
-    """As it is kept."""
+    """The record in the results."""
     camera = capture.test[0].camera
     return {**asdict(row), "photos": len(capture.test), "size": [camera.width, camera.height]}
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", nargs="?", help="its name, as the page shows it")
-    parser.add_argument("capture", nargs="?", type=Path, help="what `scarfmt train` takes, with photos held out")
+    parser.add_argument("scene", nargs="?", help="name of the capture on the page")
+    parser.add_argument("capture", nargs="?", type=Path, help="capture as for `scarfmt train`, with photos held out")
     add_arguments(parser)
     parser.add_argument("--scar", nargs="+", default=[], metavar="[NAME=]FILE", help="trained files")
     parser.add_argument("--ply", type=Path, help="a 3DGS model of the same photos, as INRIA's PLY")
-    parser.add_argument("--formats", nargs="*", choices=FORMATS, default=FORMATS, help="that the PLY is stored as")
-    parser.add_argument("--qualities", nargs="*", type=float, default=QUALITIES, help="that the PLY is encoded at, dB")
+    parser.add_argument("--formats", nargs="*", choices=FORMATS, default=FORMATS, help="formats to store the PLY in")
+    parser.add_argument("--qualities", nargs="*", type=float, default=QUALITIES, help="qualities to encode it at, dB")
     parser.add_argument("--report", action="store_true", help="only rewrite docs/trained.md")
     parser.add_argument("--no-write", action="store_true", help="print the table; JSON goes to build/bench/ only")
     return parser

@@ -47,7 +47,7 @@ Record = dict[str, Any]
 
 @dataclass(frozen=True)
 class Place:
-    """What all trainings of a run learn from, and where they leave things.
+    """The place where all trainings of a run read and write.
 
     Attributes:
         name: of the scene, as results have it.
@@ -64,7 +64,7 @@ class Place:
     scratch: Path
 
     def folder(self, training: Training) -> Path:
-        """Of one training."""
+        """The folder of one training."""
         return self.scratch / _stem(self.name) / _stem(training.name)
 
 
@@ -172,7 +172,7 @@ def campaign(
 
 
 def scene_name(said: argparse.Namespace) -> str:
-    """Of a scene among the results: figures of other sizes and lengths are no part of its tables."""
+    """The name of a scene among the results; figures of other sizes and lengths are not part of its tables."""
     size = "photos as they are" if said.resolution is None else f"{said.resolution} pixels"
     length = f"{said.iterations:,} iterations" if said.minutes is None else f"{said.minutes:g} minutes"
     return f"{said.scene}, {size}, {length}"
@@ -180,18 +180,18 @@ def scene_name(said: argparse.Namespace) -> str:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scene", nargs="?", help="its name, as the page shows it")
-    parser.add_argument("capture", nargs="?", type=Path, help="what `scarfmt train` takes, with photos held out")
+    parser.add_argument("scene", nargs="?", help="name of the capture on the page")
+    parser.add_argument("capture", nargs="?", type=Path, help="capture as for `scarfmt train`, with photos held out")
     add_arguments(parser)
     parser.add_argument("--studies", nargs="+", choices=STUDIES, default=list(STUDIES), metavar="NAME")
     parser.add_argument("--base", choices=BASES, default="rvq", help="preset that rows change [default: rvq]")
     parser.add_argument("--seeds", type=int, default=SEEDS, help=f"trainings of each row [default: {SEEDS}]")
     length = parser.add_mutually_exclusive_group()
-    length.add_argument("--iterations", type=int, default=2000, help="of each training [default: 2000]")
-    length.add_argument("--minutes", type=float, help="of each training, in place of iterations")
+    length.add_argument("--iterations", type=int, default=2000, help="iterations of each training [default: 2000]")
+    length.add_argument("--minutes", type=float, help="minutes of each training, in place of iterations")
     parser.add_argument("--device", choices=DEVICES, default="cpu")
-    parser.add_argument("--slice-minutes", type=float, help="leave off after so many, with exit code 75")
-    parser.add_argument("--plan", action="store_true", help="say what is to be trained, and train nothing")
+    parser.add_argument("--slice-minutes", type=float, help="stop after so many minutes, with exit code 75")
+    parser.add_argument("--plan", action="store_true", help="list the trainings without running them")
     parser.add_argument("--report", action="store_true", help="only rewrite docs/trained.md")
     parser.add_argument("--no-write", action="store_true", help="print the tables; JSON goes to build/bench/ only")
     return parser

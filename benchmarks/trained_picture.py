@@ -34,10 +34,10 @@ def side_by_side(data: bytes, photo: Photo) -> U8:
 def main(arguments: Sequence[str]) -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).partition("\n")[0])
     parser.add_argument("file", type=Path, help="a .scar")
-    parser.add_argument("capture", type=Path, help="what it was trained from")
+    parser.add_argument("capture", type=Path, help="capture that it was trained from")
     parser.add_argument("out", type=Path, help=".jpg or .png")
     parser.add_argument("--photo", type=int, default=0, help="number of the photo among those held out")
-    parser.add_argument("--width", type=int, default=1600, help="pixels of all together, at most")
+    parser.add_argument("--width", type=int, default=1600, help="maximum width of all pictures together, pixels")
     said = parser.parse_args(arguments)
     found = Image.fromarray(side_by_side(said.file.read_bytes(), held_out(said.capture, None)[said.photo]))
     found.thumbnail((said.width, said.width), Image.Resampling.LANCZOS)

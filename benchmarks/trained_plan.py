@@ -53,7 +53,7 @@ _STATIC: Changes = {"entropy": "static", "context": "none"}
 
 
 _PRICES = (1.0, 2.0, 4.0, 8.0)
-"""Of a bit in each of four layers, the last first, in that of the last (`run.begun`)."""
+"""Prices of a bit in each of four layers, the last first, relative to that of the last (`run.begun`)."""
 
 
 def _sweep(option: str, values: Sequence[float]) -> tuple[Row, ...]:
@@ -127,7 +127,7 @@ class Training:
 
     @property
     def name(self) -> str:
-        """What it is among the results of its scene: the same for rows that ask for the same."""
+        """The name among the results of the scene, equal for rows that ask for the same training."""
         plain, usual = TrainOptions(), RECIPES[self.options.preset]
         said = [
             f"{name.rstrip('_')}={getattr(self.options, name)}"
@@ -161,7 +161,7 @@ def trainings(names: Sequence[str], base: str, length: Changes, seeds: int) -> l
 
 
 def plan_table() -> str:
-    """What each row of each study changes, in Markdown."""
+    """A Markdown table of what each row of each study changes."""
     return table(("study", "row", "changes"), list(_rows()), text_columns=3)
 
 

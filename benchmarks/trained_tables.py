@@ -85,7 +85,7 @@ def _studies(scene: str, records: dict[str, Record]) -> Iterator[str]:
 
 
 def _of_row(study: Study, number: int, base: str, records: dict[str, Record]) -> list[Record]:
-    """Of each seed that was trained."""
+    """The results of each seed that was trained."""
     names = (training(study.rows[number], base, {}, seed).name for seed in range(_MOST_SEEDS))
     return [records[name] for name in names if name in records]
 

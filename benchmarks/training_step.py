@@ -41,7 +41,7 @@ _SIZE, _SPREAD = 0.0035, 0.7
 
 
 def made_up(count: int) -> Gaussians:
-    """That many Gaussians in sight, of all directions and opacities, always the same."""
+    """The given number of visible Gaussians, of all directions and opacities, always the same."""
     generator = torch.Generator().manual_seed(0)
 
     def uniform(low: float, high: float, *shape: int) -> torch.Tensor:
@@ -56,7 +56,7 @@ def made_up(count: int) -> Gaussians:
 
 
 def drawable(gaussians: Gaussians) -> tuple[Drawable, F64]:
-    """The same for the renderer that measures, and (N, 3) colours."""
+    """The Gaussians for the renderer that measures, and (N, 3) colours."""
     centres, scales, rotations, opacities, colours = (one.detach() for one in gaussians.tensors())
     positions, log_scales, logits = centres.double().numpy(), scales.log().numpy(), opacities.logit().numpy()
     sh = np.zeros((len(positions), 1, 3), np.float32)
@@ -72,7 +72,7 @@ class Parts:
         self.cpus: dict[str, list[float]] = {}
 
     def time(self, name: str, work: Callable[..., Any], *arguments: Any, **options: Any) -> Any:
-        """What `work` gives; the time that it takes is kept under `name`."""
+        """The result of `work`; its time is kept under `name`."""
         wall, cpu = time.perf_counter(), time.process_time()
         result = work(*arguments, **options)
         self.walls.setdefault(name, []).append(1e3 * (time.perf_counter() - wall))
@@ -80,7 +80,7 @@ class Parts:
         return result
 
     def medians(self) -> dict[str, dict[str, float]]:
-        """Of all rounds but the first, which compiles and warms up."""
+        """The medians of all rounds but the first, which compiles and warms up."""
         found = self.walls, self.cpus
         return {name: {"ms": median(found[0][name][1:]), "cpu_ms": median(found[1][name][1:])} for name in self.walls}
 

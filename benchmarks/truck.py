@@ -54,14 +54,14 @@ def measuring(said: argparse.Namespace, target: Path) -> list[str]:
 def main(arguments: Sequence[str] | None = None, start: Start = start) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("capture", type=Path)
-    parser.add_argument("--iterations", type=int, default=ITERATIONS, help=f"in all [default: {ITERATIONS:,}]")
-    parser.add_argument("--size", type=int, help="bytes that the file shall have, about")
+    parser.add_argument("--iterations", type=int, default=ITERATIONS, help=f"iterations [default: {ITERATIONS:,}]")
+    parser.add_argument("--size", type=int, help="target size of the file, bytes")
     parser.add_argument("--resolution", type=int, help="longest side of the photos, pixels [default: as they are]")
     parser.add_argument("--device", choices=DEVICES, default="cuda")
     parser.add_argument("--slice-minutes", type=float, default=SLICE_MINUTES, help=f"[default: {SLICE_MINUTES:g}]")
-    parser.add_argument("--folder", type=Path, default=SCRATCH / "truck", help="for checkpoints and the file")
+    parser.add_argument("--folder", type=Path, default=SCRATCH / "truck", help="folder for checkpoints and the file")
     parser.add_argument("--lpips", type=Path, nargs="+", default=[], metavar="FILE", help="weights for LPIPS")
-    parser.add_argument("--until-done", action="store_true", help="one slice after another")
+    parser.add_argument("--until-done", action="store_true", help="run one slice after another")
     parser.add_argument("--no-write", action="store_true", help="print the table; JSON goes to build/bench/ only")
     said = parser.parse_args(arguments)
     size = "" if said.size is None else f", {said.size:,} bytes wanted"

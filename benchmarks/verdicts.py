@@ -19,7 +19,7 @@ LEVELS = ("psnr_db", "p5_psnr_db", "worst_psnr_db")
 LOSSLESS_DB = 90.0
 """Files with this mean and more are as good as lossless: no rivals of lossy ones."""
 AIMS = (0.6, 0.6, 0.5, 0.5)
-"""What this project aims at by degree of spherical harmonics: bytes at equal quality against those of a rival."""
+"""Target of this project by degree of spherical harmonics: bytes at equal quality, relative to a rival's."""
 
 
 def lead(ours: Row, theirs: Row, levels: Sequence[str] = LEVELS) -> float:

@@ -1,4 +1,4 @@
-"""Where everything is judged from: forty views of three kinds, fixed for a scene, and the cameras of its capture.
+"""The views from which everything is judged: forty of three kinds, fixed for a scene, and the cameras of its capture.
 
     orbit     from 1.8 radii at 18 degrees, from 4 radii at 25, from 1.8 radii at 65: four views each
     near      from 1.0 radii at 12 degrees, from 0.6 at 10: four views each

@@ -56,7 +56,7 @@ class Watch:
 
 
 def _table() -> tuple[dict[int, int], dict[int, float]]:
-    """Of each process its parent, and its processor time, seconds."""
+    """The parent of each process, and its processor time, seconds."""
     parents, times = {}, {}
     tick = os.sysconf("SC_CLK_TCK") if hasattr(os, "sysconf") else 100
     for path in _PROCESSES.glob("[0-9]*/stat"):

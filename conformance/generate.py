@@ -150,8 +150,8 @@ def _write(files: Files, stale: list[str], left: list[Path]) -> None:
 def main(arguments: list[str]) -> int:
     """Write all vectors, or with ``--check`` compare them; returns the exit status."""
     parser = argparse.ArgumentParser(prog="python -m conformance.generate")
-    parser.add_argument("--check", action="store_true", help="compare, write nothing")
-    parser.add_argument("--only", nargs="+", default=[], metavar="ID", help="patterns of ids; without the manifest")
+    parser.add_argument("--check", action="store_true", help="compare with the files there; write nothing")
+    parser.add_argument("--only", nargs="+", default=[], metavar="ID", help="patterns of ids; makes no manifest")
     options = parser.parse_args(arguments)
     files, ids = generated(options.only)
     if not ids:

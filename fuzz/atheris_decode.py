@@ -25,7 +25,7 @@ FILES = [seed.data for seed in corpus()]
 
 
 def one_input(data: bytes) -> None:
-    """What libFuzzer calls: anything but a return is a finding."""
+    """The function that libFuzzer calls: anything but a return is a finding."""
     decoded(data)
     validated(data)
     dumped(data)

@@ -1,8 +1,9 @@
 """A mutation campaign: damaged files through decode, truncate and validate, under limits of memory and time.
 
 ``python -m fuzz.campaign --count 100000 --seed 1 --jobs 2`` prints and saves (``--out``) counts per operator, outcome
-and refusal id, the slowest and hungriest inputs, and findings: anything but a result or a ScarError, more than 5 s, or
-more than 512 MiB. The bytes of findings go to ``fuzz/findings/``. Input n of seed S is always the same file.
+and refusal id, the slowest and hungriest inputs, and findings: anything but a result or a ScarError, more than 5 s of
+the processor, or more than 512 MiB. The bytes of findings go to ``fuzz/findings/``. Input n of seed S is always the
+same file.
 
 ``--kind deep`` changes what sound files say and makes all checksums right, so that most inputs reach the decoder of
 symbols. ``--kind bit-flips`` flips single bits of sound files, each of which must be noticed. ``--compare`` decodes
@@ -35,7 +36,7 @@ from fuzz.inputs import KINDS, Input
 from fuzz.target import decoded, decoded_by, dumped, truncated, validated
 
 SECONDS = 5.0
-"""Per input and question."""
+"""Maximum processor time per input and question, seconds. Other programs on a machine do not count."""
 MEMORY = 512 << 20
 """Per input, for inputs below 1 MiB."""
 HUNG = 60.0
@@ -48,12 +49,12 @@ _TRUNCATE_EVERY = 8
 
 
 class Hang(BaseException):
-    """An input took longer than SECONDS."""
+    """An input took more processor time than SECONDS."""
 
 
 @dataclass
 class Tally:
-    """What a batch came to."""
+    """The totals of a batch."""
 
     inputs: int = 0
     bytes: int = 0
@@ -96,7 +97,7 @@ def _forget_peak() -> None:
 
 @dataclass(frozen=True)
 class Rules:
-    """What is a finding beside exceptions, time and memory.
+    """The rules by which results are findings, beside exceptions, time and memory.
 
     Attributes:
         must_refuse: that validate finds nothing in an input.
@@ -156,7 +157,7 @@ class Runner:
             self._base = 0
 
     def _engines(self, one: Input, tally: Tally) -> None:
-        """Both engines give the same arrays, or refuse with the same id."""
+        """Check that both engines give the same arrays, or refuse with the same id."""
         first, second = (
             self._ask(f"{name} engine", partial(decoded_by, engine=name), one, tally, count=False)
             for name in ("auto", "numpy")
@@ -167,7 +168,7 @@ class Runner:
                 self._found(one, tally, "engines differ", f"in use: {first or 'other values'}, NumPy: {second}")
 
     def _compare(self, one: Input, refusal: str, finding: str, tally: Tally) -> None:
-        """What decoding refuses is not valid; the converse is false, by rules marked (V)."""
+        """Check that a file whose decoding is refused is not valid. The converse is false, by rules marked (V)."""
         if refusal and not finding:
             self._found(one, tally, "disagree", f"decode refuses {refusal}, validate finds nothing")
         if self._rules.must_refuse and not finding:
@@ -179,8 +180,8 @@ class Runner:
     def _ask(
         self, what: str, act: Callable[[bytes], str], one: Input, tally: Tally, count: bool = True
     ) -> str | None:
-        signal.setitimer(signal.ITIMER_REAL, SECONDS)
-        start = time.perf_counter()
+        signal.setitimer(signal.ITIMER_PROF, SECONDS)
+        start = time.process_time()
         answer: str | None = None
         try:
             answer = act(one.mutant.data)
@@ -189,8 +190,8 @@ class Runner:
         except Exception as error:
             self._found(one, tally, f"{what}: {type(error).__name__}", traceback.format_exc(limit=-6))
         finally:
-            signal.setitimer(signal.ITIMER_REAL, 0)
-        spent = time.perf_counter() - start
+            signal.setitimer(signal.ITIMER_PROF, 0)
+        spent = time.process_time() - start
         tally.seconds += spent
         if not tally.slowest or len(tally.slowest) < _KEPT or spent > tally.slowest[-1][0]:
             tally.slowest = sorted([*tally.slowest, (round(spent, 4), f"{what} {one.name}")], reverse=True)[:_KEPT]
@@ -224,7 +225,7 @@ def _work(
     results: Any,
     progress: Synchronized[int],
 ) -> None:
-    signal.signal(signal.SIGALRM, _on_alarm)
+    signal.signal(signal.SIGPROF, _on_alarm)
     _limit_memory()
     runner = Runner(make, rules)
     while (batch := batches.get()) is not None:
@@ -373,12 +374,12 @@ def summary(tally: Tally, seconds: float, arguments: argparse.Namespace, files: 
 def main() -> int:
     """Command line; 1 if there are findings."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=20_000, help="inputs")
-    parser.add_argument("--kind", choices=KINDS, default="mutants", help="of damage")
-    parser.add_argument("--compare", action="store_true", help="every input with both engines")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--minutes", type=float, default=float("inf"), help="give out no more work after")
+    parser.add_argument("--count", type=int, default=20_000, help="number of inputs")
+    parser.add_argument("--kind", choices=KINDS, default="mutants", help="kind of damage")
+    parser.add_argument("--compare", action="store_true", help="decode every input with both engines and compare them")
+    parser.add_argument("--seed", type=int, default=1, help="seed of all damage")
+    parser.add_argument("--jobs", type=int, default=2, help="number of processes")
+    parser.add_argument("--minutes", type=float, default=float("inf"), help="minutes after which no work is started")
     parser.add_argument("--out", type=Path, help="result file, JSON")
     parser.add_argument("--one", type=int, help="write input N to stdout instead")
     arguments = parser.parse_args()

@@ -133,8 +133,8 @@ def _keep(folder: Path) -> None:
 def main() -> int:
     """Command line; 1 if there is a report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=5.0, help="of mutants, after all files of the corpus")
-    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--minutes", type=float, default=5.0, help="minutes of mutants, after all files of the corpus")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the mutants")
     parser.add_argument("--inside", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     if arguments.inside is not None:

@@ -1,4 +1,4 @@
-"""What is fuzzed: everything a caller can make of untrusted bytes. Only ScarError may come out."""
+"""The fuzzed functions: everything a caller can make of untrusted bytes. Only ScarError may come out."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ def decoded(data: bytes) -> str:
 
 
 def decoded_by(data: bytes, engine: str) -> str:
-    """What one engine makes of all layers: the SHA-256 of all arrays, types and shapes included, or the refusal id."""
+    """The result of one engine for all layers: the SHA-256 of all arrays, types and shapes included, or the refusal
+    id."""
     try:
         arrays = decode(data, backend=engine).arrays()
     except ScarError as error:

@@ -10,7 +10,7 @@ from scarfmt.neural.operations import NUMPY, Operations
 
 TORCH = ("torch", "cuda")
 BACKENDS = (*NAMES, *TORCH)
-"""What `--backend` takes."""
+"""The values of `--backend`."""
 
 
 def backend(name: str) -> Engine:
@@ -30,7 +30,7 @@ def backend(name: str) -> Engine:
 
 
 def described(name: str) -> str:
-    """What a backend computes with, for people; where it is not the kernel, why."""
+    """The engine of a backend, for people; with the reason if it is not the kernel."""
     if name in TORCH:
         return f"{best_engine().name}, index network by torch on {'CUDA' if name == 'cuda' else 'the CPU'}"
     return engine_described() if name != "numpy" else name

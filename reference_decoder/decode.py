@@ -11,14 +11,13 @@ from functools import cached_property
 from typing import TypeVar, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from reference_decoder import explicit
 from reference_decoder.backends import backend as engine_of
 from reference_decoder.decoded import Decoded, joined, tile_part
-from reference_decoder.dequantise import tile_boxes
+from reference_decoder.region import tiles_meeting
 from reference_decoder.request import DecodeRequest, RequestFields, requested
-from scarfmt.arrays import F64, I64
+from scarfmt.arrays import I64
 from scarfmt.coding.reader import ALL_STREAMS, Act, SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.container.directory import tile_frame
@@ -26,6 +25,7 @@ from scarfmt.container.schema import Profile, Stream
 from scarfmt.container.source import ByteSource, Origin, opened
 from scarfmt.counters import Counters, transfers
 from scarfmt.errors import LimitExceeded
+from scarfmt.limits import Limits
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
 
@@ -84,7 +84,8 @@ def iter_made(
     make: Callable[[Decoded, Counters | None], T],
     counters: Counters | None = None,
 ) -> Iterator[T]:
-    """What `make` makes of each part of :func:`iter_tiles` and the counters of its work, in the thread that decoded it.
+    """The result of `make` for each part of :func:`iter_tiles` and the counters of its work, in the thread that decoded
+    it.
 
     It never makes None.
     """
@@ -99,7 +100,7 @@ def decode_scene(
     counters: Counters | None = None,
     **fields: Unpack[RequestFields],
 ) -> GaussianScene | AnchorModel:
-    """What there is to draw: the `scene` of what :func:`decode` gives, without the exact values in between.
+    """The scene of a file. It equals the `scene` of :func:`decode`, but the exact values are not kept.
 
     Half the memory and the time. Arguments and errors of :func:`decode`; all attributes are needed.
 
@@ -126,10 +127,19 @@ def reader_for(source: ByteSource, request: DecodeRequest) -> SceneReader:
     return SceneReader(source, limits=request.limits, allow_truncated=request.allow_truncated, engine=engine)
 
 
-def tiles_meeting(reader: SceneReader, box: tuple[F64, F64]) -> NDArray[np.bool_]:
-    """(T,) bool: tiles that may have an anchor in a box, given by its lowest and highest corner."""
-    low, high = tile_boxes(reader.lattice, reader.container.tile_table)
-    return np.asarray(((low <= box[1]) & (high >= box[0])).all(axis=1))
+def check_gathered(anchors: int, slots: int, limits: Limits) -> None:
+    """Check that so many anchors of so many slots may be held at once.
+
+    Raises:
+        LimitExceeded: ``limit-gathered``.
+    """
+    for number, most, what in (
+        (anchors, limits.gathered, "anchors"),
+        (anchors * slots, limits.gathered_slots, "Gaussian slots"),
+    ):
+        if number > most:
+            message = f"{number} {what} at once, this reader's limit is {most}: decode a region, fewer layers, or "
+            raise LimitExceeded("limit-gathered", f"{message}tile by tile (iter_tiles), or raise it")
 
 
 def _twice(tiles: Sequence[int]) -> bool:
@@ -159,6 +169,7 @@ class Decoding:
         self.tiles = self._chosen(request.tiles)
         every = request.tiles is None and request.box is None
         self.models = self.reader.models(request.layers, counters, None if every else self.tiles)
+        self.tiles = self._filled()
 
     @classmethod
     def of(cls, source: ByteSource, request: DecodeRequest, counters: Counters | None) -> Decoding:
@@ -171,6 +182,12 @@ class Decoding:
             return chosen
         meets = tiles_meeting(self.reader, self.box)
         return [tile for tile in chosen if meets[tile]]
+
+    def _filled(self) -> list[int]:
+        """The tiles asked for without those of which nothing is said, which would be empty parts."""
+        tiles = np.array(self.tiles, np.int64)
+        found: list[int] = tiles[self.reader.container.have_blocks(len(self.models.model.layers), tiles)].tolist()
+        return found
 
     @property
     def explicit(self) -> bool:
@@ -206,28 +223,22 @@ class Decoding:
         layers = len(self.models.model.layers)
         counts: I64 = self.reader.container.tile_counts(layers, np.array(self.tiles, np.int64)).sum(axis=1)
         anchors, slots = int(counts.sum()), self.reader.header.fields.slots
-        for number, most, what in (
-            (anchors, self.limits.gathered, "anchors"),
-            (anchors * slots, self.limits.gathered_slots, "Gaussian slots"),
-        ):
-            if number > most:
-                message = f"{number} {what} at once, this reader's limit is {most}: decode a region, fewer layers, or "
-                raise LimitExceeded("limit-gathered", f"{message}tile by tile (iter_tiles), or raise it")
+        check_gathered(anchors, slots, self.limits)
         return counts
 
     def parts(self) -> Iterator[Decoded]:
-        """What was asked for, a tile at a time; never an empty part."""
+        """The requested parts, one tile at a time; never an empty part."""
         for _, part in self.each(self._chosen_part):
             if len(part):
                 yield part
 
     def each(self, act: Act[T], tiles: Sequence[int] | None = None) -> Iterator[tuple[int, T]]:
-        """What `act` makes of each tile asked for, or of `tiles`, on as many threads as were asked for."""
+        """The result of `act` for each requested tile, or for `tiles`, on as many threads as were requested."""
         wanted = self.tiles if tiles is None else tiles
         return self.reader.each_tile(self.models, act, wanted, self.streams, self.threads, self.counters)
 
     def made(self, make: Callable[[Decoded, Counters | None], T], tiles: Sequence[int] | None = None) -> Iterator[T]:
-        """What `make` makes of each part that is not empty, in the thread that decoded it.
+        """The result of `make` for each part that is not empty, in the thread that decoded it.
 
         Args:
             make: makes anything but None.

@@ -1,4 +1,4 @@
-"""What a decode gives: the exact values of anchors, and from them a scene (SPEC §9).
+"""The result of a decode: exact values of anchors, and a scene made of them (SPEC §9).
 
 The order of anchors is normative: by tile, then layer of first appearance, then Morton code (SPEC §6.3).
 """
@@ -87,7 +87,7 @@ class Decoded:
 
     @cached_property
     def scene(self) -> GaussianScene | AnchorModel:
-        """What there is to draw: Gaussians, or in the anchor profile a model that makes them for a camera.
+        """The scene to draw: Gaussians, or in the anchor profile a model that makes them for a camera.
 
         Raises:
             InvalidInput: ``input-attributes`` when not all attributes were decoded.
@@ -95,7 +95,7 @@ class Decoded:
         return self.activated()
 
     def activated(self, dtype: type = np.float32, counters: Counters | None = None) -> GaussianScene | AnchorModel:
-        """As `scene`, computed in `dtype`: float64 is the reference of the tolerances (SPEC §9.5).
+        """The `scene` computed in `dtype`. In float64 it is the reference of the tolerances (SPEC §9.5).
 
         Args:
             dtype: of the result.

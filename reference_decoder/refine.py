@@ -32,7 +32,7 @@ _SAMPLES = 1 << 17
 _BASE_RATE, _BAND_RATE = 2.5e-3, 1e-3
 _LOGIT_RATE, _SCALE_RATE, _TURN_RATE, _PLACE_RATE = 0.05, 0.005, 0.002, 0.02
 _LEAST_PART = 0.02
-"""Of the rates, at the end."""
+"""Share of the learning rates that is left at the end."""
 _FIRST_DECAY, _SECOND_DECAY, _EPSILON = 0.9, 0.99, 1e-10
 _SEED = 1
 

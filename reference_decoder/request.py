@@ -1,4 +1,4 @@
-"""What can be asked of a decode: one value that decoding, exporting, the API and the command line share."""
+"""The request of a decode, which decoding, exporting, the API and the command line share."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Box = tuple[Sequence[float], Sequence[float]]
 
 @dataclass(frozen=True, kw_only=True)
 class DecodeRequest:
-    """What to decode of a file, and how. Whatever is asked for, the values are those of decoding the whole file.
+    """The part of a file to decode, and how. The values are those of decoding the whole file.
 
     Attributes:
         layers: layers to decode, from the first; None for all that are there.
@@ -72,7 +72,7 @@ class DecodeRequest:
             return None
         low, high = (np.asarray(corner, np.float64) for corner in self.box)
         if low.shape != (3,) or high.shape != (3,) or not bool((low <= high).all()):
-            raise InvalidInput("input-box", "a box is its 3 lowest and its 3 highest coordinates", field="box")
+            raise InvalidInput("input-box", "a box needs its 3 lowest and its 3 highest coordinates", field="box")
         return low, high
 
 

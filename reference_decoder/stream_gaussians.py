@@ -24,7 +24,7 @@ def stream_gaussians(
     counters: Counters | None = None,
     report: Report = silent,
 ) -> tuple[Described, Iterator[GaussianScene]]:
-    """What holds for the scene of a file, and its Gaussians, a tile at a time.
+    """The properties of the scene of a file, and its Gaussians, one tile at a time.
 
     Args:
         source, request: as for :func:`reference_decoder.decode.decode`; all attributes are needed.

@@ -156,7 +156,7 @@ def baked(
 
 @contextmanager
 def target_of(destination: str | os.PathLike[str] | BinaryIO, force: bool) -> Iterator[BinaryIO]:
-    """What to write a file to: one that appears whole or not at all, or a stream that is open.
+    """The target of a file: one that appears whole or not at all, or an open stream.
 
     Raises:
         InvalidInput: ``output-exists``, ``output-path``.

@@ -66,7 +66,7 @@ def top_of(values: F32) -> Any:
 
 @reduced
 def summed(values: F32) -> Any:
-    """Their sum."""
+    """The sum of the values."""
     total = np.float32(0)
     for k in range(len(values)):
         total += values[k]
@@ -84,7 +84,7 @@ def least_of(values: F32) -> Any:
 
 @compiled
 def first_of_least(values: F32) -> int:
-    """Where the smallest is first."""
+    """The index of the first smallest value."""
     least = least_of(values)
     for k in range(len(values)):
         if values[k] == least:

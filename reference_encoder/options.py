@@ -1,4 +1,4 @@
-"""What a user can ask of the encoder."""
+"""The options of the encoder."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class EncodeOptions:
 
     @property
     def asked_db(self) -> float:
-        """What is asked for: a mean, or the least of all."""
+        """The target: a mean or a least PSNR, dB."""
         return self.quality if self.worst is None else self.worst
 
     @property
@@ -129,7 +129,7 @@ class EncodeOptions:
             message = "archive counts bytes alone, so a bandwidth says nothing: give one of them"
             raise InvalidInput("input-options", message, field="archive")
         if self.decode_budget is not None and self.decode_budget < 0:
-            raise InvalidInput("input-options", f"a budget of {self.decode_budget}: 0 is least", field="decode_budget")
+            raise InvalidInput("input-options", f"decode budget {self.decode_budget} is below 0", field="decode_budget")
         if self.tile_anchors is not None and not MIN_TILE_ANCHORS <= self.tile_anchors <= MAX_ANCHORS_PER_TILE:
             message = f"tiles of {self.tile_anchors}: {MIN_TILE_ANCHORS}..{MAX_ANCHORS_PER_TILE} anchors are possible"
             raise InvalidInput("input-options", message, field="tile_anchors")
@@ -137,7 +137,7 @@ class EncodeOptions:
             message = f"{self.viewpoints} viewpoints: 0..{MAX_VIEWPOINTS} are possible"
             raise InvalidInput("input-options", message, field="viewpoints")
         if self.only_cameras and self.cameras is None:
-            raise InvalidInput("input-options", "only the cameras, but no cameras were given", field="only_cameras")
+            raise InvalidInput("input-options", "only_cameras needs cameras", field="only_cameras")
         pack_metadata(self.metadata)
         for name, choices in (("latent", LATENTS), ("estimator", ESTIMATORS)):
             if getattr(self, name) not in choices:
@@ -148,7 +148,7 @@ class EncodeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class IndexTraining:
-    """What may be spent on training an index network.
+    """The effort of training an index network.
 
     Attributes:
         rows: most rows in the training sample. Many rows seen twice beat few seen often: what codewords of their own
@@ -164,7 +164,7 @@ class IndexTraining:
 
 @dataclass(frozen=True, kw_only=True)
 class PredictorTraining:
-    """What may be spent on training a predictor.
+    """The effort of training a predictor.
 
     Attributes:
         units: hidden units.
@@ -177,7 +177,7 @@ class PredictorTraining:
 
 @dataclass(frozen=True, kw_only=True)
 class Effort:
-    """What an effort level means.
+    """The settings of an effort level.
 
     Attributes:
         sample: vectors the codebooks are trained on.

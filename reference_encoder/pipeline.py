@@ -68,7 +68,7 @@ if TYPE_CHECKING:  # needs torch
 
 @dataclass(frozen=True)
 class Attempt:
-    """What one lambda leads to.
+    """The result of one lambda.
 
     Attributes:
         problem: what there was to decide.
@@ -186,12 +186,12 @@ def measured(scene: GaussianScene | AnchorModel, options: EncodeOptions, report:
 
 
 def attempted(profile: Profile[Any], quality: float, layering: Layering | None = None) -> Attempt:
-    """What is decided at the lambda predicted to give `quality` dB; layers as predicted, or as `layering` has."""
+    """The decision at the lambda predicted to give `quality` dB; layers as predicted, or as in `layering`."""
     return decided(profile, profile.problem(quality), layering)
 
 
 def decided(profile: Profile[Any], problem: Problem, layering: Layering | None) -> Attempt:
-    """What is decided about a problem, layers as predicted or as `layering` has."""
+    """The decision about a problem; layers as predicted, or as in `layering`."""
     profile.report("allocate", 0.0)
     classes = problem.classes.count
     if layering is not None:
@@ -212,7 +212,7 @@ def _attempt(profile: Profile[Any], laid: Laid) -> Attempt:
 
 
 def layered(profile: Profile[Any], problem: Problem, plans: Plans) -> Laid:
-    """What layers hold: a first without holes, and others after it. By their looks, or what is good as a rule.
+    """The content of layers: a first layer without holes, then others. It is chosen from pictures, or by rule.
 
     Args:
         problem, plans: no class is split.
@@ -230,7 +230,8 @@ def layered(profile: Profile[Any], problem: Problem, plans: Plans) -> Laid:
 
 
 def layered_by_rule(problem: Problem, plans: Plans, layers: int) -> Laid:
-    """What at most so many layers, two at least, hold, without a look at them; arguments as of :func:`layered`."""
+    """The content of layers without a look at pictures, for at least two layers. For the arguments see
+    :func:`layered`."""
     first = likely_first(layer_costs(problem, plans), problem.budget.base_share)
     problem, plans, costs = _split(problem, plans, first)
     return Laid(problem, plans, predicted_after(_whole(first), costs, layers), first)
@@ -283,7 +284,7 @@ class Loop:
         return Tries(self.profile.judge(Sight.LOOP), self.profile.options.worst is None)
 
     def attempt(self, aim: float) -> Attempt:
-        """What is decided for an aim, dB. Layers that are good as a rule are laid out at each anew."""
+        """The decision for a target, dB. Layers that follow the rule are laid out anew for each target."""
         problem = self.profile.problem(aim)
         if self._has_layers and not EFFORTS[self.profile.options.effort].looks_at_layers:
             return _attempt(self.profile, layered(self.profile, problem, planned(problem)))
@@ -294,7 +295,8 @@ class Loop:
         return self.profile.shows_layers and self.profile.options.layers > 1
 
     def found(self, scene: QuantisedScene) -> float:
-        """What pictures of a file have of what was asked for, dB. Values that were judged last are not drawn again."""
+        """The figure of a file that is compared with the target, dB. Views that were judged last are not drawn
+        again."""
         if self._judged is None or self._judged[0] is not scene.contents:
             self.profile.report("quality", 0.0)
             self._judged = scene.contents, self.judge.found_db(self.profile.finished(scene))

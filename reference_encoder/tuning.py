@@ -28,7 +28,7 @@ GAUSSIAN_ABSENCE = 10.0
 """Leaving a Gaussian out is so many times worse than the sum of single errors says: neighbours left out err together
 [0003, 0023]."""
 SLOT_ABSENCE = 8.0
-"""As much worse is leaving out a slot of an anchor [0003]."""
+"""Factor by which leaving out a slot of an anchor is worse than changing it [0003]."""
 SIZE_SHARE = 0.7
 """Picture error of a squared error of the log sizes of an anchor's slots, in that of their shape [0003]."""
 METRIC_ANCHORS = 1500
@@ -36,7 +36,7 @@ METRIC_ANCHORS = 1500
 SURVEY_POWER = 2.0
 """Power of the mean over views: 1 is the plain mean, more leans to the views that show a Gaussian most [0023]."""
 SURVEY_SEED = 2023
-"""Of the survey's views; those that judge have others [0023]."""
+"""Seed of the survey's views; judging views have other seeds [0023]."""
 SURVEY_SAMPLES = 19_200
 """Pixels looked at of each view: 160 x 120 of 640 x 480 [0023]."""
 ORBIT_PART, LOCAL_GAUSSIANS, MOST_LOCAL_VIEWS = 1 / 6, 600_000, 768
@@ -56,31 +56,31 @@ smaller ones, which the survey knows better, a share in proportion [0023]."""
 FLOOR_DISTANCE, FLOOR_CONTRAST = 0.1, 0.3
 """How far away that is, radii, and how it contrasts with what is behind it [0023]."""
 INVISIBLE_WEIGHT = 1 / 255
-"""Of a Gaussian in every pixel of the survey at most: what has less is said to be invisible [0023]."""
+"""Maximum weight, in any pixel of the survey, of a Gaussian that counts as invisible [0023]."""
 
 # --- Reaching the quality asked for: judge/ ---
 
 TOLERANCE_DB = 0.25
 """Close enough, dB: as many views from elsewhere differ by as much [0025]."""
 BELOW_WEIGHT = 2.0
-"""What is missing counts so many times as much as what is beyond what was asked by `PROMISED_DB` at most [0031]."""
+"""Weight of falling short of the target, relative to exceeding it by at most `PROMISED_DB` [0031]."""
 PROMISED_DB = 0.5
 """How far off what was asked the finished file may be before networks are trained again, once [0025]."""
 LOOP_SEED, REPORT_SEED = 2025, 2027
-"""Of the views by which results are corrected, and of those by which they are reported [0025]."""
+"""Seeds of the views by which results are corrected, and of those by which they are reported [0025]."""
 JUDGED_SAMPLES = 4800
 """Pixels looked at of each of these views: 80 x 60 of 640 x 480 [0025]."""
 LEAST_JUDGED_VIEWS = 16
-"""Of each kind, however large the scene [0025]."""
+"""Least number of judging views of each kind, whatever the size of the scene [0025]."""
 VIEWS_A_COMPARED, FEWEST_COMPARED = 2, 6
-"""Of how many views of a kind one tells what a later try changes, and how many do at least [0031]."""
+"""One of this many views of a kind shows what a later attempt changes; and the least number that is compared [0031]."""
 MOST_MOVED_DB = 0.5
 """Farther from the last try that all views have judged, all of them judge again [0031]."""
 CLOSE_PART, CLOSE_DEG = 0.02, 2.0
 """How far beside given cameras views are that stand for them: eyes by this part of the scene's radius, directions by so
 many degrees [0025]."""
 MOST_DB, MOST_ABOVE_DB = 70.0, 15.0
-"""What one picture counts for at most, dB, and how far above what was asked at least [0025]."""
+"""Maximum PSNR that one picture counts for, dB; and the least distance of this maximum from the target [0025]."""
 WORST_BELOW_DB = 8.0
 """About how far the 5th percentile lies below the mean: where the search for a floor begins [0025]."""
 KIND_BELOW_DB, LOW_BELOW_DB = 3.0, 5.0
@@ -132,7 +132,7 @@ ROUNDING_ROUNDS = 2
 REST_SHARE = 1.3
 """Errors of view-dependent colour agree between neighbours more than others do: so much more they count [0003]."""
 SHAPE_SHARE = {Stream.SCALE: 1.5, Stream.ROTATION: 1.5}
-"""So do errors of shape [0003]."""
+"""Factors of errors of shape, which agree between neighbours more than other errors do [0003]."""
 GAUSSIAN_COARSEST: dict[Stream, tuple[float, ...]] = {
     Stream.POSITION_RESIDUAL: (1 / 3, 1 / 3, 1 / 3),
     Stream.SCALE: (0.55, 0.6, 1.0),
@@ -145,9 +145,10 @@ ANCHOR_COARSEST: dict[Stream, tuple[float, ...]] = {
     Stream.POSITION_RESIDUAL: (1 / 3,) * 3,
     Stream.SCALE: (0.9,) * 6,
 }
-"""The same factors for the anchor profile [0003]."""
+"""Coarsest useful first cell of each component in the anchor profile [0003]."""
 COARSEST_LATENT = 81.0
-"""Of the latent channel, in codeword lattice units, before it is multiplied by the number of dimensions [0005]."""
+"""Coarsest step of the latent channel in codeword lattice units, to be multiplied by the number of dimensions
+[0005]."""
 MLP_BITS = 10
 """Bits of a weight of an anchor model's networks [0003]."""
 
@@ -179,12 +180,13 @@ FIRST_CAP_DB = 35.0
 PICTURE_DB = 25.4
 """A first picture, dB over all kinds of views: one recognises everything, nobody takes it for the last [0018, 0026]."""
 NEIGHBOURS = 8
-"""Of so many neighbours of a class those that cover most are shown before the others [0026]."""
+"""Number of neighbours of a class among which those that cover most are shown before the others [0026]."""
 FRONT_CLASSES, FRONT_STEP = 3.0, 0.5
 """Over so many classes the part that a first layer shows falls from all to nothing, and in which steps that is tried,
 classes [0026]."""
 FRONT_LAMBDA, MOST_MODEL_SHARE = 100.0, 0.25
-"""Of a first layer that nobody looks at: lambda in that of the last layer, and the most that models may take [0026]."""
+"""Lambda of a first layer chosen without pictures, in lambdas of the last layer; and maximum share of models in it
+[0026]."""
 FEWEST_DIVIDED = 64
 """Anchors of a class that may be shown in part [0026]."""
 WORTH_DB = 1.0
@@ -192,7 +194,7 @@ WORTH_DB = 1.0
 BELOW_DB = 8.0
 """dB that the first picture is at least worse than the last layer [0018]."""
 LARGEST_SHARE = 0.4
-"""Of the bits: a first layer with more is no preview [0018]."""
+"""Maximum share of the bits in a first layer: with more it is no preview [0018]."""
 LARGEST_LAMBDA_RATIO, LAMBDAS = 1e7, 80
 """Lambdas a layer may have: the largest over that of the last layer, and how many [0018]."""
 LOOKS, DB_A_LAMBDA = 3, 0.3
@@ -201,7 +203,7 @@ LOOKS, DB_A_LAMBDA = 3, 0.3
 # --- Latents and codewords: latent/ ---
 
 MAX_DIMENSIONS = 48
-"""Of a linear latent [0005]."""
+"""Maximum dimensions of a linear latent [0005]."""
 CODEWORD_RANGE = 120.0
 """Lattice units that 99.9 % of the latents' coordinates stay within: fine against what the most visible anchors can
 show, coarse enough for short codewords [0005]."""
@@ -214,7 +216,7 @@ ANCHOR_EXTRA_STAGES = 1
 CODEWORD_BITS, DECODER_WEIGHT_BITS = 6.0, 12.0
 """About what a coordinate of a codeword and a weight of the decoder take in a file [0005]."""
 RVQ_DECAY = 0.8
-"""What a codeword keeps of its moving sums from epoch to epoch [0005]."""
+"""Share of its moving sums that a codeword keeps from epoch to epoch [0005]."""
 RVQ_STALE_USES = 1.0
 """A code used less often in an epoch restarts at a badly served vector [0005]."""
 RVQ_PRIOR_USES = 0.02
@@ -223,11 +225,11 @@ INJECT_SHARE, HARD_SHARE = 0.25, 0.5
 """Shares of an autoencoder's steps after which soft injection starts, and quantisation is hard (paper: 10k and 30k of
 40k) [0005]."""
 LEARNED_DECAY = 0.99
-"""What a codeword of an autoencoder keeps of its moving sums from step to step [0005]."""
+"""Share of its moving sums that a codeword of an autoencoder keeps from step to step [0005]."""
 LEARNED_STALE_SHARE = 0.1
 """A code with less than this share of the mean use is stale and restarts at a vector of the batch [0005]."""
 KMEANS_ROUNDS, KMEANS_VECTORS_PER_CODE = 8, 16
-"""Of the start of an autoencoder's codebooks [0005]."""
+"""K-means at the start of an autoencoder's codebooks: rounds, and vectors for each code [0005]."""
 METRIC_VECTORS = 8192
 """Vectors over which a learned decoder is made an isometry on average [0005]."""
 SEARCH_ROUNDS = 4
@@ -238,7 +240,7 @@ Gauss-Newton step, of the mean curvature [0005]."""
 FINEST_UNIT = 1e-5
 """Finer lattices than this share of the vectors' own size only store noise [0005]."""
 PREVIEW = 0.05
-"""What an error counts that the LATENT channel repairs in the end: earlier layers show it [0011]."""
+"""Weight of an error that the LATENT channel repairs in the end: earlier layers show it [0011]."""
 BEAM, FINALISTS = 4, 16
 """Partial choices of codewords kept from stage to stage; whole ones compared by what they really cost [0011]."""
 LEAST_INSIDE = 0.4
@@ -254,8 +256,8 @@ CONTEXT_LATENTS = 16
 NARROWEST_HIDDEN, WIDEST_HIDDEN, INDICES_OF_EIGHT = 6, 64, 75_000
 """Width of the index network: it grows with the square root of the number of indices, 8 for so many [0010]."""
 MOST_INDEX_SHARE = 0.2
-"""Of what indices take under static tables: more than any network saved of it, codewords chosen again included. One
-that takes longer than the transfer of so much is not trained [0030]."""
+"""Maximum saving of an index network, as a share of the indices' bits under static tables, codewords chosen again
+included. A network that decodes for longer than the transfer of this share is not trained [0030]."""
 CODEWORD_DIMS = 24
 """Latent dimensions of a codeword that the index network sees at most [0010]."""
 FINE_WEIGHTS_FROM = 20
@@ -263,7 +265,8 @@ FINE_WEIGHTS_FROM = 20
 SMALLEST_BATCH, LARGEST_BATCH = 64, 1024
 """Rows of a step [0010]."""
 INDEX_LEARNING_RATE, ROUND_LEARNING_RATE = 0.018, 0.01
-"""Of the index network's first training, and of its training in a round of choosing again [0010, 0011]."""
+"""Learning rate of the index network's first training, and of its training in a round of choosing again [0010,
+0011]."""
 ROUND_EPOCHS = 0.25
 """Epochs of a round, of the first training's [0011]."""
 MEASURED_ROWS = 16384
@@ -284,7 +287,7 @@ GRID_INNER_SHARE = 0.98
 AXIS_RESOLUTIONS, WAVE_RESOLUTIONS = (16, 64, 8, 32), (4, 8, 16, 32, 64)
 """Cells along an axis, per level, of learned and of given one-dimensional grids [0010]."""
 GRID_FEATURES = 4
-"""Of a vertex of a learned grid [0010]."""
+"""Features of a vertex of a learned grid [0010]."""
 ANCHORS_PER_CELL = 128
 """Finest 3D cells of a learned grid hold about as many anchors: with fewer, a cell's bits cost more than they save
 [0010]."""
@@ -298,15 +301,15 @@ PREDICTOR_SAMPLE_BYTES = 1 << 28
 PREDICTOR_LEAST_SYMBOLS = 4000
 """Fewer symbols never pay for a network [0009]."""
 PREDICTOR_TABLE_BITS, PREDICTOR_ENTRY_BITS = 24.0, 6.0
-"""What a table and an entry cost after Zstandard [0009]."""
+"""Bits of a table and of one of its entries after Zstandard [0009]."""
 MOST_PREDICTED_SHARE = 0.55
-"""Of what a step of a component takes under static tables: more than predictors save of it. Where the cheapest takes
-longer than the transfer of so much, none is trained [0030]."""
+"""Maximum saving of predictors, as a share of the bits of a step of a component under static tables. If the cheapest
+predictor decodes for longer than the transfer of this share, none is trained [0030]."""
 SKETCH_STRIDE, WIDER_SHARE = 4, 0.15
-"""A predictor without hidden units, trained on one of so many samples in as many times fewer steps, tells about what
-one can save; those with hidden units save at most so much of the static bits more [0030]."""
+"""A predictor without hidden units, trained on one of so many samples in as many times fewer steps, shows about what
+one can save. Those with hidden units save at most so much of the static bits more [0030]."""
 RUN_BITS = 0.1
-"""What a run of symbols in one context is worth: it costs a decoder about 4 microseconds [0009]."""
+"""Worth in bits of a run of symbols in one context: it costs a decoder about 4 microseconds [0009]."""
 LEAST_DEVIATION = 4.0
 """Inputs that hardly vary are not blown up: their weights would not fit in 8 bits beside the others [0009]."""
 WEIGHT_PENALTY_BITS, NEGLIGIBLE_WEIGHT = 24.0, 0.03
@@ -336,10 +339,11 @@ OVERVIEW_ROWS = 262_144
 """Gaussians of all ranges together that tell where the scene is and which way is up [0044]."""
 SAMPLE_ROWS = 131_072
 """Gaussians of all ranges together that what holds for the whole scene is fitted to [0044]."""
-RANGE_VIEWS = {1: 16, 2: 40, 3: 80}
-"""By effort, views of each kind that a range is surveyed from at most; all views of the scene are many more [0044]."""
+RANGE_VIEWS = {1: 40, 2: 80, 3: 160}
+"""By effort, views of each kind that a range is surveyed from at most: as many as a scene of `LOCAL_GAUSSIANS` has from
+near and from inside; a large scene has many more [0044]."""
 MEETING_ROWS = 2048
-"""Gaussians of a range, drawn evenly, that tell which views meet it [0044]."""
+"""Gaussians of a range, drawn evenly, that tell which views meet it, and how much each shows [0044]."""
 JUDGING_RANGES, JUDGED_ROWS = 8, 131_072
 """Ranges that lambda is corrected by, at most, and how many neighbours of each [0044]."""
 LEAST_COVER = 0.02

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from scarfmt.scene.gaussians import AnchorModel, GaussianScene
     from scarfmt.streaming.view import Camera
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "AnchorModel",
@@ -84,7 +84,7 @@ _HOMES = {
     "load_cameras": "scarfmt.render.capture",
     "load_capture": "reference_encoder.training.capture",
 }
-"""Where a name lives that is not one of `scarfmt.api`."""
+"""The module of each public name that is not defined in `scarfmt.api`."""
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""What `import scarfmt` offers: a file opened, decoded, encoded, described, cut short or checked, in one call each.
+"""The functions of `import scarfmt`: open, decode, encode, inspect, truncate or validate a file in one call each.
 
 Files come as a path, a URL, their bytes, or a :class:`~scarfmt.container.source.ByteSource` that is open already.
 What a call costs beyond reading is imported when it is called: torch and numba only by an encode.
@@ -70,7 +70,7 @@ class ScarFile:
 
     @property
     def layers(self) -> tuple[LayerSummary, ...]:
-        """What each layer holds that has arrived whole: all of `header.layers` unless the file is cut short."""
+        """The summary of each complete layer: all of `header.layers`, unless the file is truncated."""
         return tuple(layer for layer in self.header.layers if layer.end_offset <= self.source.size)
 
     @cached_property
@@ -182,7 +182,7 @@ def decode_scene(
     counters: Counters | None = None,
     **fields: Unpack[RequestFields],
 ) -> GaussianScene | AnchorModel:
-    """What there is to draw, in half the time and memory of :func:`decode` and its `scene`; the same numbers.
+    """The Gaussians of a file: the same numbers as ``decode(...).scene``, in half the time and memory.
 
     Arguments and errors are those of :func:`decode`; all attributes are needed.
     """

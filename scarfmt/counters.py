@@ -1,4 +1,4 @@
-"""What a decode did, in numbers that a machine's speed does not change: bytes, symbols, multiply-adds, anchors.
+"""Counts of the work of a decode that do not depend on the machine: bytes, symbols, multiply-adds, anchors.
 
 A decode that is given :class:`Counters` adds to them; without any, nothing is counted. A tile has counters of its own,
 added up in the order of the tiles, so that the result depends neither on threads nor on which array library computes.
@@ -28,7 +28,7 @@ class Coding(StrEnum):
 
 
 class Part(StrEnum):
-    """What multiplies: models with weights."""
+    """Models with weights, whose multiply-adds are counted."""
 
     PREDICTORS = "predictors"
     HASH_GRID = "hash_grid"
@@ -38,14 +38,14 @@ class Part(StrEnum):
     """Products of the index network that are the same for all anchors: made once, whatever is decoded with them."""
     LATENT_DECODER = "latent_decoder"
     SCENE_NETWORKS = "scene_networks"
-    """Of the anchor profile, evaluated when a model is baked."""
+    """Networks of the anchor profile, evaluated when a model is baked."""
 
 
 ALL, CODINGS = tuple(Stream), tuple(Coding)
 
 
 class CountedReader(Protocol):
-    """A reader of one sub-stream that tells how many symbols it has read."""
+    """A reader of one sub-stream that counts the symbols it has read."""
 
     static: int
     uniform: int

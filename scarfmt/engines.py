@@ -1,4 +1,4 @@
-"""Which engine computes: the compiled kernel where there is one, or NumPy (docs/decisions/0016).
+"""The choice of the engine that computes: the compiled kernel if there is one, else NumPy (docs/decisions/0016).
 
 Nothing is imported to say which it is; the engines are when one is asked for.
 """
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from scarfmt.neural.operations import Operations
 
 NAMES = ("auto", "kernel", "numpy")
-"""What :func:`engine_named` takes."""
+"""The names that :func:`engine_named` accepts."""
 
 
 @cache

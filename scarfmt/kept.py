@@ -1,4 +1,4 @@
-"""What is made of an object once and kept with it, for as long as it lives."""
+"""Values that are computed once from an object and kept for as long as the object lives."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Keeper:
     """
 
     def kept(self, make: Callable[Concatenate[Self, P], T], *arguments: P.args, **named: P.kwargs) -> T:
-        """What `make` makes of this object and `arguments`: made at the first call, the same one at later calls.
+        """The result of `make` for this object and `arguments`, computed at the first call and returned by later calls.
 
         Args:
             make: a function or class that lives as long as what it makes is wanted.
@@ -33,5 +33,5 @@ class Keeper:
         return made
 
     def __getstate__(self) -> dict[str, Any]:
-        """What a copy of the object starts with: nothing that was kept, which may hold addresses."""
+        """The state of a copy: it starts without kept values, because these may hold addresses."""
         return {name: value for name, value in self.__dict__.items() if name != "_kept"}

@@ -16,7 +16,7 @@ MAX_SLOTS = 32
 """Scaffold-GS uses 10."""
 
 MAX_SH_DEGREE = 3
-"""What 3DGS and all rival formats store."""
+"""The degree that 3DGS and all rival formats store."""
 
 MAX_LATTICE_BITS = 32
 """Below a micrometre over a kilometre; lattice coordinates fit in 32 bits."""
@@ -34,7 +34,7 @@ MAX_PAGE_BITS = 16
 """A page of so many tiles is read at once: at most 1.8 MB."""
 
 MAX_ROOT_BYTES = (1 << 32) - 1
-"""What its field holds."""
+"""The maximum of its field."""
 
 MAX_ANCHORS = 1 << 31
 """Indices fit in 32 bits, signed too."""
@@ -56,7 +56,7 @@ MAX_METADATA_DEPTH = 64
 """Far more than catalogues nest, and far below the recursion that any JSON parser stands."""
 
 MAX_VIEWPOINTS = 64
-"""Of a STREAMING block: a client looks at the few that are nearest."""
+"""Maximum viewpoints of a STREAMING block. A client uses the few nearest ones."""
 
 FREE_ANCHORS = 1 << 16
 """Any file may ask for so many anchors: what a file may ask for beyond grows with its bytes."""
@@ -73,7 +73,7 @@ FREE_WORK = 1 << 32
 
 @dataclass(frozen=True)
 class Limits:
-    """What a reader accepts; a file that declares more is refused with LimitExceeded.
+    """The limits of a reader. A file that declares more is refused with LimitExceeded.
 
     Attributes:
         tiles: in the file. 2^20 of them are 10^9 Gaussians and more.

@@ -1,4 +1,4 @@
-"""What a decoder computes on the way to its values, for someone who wants to compare it with another decoder.
+"""Intermediate values of a decoder, for comparing it with another decoder.
 
 A decode that is given an observer tells it; without one nothing is done. A layer of a tile has an observer of its
 own, called by the one thread that decodes the tile.
@@ -40,7 +40,7 @@ Observe = Callable[[int, int], LayerObserver | None]
 
 
 class ObservedReader(SymbolReader):
-    """Reads one sub-stream, and tells by which tables."""
+    """A reader of one sub-stream that reports the tables it uses."""
 
     def __init__(
         self,

@@ -65,7 +65,7 @@ def test_every_name_can_be_had_and_no_other() -> None:
 
 
 def test_checkers_of_types_see_the_names_that_are_there() -> None:
-    """What is imported for them alone is never run: a name that is missing or wrong there would go unseen."""
+    """Imports for type checkers alone are never run: a name that is missing or wrong there would go unseen."""
     text = (REPOSITORY / "scarfmt" / "__init__.py").read_text(encoding="utf-8")
     block = text.partition("if TYPE_CHECKING:\n")[2].partition('__version__ = "')[0]
     namespace: dict[str, object] = {}

@@ -66,7 +66,7 @@ def test_directory_and_missing_directory_are_refused(tmp_path: Path, name: str) 
 
 
 def test_new_file_has_ordinary_permissions(tmp_path: Path) -> None:
-    """Not the private mode that temporary file helpers give."""
+    """The mode is not the private one that temporary file helpers give."""
     with atomic_write(tmp_path / "out"):
         pass
     (tmp_path / "plain").touch()
@@ -91,7 +91,7 @@ def test_device_is_written_directly() -> None:
 @pytest.mark.skipif(os.name != "posix", reason="POSIX permissions")
 @pytest.mark.parametrize("mode", [0o600, 0o640, 0o755])
 def test_a_replaced_file_keeps_its_permissions(tmp_path: Path, mode: int) -> None:
-    """Also while it is written: what was private never lies open."""
+    """The permissions hold while it is written, too: what was private is never readable."""
     path = tmp_path / "out"
     path.write_bytes(b"old")
     path.chmod(mode)

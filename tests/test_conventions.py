@@ -1,8 +1,9 @@
-"""What every file of the repository keeps to, so that any of them can be read in one sitting."""
+"""Rules that every file of the repository keeps, so that any of them can be read in one sitting."""
 
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 
 from tests.conftest import REPOSITORY
@@ -14,7 +15,10 @@ GENERATED = {"conformance/kaitai/kaitai_scar.py"}
 LANGUAGES = (".py", ".c", ".h", ".js", ".mjs", ".ts", ".sh")
 UNTRACKED = {".venv", "node_modules", "dist"}
 _MARKS = {True: ("#",), False: ("//", "/*", "*")}
-SHIPPED = ("scarfmt", "reference_decoder", "reference_encoder", "conformance", "fuzz", "benchmarks")
+READ_ALONE = ("scarfmt/", "reference_decoder/", "reference_encoder/")
+DEPENDENT = re.compile(r"(The same of|The rest|The other|As :|Of |That of|Those of|And |Also |What )")
+"""Beginnings that refer to something said elsewhere, or hide what the sentence is about."""
+SHIPPED = ("scarfmt", "reference_decoder", "reference_encoder", "conformance", "fuzz", "benchmarks", "release")
 
 
 def _sources() -> list[str]:
@@ -75,6 +79,24 @@ def test_no_file_is_long() -> None:
 def test_no_function_is_long() -> None:
     long = [(name, *one) for name in PYTHON for one in functions(_text(name)) if one[1] > MOST_LINES_OF_A_FUNCTION]
     assert not long
+
+
+def first_sentences(text: str) -> list[str]:
+    """The first line of every docstring, that of constants and attributes included."""
+    found = []
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.Expr(value=ast.Constant(value=str() as docstring)):
+                found.append(docstring.strip().partition("\n")[0])
+    return found
+
+
+def test_docstrings_can_be_read_alone() -> None:
+    """Each names its subject: a reader of "The same of ..." or "What is ..." needs the line before."""
+    assert first_sentences('"""Title."""\nA = 1\n"""Of B."""\n') == ["Title.", "Of B."]
+    checked = [name for name in PYTHON if name.startswith(READ_ALONE)]
+    assert len(checked) > 200
+    assert not [(name, line) for name in checked for line in first_sentences(_text(name)) if DEPENDENT.match(line)]
 
 
 def test_every_package_says_what_is_in_it() -> None:

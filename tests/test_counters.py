@@ -1,4 +1,4 @@
-"""What a decode does, in counts: asking for less does less, and the counts are right.
+"""The counts of a decode: asking for less does less, and the counts are right.
 
 They are compared with what the writer emits, with what another decoder reads symbol by symbol, and with the sizes of
 the products an array library is asked for. Nothing here is timed.
@@ -86,7 +86,7 @@ def together(parts: Sequence[Counters]) -> Counters:
 
 
 def of_tiles(counters: Counters) -> dict[str, Any]:
-    """What tiles take, without what is read and prepared once for all of them."""
+    """The counts of tiles, without what is read and prepared once for all of them."""
     out = dict(vars(counters))
     for once in ("bytes_read", "reads", "model_blocks"):
         del out[once]
@@ -127,7 +127,7 @@ def emitted(scene: QuantisedScene, layer: int) -> tuple[collections.Counter[tupl
 
 @each_scene
 def test_layer_by_layer_the_decoder_reads_the_symbols_the_writer_emits(name: str) -> None:
-    """Of every sub-stream and coding, so that k layers take what k layers hold and no symbol of the others."""
+    """For every sub-stream and coding, k layers take the symbols of k layers and none of the others."""
     scene, data = written(name)
     symbols: collections.Counter[tuple[Stream, Coding]] = collections.Counter()
     products = anchors = visits = 0
@@ -257,7 +257,7 @@ def test_counts_do_not_depend_on_how_it_is_computed(name: str) -> None:
 
 @each_scene
 def test_tiles_alone_take_together_what_all_take(name: str) -> None:
-    """And a tile that is not asked for nothing."""
+    """The counts of single tiles add up to those of all; a tile that is not requested counts nothing."""
     scene, data = written(name)
     whole, parts = Counters(), []
     decode(data, counters=whole)
@@ -320,7 +320,7 @@ def test_attributes_take_the_sub_streams_they_need_and_no_other(name: str) -> No
 
 
 def test_points_cost_few_of_the_symbols_and_bytes() -> None:
-    """What a preview of a static file is for: no colours, no networks."""
+    """A preview of a static file needs no colours and no networks."""
     data = write_scene(random_scene(2, anchors=2000, sh_degree=3))
     whole, part = Counters(), Counters()
     decode(data, counters=whole)
@@ -391,7 +391,7 @@ def test_baking_runs_the_scene_networks_for_every_eye() -> None:
 
 @pytest.mark.parametrize("path", VALID, ids=NAMES)
 def test_looking_at_a_file_reads_its_header_and_opening_it_its_directory(path: Path) -> None:
-    """One read for what `inspect` tells; no block is touched until models or tiles are asked for."""
+    """`inspect` needs one read; no block is read until models or tiles are requested."""
     source = BytesSource(path.read_bytes())
     inspect(source)
     assert source.reads == 1

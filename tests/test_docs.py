@@ -11,6 +11,7 @@ from tests.conftest import REPOSITORY
 
 PAGES = [
     REPOSITORY / "README.md",
+    REPOSITORY / "SPEC.md",
     REPOSITORY / "CONTRIBUTING.md",
     REPOSITORY / "SECURITY.md",
     *sorted((REPOSITORY / "docs").glob("*.md")),
@@ -18,7 +19,10 @@ PAGES = [
 ]
 _MADE = ("fuzz/findings/",)
 """Folders that commands make."""
-_ROOTS = ("scarfmt", "reference_encoder", "reference_decoder", "conformance", "tests", "fuzz", "benchmarks", "docs")
+_ROOTS = (
+    *("scarfmt", "reference_encoder", "reference_decoder", "conformance", "tests", "fuzz", "benchmarks", "docs"),
+    "release",
+)
 
 
 def _slug(heading: str) -> str:

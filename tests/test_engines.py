@@ -42,7 +42,7 @@ def reads_models_only(path: Path) -> bool:
 
 
 def test_every_caller_passes_an_engine() -> None:
-    """One that forgets it would be several times slower, and right: nothing else would tell."""
+    """A caller that forgets it would be several times slower and still right, so no other test would fail."""
     seen = set()
     for path, call, name in calls():
         where = f"{path}:{call.lineno}"
@@ -81,7 +81,7 @@ def test_an_unknown_name_is_refused(make: type) -> None:
 
 
 def in_process(code: str, **environment: str) -> str:
-    """What a process of its own prints."""
+    """The output of a process of its own."""
     kept = {name: value for name, value in os.environ.items() if name != "SCARFMT_KERNEL"}
     command = [sys.executable, "-c", code]
     return subprocess.run(

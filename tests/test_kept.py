@@ -1,4 +1,4 @@
-"""What is kept with an object is one thing, whoever asks for it and however many ask at once."""
+"""A value kept with an object is one thing, whoever asks for it and however many ask at once."""
 
 import copy
 import threading
@@ -17,7 +17,7 @@ THREADS = 4
 
 
 def together(ask):
-    """What `ask` gives to threads that ask at the same time."""
+    """The results of `ask` in threads that ask at the same time."""
     with ThreadPoolExecutor(THREADS) as pool:
         return [asked.result() for asked in [pool.submit(ask) for _ in range(THREADS)]]
 
@@ -37,7 +37,7 @@ def test_what_is_made_once_is_given_again():
 
 
 def test_a_copy_starts_with_nothing_kept():
-    """What is kept may hold addresses of the original's arrays."""
+    """A kept value may hold addresses of the original's arrays."""
     keeper = Keeper()
 
     def make(_):
@@ -63,7 +63,7 @@ def test_threads_that_make_the_same_at_once_are_given_one_thing():
 @needs_kernel
 @pytest.mark.parametrize("ask", ["step", "steps"])
 def test_threads_that_pack_the_same_tables_at_once_are_given_one(ask, monkeypatch):
-    """Of two, one would know what was read and the other be asked whether all tables were used."""
+    """Of two copies, one would know what was read, and the other would be asked whether all tables were used."""
     packed, both, real = PackedStaticTables(StaticTables({})), threading.Barrier(THREADS), PackedTables.of
 
     def slowly(*arguments):

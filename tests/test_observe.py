@@ -33,7 +33,7 @@ def test_looking_changes_nothing() -> None:
 
 
 def test_the_thread_that_decodes_a_tile_asks_for_its_observers() -> None:
-    """So an observer of its own needs no lock."""
+    """An observer of its own therefore needs no lock."""
     reader = SceneReader(BytesSource(write_scene(neural_scene(28, anchors=200, tiles=5))))
     calls: dict[int, set[int]] = {}
 
@@ -61,7 +61,7 @@ def test_embeddings_are_those_of_the_specification() -> None:
 
 
 def test_a_reader_tells_the_frequencies_of_every_group() -> None:
-    """Of a table of one symbol too, which reads nothing; not of a group without symbols."""
+    """A table of one symbol counts, too, although it reads nothing; a group without symbols does not count."""
     key, sure = TableKey(Stream.INDICES, 2, 0, 3), TableKey(Stream.INDICES, 1, 0, 0)
     tables = {
         key: SymbolTable(np.array([-1, 4]), np.array([3, 1])),

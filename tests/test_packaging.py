@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -58,6 +59,23 @@ def test_extras_named_exist(path: Path) -> None:
         assert set((found[1] or found[2]).split(",")) <= set(EXTRAS), found[0]
 
 
-def test_the_version_is_written_once_and_both_distributions_have_it() -> None:
-    assert PROJECT["dynamic"] == ["version"]
-    assert SUITE["version"] == scarfmt.__version__
+def test_the_version_is_written_once_and_others_take_or_repeat_it() -> None:
+    """Distributions take it; the citation and the change log, which people read, repeat it with one date."""
+    assert PROJECT["dynamic"] == SUITE["dynamic"] == ["version"]
+    assert "version" not in json.loads((REPOSITORY / "web" / "package.json").read_text(encoding="utf-8"))
+    citation = (REPOSITORY / "CITATION.cff").read_text(encoding="utf-8")
+    (date,) = re.findall(r"^date-released: ([\d-]+)$", citation, re.M)
+    assert re.findall(r"^version: (\S+)$", citation, re.M) == [scarfmt.__version__]
+    changes = (REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^## \[(.+)\]( - [\d-]+)?$", changes, re.M)
+    assert headings[:2] == [("Unreleased", ""), (scarfmt.__version__, f" - {date}")]
+
+
+def test_the_citation_names_the_paper_as_the_references_do() -> None:
+    cited = (REPOSITORY / "CITATION.cff").read_text(encoding="utf-8")
+    page = (REPOSITORY / "docs" / "references.md").read_text(encoding="utf-8")
+    (title,) = re.findall(r"\*\*(SCAR-GS: .+)\.\*\*", page)
+    assert title in cited
+    assert {name for name in ("Revilla", "Suresh", "Ooi", "Bhojan") if name in cited and name in page} == {
+        "Revilla", "Suresh", "Ooi", "Bhojan",
+    }  # fmt: skip

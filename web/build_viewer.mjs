@@ -3,6 +3,7 @@
 import { copyFileSync, existsSync, mkdirSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { brotliCompressSync, constants, gzipSync } from "node:zlib";
 import { build } from "esbuild";
+import { writeComponents } from "./components.mjs";
 
 const ROOT = import.meta.dirname;
 const PAGE = `${ROOT}/../scarfmt/viewer/page`;
@@ -86,7 +87,5 @@ copyFileSync(`${ROOT}/viewer/viewer.css`, `${PAGE}/viewer.css`);
 // Without a compiler for it there is none, and the page decodes in JavaScript.
 const module = `${ROOT}/dist/scar.wasm`;
 if (existsSync(module)) copyFileSync(module, `${PAGE}/scar.wasm`);
-const bundled = ["three", "@sparkjsdev/spark"];
-const licences = bundled.map((name) => `${name}\n\n${readFileSync(`${ROOT}/node_modules/${name}/LICENSE`, "utf8")}`);
-writeFileSync(`${PAGE}/licences.txt`, licences.join("\n\n"));
+writeComponents(PAGE, metafile, SPARK_MODULE);
 for (const name of readdirSync(PAGE)) if (COMPRESSED.test(name)) compress(name);

@@ -1,1 +1,1 @@
-"""What a decoder must make of a vector, from the scene it was written from: `expect.json` and the files beside it."""
+"""The expected results of a vector, computed from its scene: `expect.json` and the files beside it."""

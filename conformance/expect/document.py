@@ -34,7 +34,7 @@ def vector_class(id_: str) -> str:
 
 
 def expectation(case: Case) -> tuple[dict[str, Any], Extra]:
-    """What ``expect.json`` says of a vector, and its other files by their path in its folder.
+    """The content of ``expect.json`` of a vector, and its other files by their path in its folder.
 
     Raises:
         RuntimeError: the second decoder does not get from the file what its scene holds.
@@ -167,7 +167,7 @@ def _metadata(case: Case) -> dict[str, Any]:
 
 
 def _streaming(case: Case) -> dict[str, Any]:
-    """What clients are told; nothing where they are told nothing, or need not find it."""
+    """The expected STREAMING values; nothing if there are none, or if a decoder need not find them."""
     if case.result != "decoded" or case.scene is None or case.scene.streaming is None:
         return {}
     told = expected_streaming(case.scene.streaming)

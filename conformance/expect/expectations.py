@@ -1,4 +1,4 @@
-"""What a decoder must get from a file, computed from the scene it was written from, not by decoding it.
+"""The values that a decoder must get from a file, computed from the scene it was written from, not by decoding it.
 
 Integers and models are the scene's own. Sums, positions, values and latents follow SPEC §9.1-9.2, one number at a time
 in Python floats, which are binary64; `numpy.float32` rounds to binary32. Features of hash grids are those of
@@ -84,7 +84,7 @@ def expected_metadata(scene: QuantisedScene) -> Any:
 
 
 def expected_streaming(told: Streaming) -> dict[str, Any]:
-    """What clients are told, as PROTOCOL.md has it."""
+    """The expected STREAMING values, in the form of PROTOCOL.md."""
     view = told.view
     numbers = [] if view is None else [*view.position, *view.target, *view.up, view.fov]
     return {

@@ -1,4 +1,4 @@
-"""Where a refused file breaks its rule: the structure of SPEC §5 that an offset of the refusal lies in (R-12.1-2).
+"""The place of a refused file's fault: the structure of SPEC §5 that an offset of the refusal lies in (R-12.1-2).
 
 ``places.json`` names it by vector: ``header`` (its fixed part), ``front`` (all of it, for its CRC), ``summary K`` (of
 layer K), ``root``, ``tiles P`` (tile page P), ``rows K P`` (row page P of layer K), ``block E`` (by number in file

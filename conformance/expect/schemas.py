@@ -96,7 +96,7 @@ def _stages() -> dict[str, Any]:
 
 
 def expect_schema() -> dict[str, Any]:
-    """Of ``expect.json``."""
+    """The JSON schema of ``expect.json``."""
     properties: dict[str, Any] = {
         "format": {"const": FORMAT},
         "id": _ID,
@@ -145,7 +145,7 @@ def _result(result: str, needed: tuple[str, ...], absent: tuple[str, ...]) -> di
 
 
 def manifest_schema() -> dict[str, Any]:
-    """Of ``manifest.json``."""
+    """The JSON schema of ``manifest.json``."""
     vector: dict[str, Any] = _object(
         {
             "id": _ID,

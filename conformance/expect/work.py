@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from conformance.decoders.python.decoder import Decoder
 from conformance.decoders.python.fields import OFFSETS, Payload, stored
@@ -10,6 +11,28 @@ from conformance.decoders.python.fields import OFFSETS, Payload, stored
 _DECODER_MLP, _SCENE_MLP = 4, 5
 Declared = list[tuple[int, int, int]]
 """Layer, tile and count of every TILE block."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The terms of work(k).
+
+    Attributes:
+        models, splits, tiles: the sums that come first.
+        anchors: after layer k.
+        an_anchor: the work of each of them, of the dearest class.
+    """
+
+    models: int
+    splits: int
+    tiles: int
+    anchors: int
+    an_anchor: int
+
+    @property
+    def total(self) -> int:
+        """work(k)."""
+        return self.models + self.splits + self.tiles + self.anchors * self.an_anchor
 
 
 class Work:
@@ -32,19 +55,25 @@ class Work:
 
     def total(self, declared: Declared | None = None) -> int:
         """work(k); `declared` in place of what the directory says."""
+        return self.parts(declared).total
+
+    def parts(self, declared: Declared | None = None) -> Parts:
+        """The terms of work(k); `declared` replaces the counts of the directory."""
         if declared is None:
             declared = [(layer, tile, count) for (layer, kind, tile), (_, count) in self.d.blocks.items() if kind == 16]
         declared = [row for row in declared if row[0] <= self.k and row[2] > 0]
-        total = (1 << 17) * len(self.d.tables[-1]) + (1 << 6) * self._grid_bits()
-        total += sum(map(len, self.d.books.values())) * self._recurrent()
+        models = (1 << 17) * len(self.d.tables[-1]) + (1 << 6) * self._grid_bits()
+        models += sum(map(len, self.d.books.values())) * self._recurrent()
+        splits = tiles = 0
         for _, tile, count in declared:
             depth, shift = self.d.tiles[tile][:2]
-            total += (1 << 16) * 3 * (self.d.lattice_bits - depth - shift) * min(count - 1, 16)
+            splits += (1 << 16) * 3 * (self.d.lattice_bits - depth - shift) * min(count - 1, 16)
         for j in range(1, self.k + 1):
-            total += len({tile for layer, tile, _ in declared if layer <= j}) * self.tile_work(j)
+            tiles += len({tile for layer, tile, _ in declared if layer <= j}) * self.tile_work(j)
         classes = range(self.d.classes(self.k))
-        most = max(sum(self.anchor_work(c, j) for j in range(1, self.k + 1)) for c in classes)
-        return total + sum(count for _, _, count in declared) * (self.result_work() + most)
+        dearest = max(sum(self.anchor_work(c, j) for j in range(1, self.k + 1)) for c in classes)
+        anchors = sum(count for _, _, count in declared)
+        return Parts(models, splits, tiles, anchors, self.result_work() + dearest)
 
     def _grid_bits(self) -> int:
         return sum(level.entries * level.features for level, _ in self.d.grid.levels) if self.d.grid else 0
@@ -122,7 +151,7 @@ class Work:
         return total
 
     def result_work(self) -> int:
-        """What every anchor costs in the end."""
+        """The work of every anchor for the result."""
         total = (1 << 4) * sum(len(channel.rules) for channel in self.d.channels)
         for shape in self.networks:
             total += 2 * sum(rows * columns for rows, columns in shape)

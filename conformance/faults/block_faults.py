@@ -35,7 +35,8 @@ _UNUSED = number(Stream.FRAMING, 0, 0, 0)
 
 
 def table_faults(static: bytes) -> Iterator[Fault]:
-    """Of a file with a TABLES block in layer 1. Faults that need a record of their own have it last, of no use."""
+    """Faults of a file with a TABLES block in layer 1. Faults that need a record of their own add an unused one at the
+    end."""
 
     def records(change: Callable[[Records], Records]) -> bytes:
         return with_tables(static, 1, change)
@@ -86,7 +87,7 @@ def _with_record(data: bytes, body: bytes) -> bytes:
 
 
 def codebook_faults(static: bytes, refined: bytes) -> Iterator[Fault]:
-    """Of a file with codebook 0 only, and of one that first needs codebook 1 in layer 2."""
+    """Faults of a file with codebook 0 only, and of one that first needs codebook 1 in layer 2."""
     payload = next(b.payload for b in blocks_of(static) if b.kind == BlockKind.CODEBOOKS)
     words = unpack_codebooks(payload)[0]
     size, dimension = words.shape
@@ -183,7 +184,8 @@ def _raw(*networks: RawNetwork) -> bytes:
 
 
 def decoder_faults(static: bytes, coloured: bytes) -> Iterator[Fault]:
-    """Of a file of degree 1 and two latent dimensions without COLOUR, and of one of degree 2 and five with it."""
+    """Faults of a file of degree 1 and two latent dimensions without COLOUR, and of one of degree 2 and five with
+    it."""
     kind, good = BlockKind.DECODER_MLP, RawLayer(12, 2)
 
     def decoder(*networks: RawNetwork) -> bytes:
@@ -242,7 +244,7 @@ def _copied(data: bytes, kind: BlockKind, layer: int) -> bytes:
 
 
 def idle_faults(static: bytes, bare: bytes) -> Iterator[Fault]:
-    """Of a file with a codebook and DECODER_MLP, put into one that has neither stages nor LATENT."""
+    """Faults of a codebook and a DECODER_MLP that are put into a file that has neither stages nor LATENT."""
     for name, kind, rule in (("book", BlockKind.CODEBOOKS, "R-7.8-2"), ("mlp", BlockKind.DECODER_MLP, "R-7.9-2")):
         block = next(block for block in blocks_of(static) if block.kind == kind)
         yield (f"{name}-without-stages", f"{kind.name} in a file without stages or LATENT", rule, "unexpected-block",
@@ -250,7 +252,7 @@ def idle_faults(static: bytes, bare: bytes) -> Iterator[Fault]:
 
 
 def scene_faults(anchors: bytes, explicit: bytes) -> Iterator[Fault]:
-    """Of a file of the anchor profile of ten slots and four features, and one of the explicit profile."""
+    """Faults of a file of the anchor profile of ten slots and four features, and of one of the explicit profile."""
     kind = BlockKind.SCENE_MLP
 
     def scene(*networks: RawNetwork) -> bytes:

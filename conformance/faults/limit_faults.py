@@ -119,7 +119,7 @@ def long_last_block(base: bytes, length: int, kind: int, layer: int = 1, start: 
 
 
 def _crowded() -> bytes:
-    """One anchor more than a TILE block may have. They lie in one cell: no symbol tells how many there are."""
+    """One anchor more than a TILE block may have. They lie in one cell, so no symbol gives their number."""
 
     def change(parts: Parts) -> None:
         count = _MAX_TILE_ANCHORS + 1

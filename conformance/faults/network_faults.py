@@ -1,4 +1,4 @@
-"""More invalid vectors of ENTROPY_NETWORK, HASH_GRID and PREDICTORS blocks (SPEC §10.3-§10.6): limits, ends, widths."""
+"""Invalid vectors of ENTROPY_NETWORK, HASH_GRID and PREDICTORS blocks (SPEC §10.3-§10.6): limits, ends, widths."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ def _with_network(data: bytes, network: IndexNetwork) -> bytes:
 
 
 def network_faults(deep: bytes, flat: bytes, equal: bytes, predictors: bytes) -> Iterator[Fault]:
-    """Of networks with attention and two-level heads, with flat heads, as wide as its latent; and of predictors."""
+    """Faults of networks with attention and two-level heads, with flat heads, as wide as the latent; and of
+    predictors."""
     yield from _width_faults(flat)
     yield from _shift_faults(deep, flat)
     yield from _reach_faults(deep)
@@ -305,7 +306,7 @@ def _put(place: int, value: int) -> Numbers:
 
 
 def grid_faults(small: bytes, static: bytes, modes: bytes) -> Iterator[Fault]:
-    """Of a grid of few levels, of a file without a network, and of one whose first layer is of entropy mode 0."""
+    """Faults of a grid of few levels, of a file without a network, and of one whose first layer has entropy mode 0."""
     rule = "R-10.6-1", "bad-grid"
     levels = len(_numbers(small)) // 4 - 1
     yield ("grid-no-level", "a grid of no levels", *rule, _no_level(small, -levels))
@@ -395,11 +396,12 @@ def _word_more(rest: bytes) -> bytes:
 
 
 def predictor_faults(base: bytes, edge: bytes, alone: bytes) -> Iterator[Fault]:
-    """Of the vectors `predictors`, `predictors-edge` and `predictors-alone`, which has no ROTATION."""
+    """Faults of the vectors `predictors`, `predictors-edge` and `predictors-alone`, which has no ROTATION."""
     head, fit = ("R-10.3-1", "bad-predictor"), ("R-10.3-3", "bad-predictor")
 
     def byte(place: int, value: int) -> bytes:
-        """Of the first record: stream 1, component 2, step 3, b1 4, b2 5, classes 6, inputs 7, units 8."""
+        """Change a byte of the first record: stream 1, component 2, step 3, b1 4, b2 5, classes 6, inputs 7, units
+        8."""
         return changed(base, _PREDICTORS, 1, lambda p: p[:place] + bytes([value]) + p[place + 1 :])
 
     def edited(change: Callable[[tuple[Predictor, ...]], tuple[Predictor, ...]], data: bytes = base) -> bytes:

@@ -94,7 +94,8 @@ def _word_before_indices(payload: bytes) -> bytes:
 
 
 def _header_faults(deep: bytes) -> Iterator[Fault]:
-    """Of a network of 12 bits, own inputs and attention, C 3, A 6, 2 depths, L 3, no grid, R 5, 2 recurrent layers."""
+    """Faults of a network of 12 bits, own inputs and attention, C 3, A 6, 2 depths, L 3, no grid, R 5, 2 recurrent
+    layers."""
 
     def network(change: Callable[[bytearray], object]) -> bytes:
         def edit(content: bytes) -> bytes:
@@ -288,7 +289,7 @@ def _moved(data: bytes) -> bytes:
 
 
 def _grid_faults(base: bytes) -> Iterator[Fault]:
-    """Of a grid whose box, levels and level count take five bytes, then four or more a level."""
+    """Faults of a grid whose box, levels and level count take five bytes, then four or more a level."""
 
     def grid(change: Callable[[bytes], bytes]) -> bytes:
         return changed(base, BlockKind.HASH_GRID, 1, change)
@@ -308,7 +309,7 @@ def _grid_faults(base: bytes) -> Iterator[Fault]:
 
 
 def _streams_at(base: bytes) -> int:
-    """Where in the HASH_GRID block the first stream's probability stands."""
+    """Offset of the first stream's probability in the HASH_GRID block."""
     payload = next(block.payload for block in blocks_of(base) if block.kind == BlockKind.HASH_GRID)
     at, numbers = 0, 5 + 4 * payload[4]
     while numbers:

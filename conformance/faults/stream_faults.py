@@ -85,7 +85,7 @@ def _framed(records: list[tuple[int, int, int]], rest: bytes, count: int | None 
 
 
 def _table_faults(base: bytes) -> Iterator[Fault]:
-    """Of the table of sub-streams: what a record says does not matter where another rule comes first."""
+    """Faults of the table of sub-streams. The content of a record is not read if another rule comes first."""
 
     def tile(change: Callable[[list[tuple[int, int, int]], bytes], bytes]) -> bytes:
         def edit(payload: bytes) -> bytes:
@@ -349,7 +349,7 @@ def _range_faults() -> Iterator[Fault]:
 
 
 def _reach_faults() -> Iterator[Fault]:
-    """Of residuals that are -5 fifths of a cell."""
+    """Faults of residuals that are -5 fifths of a cell."""
     residuals = Channel(Stream.POSITION_RESIDUAL, (0.2,) * 3, (PLAIN,) * 3)
     channels = (residuals, channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN))
     rows = (LayerRow((0,), ((1, 1),)), LayerRow((0,), ((1, 2),)), LayerRow((0,), ((2, 2),)))

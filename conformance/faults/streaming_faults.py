@@ -74,7 +74,7 @@ def streaming_faults() -> Iterator[Case]:
 
 
 def streaming_either() -> Iterator[Case]:
-    """What only a validator sees: blocks where none belongs, a count, and content that nobody asks for."""
+    """Faults that only a validator sees: blocks where none belongs, a count, and content that no decoder must read."""
     plain, told = plain_file(), streaming_scene().streaming
     assert told is not None
     payload = streaming_block(told)

@@ -50,7 +50,7 @@ class Record:
 
 
 Records = list[Record]
-"""Of a block, by ascending key where it is sound."""
+"""The records of a block, by ascending key if it is sound."""
 
 
 def number(stream: int, component: int, step: int, context: int) -> int:

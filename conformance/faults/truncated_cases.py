@@ -1,4 +1,4 @@
-"""What an editor makes of a file for fewer layers (SPEC §14), and files whose end did not arrive (§5.1-§5.3)."""
+"""Files that an editor cuts to fewer layers (SPEC §14), and files whose end did not arrive (§5.1-§5.3)."""
 
 from __future__ import annotations
 

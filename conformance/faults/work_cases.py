@@ -40,7 +40,7 @@ def work_cases() -> Iterator[Case]:
 
 
 def _wide_scene(count: int) -> QuantisedScene:
-    """Anchors that nothing tells apart, and a DECODER_MLP of zeros, 1.1 million of them."""
+    """Anchors that nothing distinguishes, and a DECODER_MLP of zeros, 1.1 million of them."""
     plan = Plan(
         "work", (channel(Stream.SCALE, 0.5, PLAIN, PLAIN, PLAIN),), (LayerRow((1,), ((1,),)),), (Tile(0, 1, 0),),
         (count,), bits=1, dimension=_WIDTHS[0], codewords=(1, 1), constant=True,

@@ -48,7 +48,7 @@ _RUNS = WriteOptions(frames=dict.fromkeys(_KINDS, FrameStyle(BlockForm.RUNS)))
 
 
 def work_pairs() -> Iterator[Case]:
-    """Of scenes that together have every term of the formula."""
+    """Pairs of scenes that together have every term of the formula."""
     for name, plan, width in _PLANS:
         data = vector_file(_costly(build(plan), width), options=_RUNS)
         within, beyond = _pair(data)

@@ -40,7 +40,7 @@ Acquire::Languages "none";
 
 
 class Unavailable(Exception):
-    """What this machine lacks to emulate another."""
+    """This machine cannot emulate another; the message names what is missing."""
 
 
 @dataclass(frozen=True)

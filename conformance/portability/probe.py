@@ -1,4 +1,4 @@
-"""What a machine is and what decodes there, as JSON: run in the system that is emulated."""
+"""The description of a machine and the result of decoding there, as JSON: run in the emulated system."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ class _Told:
 
 
 def page_section(results: dict[str, Any]) -> str:
-    """What the page shows of the results."""
+    """The results as the section of the page."""
     head = ("processor", "byte order", "kernel", "Python, numpy",
             "decoded", "exact arrays", "refused", "either", "failed", "run")  # fmt: skip
     rows = [
@@ -144,8 +144,8 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m conformance.portability")
     names = [emulated.name for emulated in MACHINES]
     parser.add_argument("--machines", nargs="+", choices=names, default=names, help="processors [default: all]")
-    parser.add_argument("--kernel", choices=("both", "with", "without"), default="both", help="how to decode")
-    parser.add_argument("--only", nargs="+", default=[], metavar="GLOB", help="only vectors whose ids fit")
+    parser.add_argument("--kernel", choices=("both", "with", "without"), default="both", help="the compiled kernel")
+    parser.add_argument("--only", nargs="+", default=[], metavar="GLOB", help="only vectors whose ids match")
     parser.add_argument("--no-write", action="store_true", help="JSON goes to build/bench/ only")
     options = parser.parse_args(arguments)
     suite = load_suite(find_suite(str(REPOSITORY / "conformance")))

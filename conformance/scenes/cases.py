@@ -1,4 +1,4 @@
-"""What a vector is before it is written: the bytes, and what a decoder must make of them."""
+"""A vector before it is written: its bytes, and the results that a decoder must give."""
 
 from __future__ import annotations
 

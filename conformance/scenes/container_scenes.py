@@ -49,7 +49,7 @@ def root_scene() -> QuantisedScene:
 
 @cache
 def crowd_scene(counts: tuple[int, ...]) -> QuantisedScene:
-    """Explicit profile: tiles of one cell, which tell no anchor from another; every table has one symbol.
+    """Explicit profile: tiles of one cell, which do not distinguish anchors; every table has one symbol.
 
     Args:
         counts: anchors of each tile, at most 8 of them.
@@ -77,8 +77,8 @@ PAGED_TILES = (
     Tile(1, 27, 0), Tile(2, 26, 9), Tile(2, 25, 16), Tile(5, 20, 0o21000), Tile(1, 29, 3),
     Tile(21, 8, (4 << 60) + 12345), Tile(21, 11, (1 << 63) - 1),
 )  # fmt: skip
-"""Of depths that differ within a page and from page to page: some begin where the one before ends, the last at the end
-of all codes."""
+"""Tiles of depths that differ within a page and from page to page. Some begin where the one before ends; the last ends
+at the end of all codes."""
 
 
 @cache

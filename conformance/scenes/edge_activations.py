@@ -25,7 +25,7 @@ _SHORT = 2.0**-80
 
 
 def activation_cases() -> Iterator[Case]:
-    """Of both profiles, each of the class ``edge``."""
+    """Vectors of both profiles, each of the class ``edge``."""
     yield _edge("activation-extremes", "rotations of u and v up to 1.7e38, colours of Y, G and O that cancel",
                 _extremes(), "R-9.3-1", "R-9.4-2")  # fmt: skip
     far = build(_anchors("far", 2.0**900))

@@ -109,7 +109,8 @@ def _latent_cases(rules: Sequence[str]) -> Iterator[Case]:
 
 
 def _exact_predictor(stream: Stream, component: int, step: int, inputs: int, column: int, near: int) -> Predictor:
-    """One whose context tells values of an input apart: near `near` and its negative, or, if that is 0, -128..127."""
+    """A predictor whose context distinguishes values of an input: near `near` and its negative, or, if that is 0,
+    -128..127."""
     weights = np.zeros((2, inputs), np.int32)
     weights[:, column] = 1, -1
     if not near:

@@ -188,7 +188,7 @@ def _scene_mlps(prng: Prng, plan: Plan) -> tuple[QuantisedMlp, ...]:
 
 
 def worked_scene() -> QuantisedScene:
-    """The scene of SPEC appendix B: three anchors, two layers."""
+    """The scene of SPEC §4.2: three anchors, two layers."""
     channels = (
         Channel(Stream.SCALE, (0.5, 0.5, 0.75), (PLAIN, ContextRule(False, 0, 0, -4, 0), PLAIN)),
         Channel(Stream.OPACITY, (0.25,), (PLAIN,)),

@@ -106,7 +106,7 @@ class _Maker:
         return min(max(reach.bit_length() - target.bit_length(), 0), 20)
 
     def biases(self, matrices: list[I64], shift: int, limit: int, target: int) -> I64:
-        """Of a few target units, or such that the worst matrix reaches exactly the limit less 1."""
+        """Biases of a few target units, or such that the worst matrix reaches exactly the limit less 1."""
         reach = np.max([np.abs(matrix).sum(axis=1) for matrix in matrices], axis=0) * self.amax
         room: I64 = limit - 1 - half_step(shift) - reach
         drawn = self.prng.integers(-target, target + 1, len(room)) << shift >> 1

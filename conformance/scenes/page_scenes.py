@@ -22,7 +22,7 @@ _LENGTHS = "R-5.4-12", "R-5.4-15"
 
 
 def paged_cases() -> Iterator[Case]:
-    """Of the class ``valid``."""
+    """Vectors of the class ``valid``."""
     purpose = "seven tiles in pages of two: a page without blocks, two layers with blocks of other pages"
     yield Case("valid/pages", purpose, paged_file(), ("R-5.5-7", "R-5.5-10"), scene=paged_scene())
     plan = replace(neural_plans()["index-two-level"][1], seed="pages neural")
@@ -33,7 +33,7 @@ def paged_cases() -> Iterator[Case]:
 
 
 def page_cases() -> Iterator[Case]:
-    """Of the class ``edge``."""
+    """Vectors of the class ``edge``."""
     tiles = "seven tiles in pages of"
     for bits, what in ((0, "one"), (2, "four"), (16, "65536")):
         yield _case(f"pages-{1 << bits}", f"{tiles} {what}: one page has no blocks, layers have none of another",
@@ -73,7 +73,7 @@ def climbing() -> QuantisedScene:
 
 
 def stairs() -> QuantisedScene:
-    """Every cube begins at the first code of its depth after the cube before, which no gap tells of."""
+    """Every cube begins at the first code of its depth after the cube before, so that no gap shows it."""
     cubes, past = [], 5
     for depth in (21, 3, 21, 17, 2, 21, 20, 1, 4, 21, 1, 9, 21, 2, 13, 1, 21):
         free = 3 * (_DEEPEST - depth)

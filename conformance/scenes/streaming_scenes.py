@@ -1,4 +1,4 @@
-"""Scenes that tell clients what to fetch first (SPEC §7.13)."""
+"""Scenes with a STREAMING block (SPEC §7.13)."""
 
 from __future__ import annotations
 

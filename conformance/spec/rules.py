@@ -1,4 +1,4 @@
-"""Which vectors and tests exercise each rule of SPEC.md: ``python -m conformance.spec.rules [--write | --check]``.
+"""The vectors and tests that exercise each rule of SPEC.md: ``python -m conformance.spec.rules [--write | --check]``.
 
 ``rules.json`` is made from SPEC.md, from ``rules`` and refusal ids in the vectors' ``expect.json``, and from
 ``rule_tests.toml``, which names tests of what no vector can show: duties of encoders, editors and inspectors, and what
@@ -28,13 +28,13 @@ RULES = ROOT / "conformance" / "rules.json"
 TESTS = ROOT / "conformance" / "rule_tests.toml"
 FORMAT = "scar-rules 1"
 _OBLIGATION = re.compile(r"\bMUST\b")
-# It says what the word means.
-_DEFINITION = "are to be read as in RFC 2119"
+# They say what the word means.
+_DEFINITIONS = ("are to be read as in RFC 2119", "; else ID.` |", "holds: ID.` |")
 
 
 @dataclass(frozen=True)
 class Vector:
-    """What ``expect.json`` of a vector says of rules."""
+    """The rules that ``expect.json`` of a vector names."""
 
     id: str
     rules: frozenset[str]
@@ -95,7 +95,7 @@ def coverage(known: list[Vector]) -> dict[str, Any]:
 
 
 def faults(known: list[Vector]) -> list[str]:
-    """What is wrong: uncovered rules and ids, unknown ones, tests that are not there; one line each."""
+    """Faults of the coverage, one line each: uncovered rules and ids, unknown ones, tests that do not exist."""
     return [*_uncovered(known), *_unknown(known), *_missing_tests(), *(f"MUST outside rules: {p}" for p in unruled())]
 
 
@@ -144,10 +144,10 @@ def _functions(path: Path) -> frozenset[str]:
 def unruled() -> list[str]:
     """Beginnings of the paragraphs of SPEC.md that oblige someone outside every rule."""
     out = []
-    for paragraph in re.split(r"\n\n|\n(?=- )", text()):
+    for paragraph in re.split(r"\n\n|\n(?=- |\| )", text()):
         line = " ".join(paragraph.split())
-        rule = re.match(rf"(- )?\*\*{RULE_ID.pattern}\*\*", line)
-        if _OBLIGATION.search(line) and rule is None and _DEFINITION not in line:
+        rule = re.match(rf"(- |\| )?\*\*{RULE_ID.pattern}\*\*", line)
+        if _OBLIGATION.search(line) and rule is None and not any(words in line for words in _DEFINITIONS):
             out.append(line[:80])
     return out
 

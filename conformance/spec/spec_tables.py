@@ -1,4 +1,6 @@
-"""The generated parts of SPEC.md: ``python -m conformance.spec.spec_tables [--write]``.
+"""The generated parts of SPEC.md, and of the page of refusals of the tools.
+
+``python -m conformance.spec.spec_tables [--write]``
 
 A part stands between the lines ``<!-- table:NAME -->`` and ``<!-- end -->``. Without ``--write`` the script only says
 which parts are stale, and fails if any are; tests/conformance/spec/test_spec.py does the same.
@@ -16,8 +18,11 @@ from pathlib import Path
 
 from conformance.decoders.python.decoder import Decoder
 from conformance.expect.work import Work
+from conformance.spec.contents import contents
+from conformance.spec.examples import example_parts
 from conformance.spec.worked import field_table_text, hex_dump, rans_text, value_text, worked_file
 from conformance.spec.worked_network import evaluation_rows, network_rows, table_text
+from conformance.spec.worked_tour import tour_text
 from scarfmt.blocks.codebooks import CODEBOOKS
 from scarfmt.blocks.declare import Record
 from scarfmt.blocks.hash_grid import HASH_GRID
@@ -35,6 +40,8 @@ from scarfmt.scene.streams import channel_table
 
 ROOT = Path(__file__).resolve().parents[2]
 SPEC = ROOT / "SPEC.md"
+TOOLS = ROOT / "docs" / "tool-refusals.md"
+PAGES = (SPEC, TOOLS)
 CODE = ("scarfmt", "reference_decoder", "reference_encoder")
 ERRORS = {"Malformed", "Truncated", "Unsupported", "LimitExceeded", "InvalidInput"}
 # Prefixes, and two ids of calls and sources that promised too much: no bytes of a file can cause them.
@@ -87,11 +94,13 @@ def _tool_ids() -> str:
 
 
 def _work_values() -> str:
-    """work(k) of §13.2 at the last layer of some vectors."""
-    lines = ["| vector | k | work(k) |", "|---|---:|---:|"]
+    """work(k) of §13.2 at the last layer of some vectors, in its four parts."""
+    lines = ["| vector | k | models | splits | tiles | anchors | an anchor | work(k) |", f"|---|{'---:|' * 7}"]
     for id_ in _WORK_OF:
         work = Work(Decoder((ROOT / "conformance" / "vectors" / id_ / "input.scar").read_bytes()))
-        lines.append(f"| `{id_}` | {work.k} | {work.total()} |")
+        parts = work.parts()
+        numbers = (work.k, parts.models, parts.splits, parts.tiles, parts.anchors, parts.an_anchor, parts.total)
+        lines.append(f"| `{id_}` | {' | '.join(map(str, numbers))} |")
     return "\n".join(lines) + "\n"
 
 
@@ -101,7 +110,7 @@ def _numbers(values: tuple[int, ...]) -> str:
     return "\n".join(["```", *lines, "```", ""])
 
 
-def _layouts() -> dict[str, Callable[[], str]]:
+def layouts() -> dict[str, Callable[[], str]]:
     """The layouts of model blocks, from their declarations."""
     declared: dict[str, list[tuple[str, Record]]] = {
         "CODEBOOKS": [("codebooks_block()", CODEBOOKS)],
@@ -124,49 +133,56 @@ def _listings(declared: list[tuple[str, Record]]) -> str:
     return "```\n" + "\n".join(listing(title, record) for title, record in declared) + "```\n"
 
 
-def _parts() -> dict[str, Callable[[], str]]:
+def _parts(text: str) -> dict[str, Callable[[], str]]:
     structures = {name: (lambda name=name: markdown_table(name)) for name in STRUCTURES}
     return {
         **structures,
+        "contents": lambda: contents(text),
         "channels": channel_table,
         "element-counts": element_table,
-        **_layouts(),
-        "tool-ids": _tool_ids,
+        **layouts(),
         "work": _work_values,
+        "worked-tour": lambda: tour_text(worked_file()),
         "worked-hex": lambda: hex_dump(worked_file()),
         "worked-fields": lambda: field_table_text(worked_file()),
         "worked-rans": lambda: rans_text(worked_file()),
         "worked-values": value_text,
         "TANH": lambda: _numbers(tables.TANH),
         "SIGMOID": lambda: _numbers(tables.SIGMOID),
+        **example_parts(),
         "EXP2": lambda: _numbers(tables.EXP2),
         "worked-network": lambda: table_text(network_rows()),
         "worked-evaluation": lambda: table_text(evaluation_rows()),
     }
 
 
-def generated(text: str) -> str:
-    """`text` of SPEC.md with every generated part made anew."""
-    parts = _parts()
+def generated(page: Path) -> str:
+    """The text of one of `PAGES` with every generated part made anew.
+
+    Raises:
+        ValueError: a part is missing, or is none that can be made.
+    """
+    text = page.read_text()
+    parts = _parts(text) if page == SPEC else {"tool-ids": _tool_ids}
     found = {match[1] for match in _PART.finditer(text)}
     if found != set(parts):
-        raise ValueError(f"SPEC.md has the generated parts {sorted(found)}, expected are {sorted(parts)}")
+        raise ValueError(f"{page.name} has the generated parts {sorted(found)}, expected are {sorted(parts)}")
     return _PART.sub(lambda match: f"<!-- table:{match[1]} -->\n{parts[match[1]]()}<!-- end -->\n", text)
 
 
 def main(arguments: list[str]) -> int:
-    """Check SPEC.md, or write it; returns the exit status."""
-    old = SPEC.read_text()
-    new = generated(old)
-    if new == old:
-        print("SPEC.md is up to date")
-        return 0
-    if arguments != ["--write"]:
-        print("SPEC.md is stale: run python -m conformance.spec.spec_tables --write")
-        return 1
-    SPEC.write_text(new)
-    print("SPEC.md written")
-    return 0
+    """Check the pages, or write them; returns the exit status."""
+    made = {page: generated(page) for page in PAGES}
+    stale = [page for page, text in made.items() if page.read_text() != text]
+    for page in stale:
+        if arguments == ["--write"]:
+            page.write_text(made[page])
+            print(f"{page.name} written")
+        else:
+            print(f"{page.name} is stale: run python -m conformance.spec.spec_tables --write")
+    if not stale:
+        print("SPEC.md and the page of tools are up to date")
+    return 0 if arguments == ["--write"] else int(bool(stale))
 
 
 if __name__ == "__main__":

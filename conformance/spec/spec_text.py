@@ -12,12 +12,13 @@ from pathlib import Path
 
 SPEC = Path(__file__).resolve().parents[2] / "SPEC.md"
 RULE_ID = re.compile(r"R-\d+(?:\.\d+)?-\d+")
-_RULE = re.compile(r"^- \*\*(R-[\d.]+-\d+)\*\* (.*?)(?=^- \*\*R-|^#|\n\n|\Z)", re.MULTILINE | re.DOTALL)
+_IN_LIST = r"- \*\*(R-[\d.]+-\d+)\*\* (.*?)(?=^- \*\*R-|^#|\n\n|\Z)"
+# rule | must hold | else; an empty last cell is a rule that no reader detects.
+_IN_TABLE = r"\| \*\*(R-[\d.]+-\d+)\*\* \| ([^\n]*?) \| ([^|\n]*?) ?\|$"
+_RULE = re.compile(rf"^(?:{_IN_LIST}|{_IN_TABLE})", re.MULTILINE | re.DOTALL)
 _IDENTIFIER = re.compile(r"`([a-z]+(?:-[a-z]+)+)`")
 _ROW = re.compile(r"^\| (\d+) \| (\d+) \| (\w+)(?:\[(\d+)\])? \| `(\w+)` \|", re.MULTILINE)
 _REFUSAL_ROW = re.compile(r"^\| `([a-z-]+)` \| (malformed|truncated|unsupported|limit) \| (.*?) \|$", re.MULTILINE)
-# It names ids to order them.
-_ORDER = "R-12.2-1"
 
 
 @dataclass(frozen=True)
@@ -94,12 +95,20 @@ def refusal_classes() -> dict[str, str]:
     return {row[1]: row[2] for row in _REFUSAL_ROW.finditer(text())}
 
 
+def defined(text: str) -> list[tuple[str, str]]:
+    """(id, text on one line) of every rule of a part of SPEC.md, in the order of the text, whether list or table."""
+    out = []
+    for listed, body, row, condition, refusal in _RULE.findall(text):
+        line = " ".join(body.split()) if listed else f"{condition.removesuffix('.')}; else {refusal}."
+        out.append((listed or row, line if listed or refusal else condition))
+    return out
+
+
 @cache
 def rules() -> dict[str, Rule]:
     """Every rule by id, in the order of the text."""
     out = {}
-    for rule, body in _RULE.findall(text()):
-        line = " ".join(body.split())
-        printed = [] if rule == _ORDER else [name for name in _IDENTIFIER.findall(line) if name in refusal_classes()]
+    for rule, line in defined(text()):
+        printed = [name for name in _IDENTIFIER.findall(line) if name in refusal_classes()]
         out[rule] = Rule(rule, line, not line.startswith("(V)"), tuple(dict.fromkeys(printed)))
     return out

@@ -1,4 +1,4 @@
-"""The worked file of SPEC.md, appendix B: every byte named, one rANS stream traced, the decoded values listed."""
+"""The worked file of SPEC.md §4 and appendix B: every byte named, one rANS stream traced, the decoded values listed."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def rans_text(data: bytes) -> str:
 
 
 def value_rows() -> list[dict[str, str]]:
-    """One row an anchor and layer decoded to, numbers as text that tells them from their neighbours."""
+    """One row for each anchor and layer decoded to; numbers as text that distinguishes them from their neighbours."""
     rows = []
     for layer, arrays in enumerate(expected_layers(worked_scene()), start=1):
         for anchor in range(len(arrays["code"])):

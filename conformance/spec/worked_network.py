@@ -32,7 +32,7 @@ BOOKS = Codebooks(
 )
 FINE_VALUES = (700, -4100, 20000)
 FIRST_INDEX = 2
-"""Of stage 1."""
+"""The first index of the worked example, of stage 1."""
 
 Rows = Iterator[tuple[str, str]]
 
@@ -117,7 +117,7 @@ def network_rows() -> Rows:
     yield "Wi of codebook 0", _shown(gru.wi[0])
     yield "Wi of codebook 1", _shown(gru.wi[1])
     yield "Wh", _shown(gru.wh)
-    yield "S_1", _shown(gru.bi[0])
+    yield "bi of stage 1", _shown(gru.bi[0])
     yield "bh", _shown(gru.bh)
     yield "start; shift", f"{_shown(gru.start)}; {gru.shift}"
     assert net.attention is not None
@@ -145,8 +145,8 @@ def evaluation_rows() -> Rows:
     yield "embed1.relu", _shown(net.embed[0](x, 0, net.amax))
     h = net.embedding(x)
     yield "h = embed2.signed", _shown(h)
-    yield "e of codebook 0", _shown(coders[0].words)
-    yield "e of codebook 1", _shown(coders[1].words)
+    yield "words of codebook 0", _shown(coders[0].words)
+    yield "words of codebook 1", _shown(coders[1].words)
     yield from _stage_one(net, coders[0], h)
     yield from _gru_rows(net, coders[0].words[FIRST_INDEX])
     tops = net.history([coders[0].words[FIRST_INDEX]])
@@ -160,8 +160,8 @@ def _books() -> tuple[Any, Any]:
 
 def _stage_one(net: Network, coder: Coder, h: Vector) -> Rows:
     y = net.mixed(h, [])
-    yield "stage 1: c = value.signed(G_0), the share of one state being 256", _shown(net.attend(h, net.history([])))
-    yield "stage 1: y = mixer.relu(h, c)", _shown(y)
+    yield "stage 1: seen = value.signed(start), alpha of one state being 256", _shown(net.attend(h, net.history([])))
+    yield "stage 1: y = mixer.relu(h, seen)", _shown(y)
     yield from _symbol_rows("stage 1", net, coder.head.projections[0], coder.top(y), y)
 
 
@@ -170,7 +170,7 @@ def _symbol_rows(stage: str, net: Network, project: Linear, logits: Vector, y: V
     yield f"{stage}: logits", _shown(logits)
     yield f"{stage}: weights exp2w", _shown([exp2w(max(logits) - logit) for logit in logits])
     c = frequencies(logits)
-    yield f"{stage}: c_0 .. c_n", _shown(c)
+    yield f"{stage}: F_0 .. F_n", _shown(c)
     yield f"{stage}: frequencies", _shown([b - a for a, b in itertools.pairwise(c)])
 
 
@@ -181,16 +181,17 @@ def _gru_rows(net: Network, u: Vector) -> Rows:
     sums = [round_shift(a + b, s) for a, b in zip(px, ph, strict=True)]
     z, r = ([sigmoid12(v) for v in sums[k * width : (k + 1) * width]] for k in (0, 1))
     kept = [round_shift(a * clamp(round_shift(v, s), -2047, 2047), 12) for a, v in zip(r, ph[2 * width :], strict=True)]
-    yield f"token 1: u = e of index {FIRST_INDEX}", _shown(u)
-    yield "token 1: px", _shown(px)
-    yield "token 1: ph", _shown(ph)
-    yield "token 1: arguments of z; r", f"{_shown(sums[:width])}; {_shown(sums[width : 2 * width])}"
-    yield "token 1: z; r", f"{_shown(z)}; {_shown(r)}"
-    yield "token 1: kept", _shown(kept)
+    yield f"stage 1 in recurrent: x = word of index {FIRST_INDEX}", _shown(u)
+    yield "stage 1 in recurrent: px", _shown(px)
+    yield "stage 1 in recurrent: ph", _shown(ph)
+    gates = f"{_shown(sums[:width])}; {_shown(sums[width : 2 * width])}"
+    yield "stage 1 in recurrent: arguments of update; reset", gates
+    yield "stage 1 in recurrent: update; reset", f"{_shown(z)}; {_shown(r)}"
+    yield "stage 1 in recurrent: kept", _shown(kept)
     arguments = [round_shift(a, s) + b for a, b in zip(px[2 * width :], kept, strict=True)]
-    yield "token 1: arguments of n", _shown(arguments)
-    yield "token 1: n", _shown([net.state(v) for v in arguments])
-    yield "token 1: G_1", _shown(net.history([u])[1])
+    yield "stage 1 in recurrent: argument of candidate", _shown(arguments)
+    yield "stage 1 in recurrent: candidate", _shown([net.state(v) for v in arguments])
+    yield "stage 1 in recurrent: new state, history_1", _shown(net.history([u])[1])
 
 
 def _attention_rows(net: Network, h: Vector, tops: Matrix) -> Rows:
@@ -200,11 +201,11 @@ def _attention_rows(net: Network, h: Vector, tops: Matrix) -> Rows:
     scores = [round_shift(dot(q, k), shift) for k in keys]
     weights = [exp2w(max(scores) - score) for score in scores]
     yield "stage 2: q", _shown(q)
-    yield "stage 2: k_0; k_1", _shown(keys)
-    yield "stage 2: v_0; v_1", _shown([value(g, -net.amax, net.amax) for g in tops])
+    yield "stage 2: key_0; key_1", _shown(keys)
+    yield "stage 2: value_0; value_1", _shown([value(g, -net.amax, net.amax) for g in tops])
     yield "stage 2: scores", _shown(scores)
-    yield "stage 2: w_t; alpha_t", f"{_shown(weights)}; {_shown([256 * w // sum(weights) for w in weights])}"
-    yield "stage 2: c", _shown(net.attend(h, tops))
+    yield "stage 2: share_m; alpha_m", f"{_shown(weights)}; {_shown([256 * w // sum(weights) for w in weights])}"
+    yield "stage 2: seen", _shown(net.attend(h, tops))
 
 
 def _stage_two(net: Network, coder: Coder, y: Vector) -> Rows:

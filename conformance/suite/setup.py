@@ -1,5 +1,6 @@
-"""Puts the vectors into the wheel, as one file, and the texts of the licences; pyproject.toml says the rest."""
+"""Gives the wheel its version, the vectors as one file, and the texts of the licences; pyproject.toml says the rest."""
 
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -27,4 +28,6 @@ class BuildWithVectors(build_py):
             shutil.copyfile(REPOSITORY / name, package / name)
 
 
-setup(cmdclass={"build_py": BuildWithVectors})
+# The version of the package beside it, which is not imported: it may not be installed.
+MODULE = (REPOSITORY / "scarfmt" / "__init__.py").read_text(encoding="utf-8")
+setup(version=re.search(r'^__version__ = "(.+)"$', MODULE, re.M)[1], cmdclass={"build_py": BuildWithVectors})

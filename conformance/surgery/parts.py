@@ -54,7 +54,7 @@ def _rows(name: str, data: bytes, start: int, count: int) -> list[Row]:
 
 @dataclass
 class Parts:
-    """What a file says, as rows that can be changed; `blocks` in the order of `entries`.
+    """The contents of a file as rows that can be changed; `blocks` in the order of `entries`.
 
     ROOT and the pages are made from `tiles` and `entries`. Their `offset`s are told to whoever looks, and nothing is
     made from them: blocks lie one after the other. `root_length` and `pages_length` are what the numbers of `header`
@@ -75,14 +75,14 @@ class Parts:
         return self.entries[self.row(kind, layer, tile)]
 
     def row(self, kind: int, layer: int = 1, tile: int | None = None) -> int:
-        """Where that entry stands in the directory."""
+        """The row of that entry in the directory."""
         return next(
             number for number, entry in enumerate(self.entries)
             if (entry["kind"], entry["layer"]) == (kind, layer) and tile in (None, entry["tile"])
         )
 
     def put(self, kind: int, layer: int, change: Callable[[bytes], bytes]) -> None:
-        """Another payload for the first block of `kind` in a layer, made from the one it has."""
+        """Replace the payload of the first block of `kind` in a layer by one made from it."""
         row = self.row(kind, layer)
         self.blocks[row] = change(self.blocks[row])
 
@@ -172,7 +172,7 @@ class Parts:
         return self.joined(made.root.packed(), made.packed_pages())
 
     def joined(self, root: bytes, pages: bytes) -> bytes:
-        """The same, of any bytes for ROOT and for the pages."""
+        """The bytes of the file, with any bytes for ROOT and for the pages."""
         longer = len(root) - self.root_length
         later = longer + len(pages) - self.pages_length
         self.root_length, self.pages_length = len(root), len(pages)

@@ -1,4 +1,4 @@
-"""What a decoder knows of a tile in one layer, as plain integers (SPEC §6.5, §7.5)."""
+"""The values that a decoder knows of a tile in one layer, as plain integers (SPEC §6.5, §7.5)."""
 
 from __future__ import annotations
 

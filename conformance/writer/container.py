@@ -21,7 +21,7 @@ Counts = Sequence[tuple[int, int]]
 
 
 class _Front(NamedTuple):
-    """What the header says about what follows it."""
+    """The header fields about what follows the header."""
 
     tile_count: int
     page_bits: int
@@ -104,7 +104,7 @@ def _count(block: Block, streams: list[int]) -> None:
 
 
 def _header(fields: HeaderFields, front: _Front, counts: Counts) -> bytes:
-    """All of the header but its checksum."""
+    """The header without its checksum."""
     anchors, gaussians = counts[-1] if counts else (0, 0)
     layers = len(counts)
     parts = [

@@ -15,7 +15,7 @@ TOTAL = 1 << TOTAL_BITS
 MAX_TABLE_WEIGHT = TOTAL - 1
 
 Interval = tuple[int, int]
-"""Where the cumulative frequency of a symbol starts, and its frequency."""
+"""The start of a symbol's cumulative frequency, and its frequency."""
 
 
 class Table(NamedTuple):

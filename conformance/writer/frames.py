@@ -35,11 +35,11 @@ _MATCH_CODES = (
 )
 
 Frame = Callable[[bytes], bytes]
-"""What makes a frame of a content of one byte or more."""
+"""A function that makes a frame of a content of one byte or more."""
 
 
 class BlockForm(Enum):
-    """What the blocks of a frame are."""
+    """The form of the blocks of a frame."""
 
     RAW = "raw"
     RUNS = "runs"

@@ -11,7 +11,7 @@ from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.scene.model import Channel, ContextRule, DecodedContext, LayerRow
 
 Opening = tuple[Sequence[Channel], DecodedContext]
-"""What the LAYER block of layer 1 says once: the channels, and how decoded values are summed up."""
+"""The fields that only the LAYER block of layer 1 has: the channels, and how decoded values are summed up."""
 
 
 def layer_block(row: LayerRow, opening: Opening | None) -> bytes:

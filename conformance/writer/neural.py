@@ -137,7 +137,7 @@ def _put_stage(out: Substream, coder: Coder, ys: list[Vector], indices: Vector) 
 
 
 class _Indices:
-    """What the index network reads of the anchors of a tile."""
+    """The inputs that the index network reads of the anchors of a tile."""
 
     def __init__(self, seen: Seen, models: Models, lattice_bits: int) -> None:
         assert models.network is not None
@@ -153,7 +153,7 @@ class _Indices:
         return [coders[min(t - 1, 1)].words[index[t]] for t in range(1, stage)]
 
     def row(self, a: int, stages: int) -> Vector:
-        """What an anchor adds to the cells it lies in."""
+        """The numbers that an anchor adds to the cells it lies in."""
         books, index = self.models.books, self.anchors.index[a]
         words = [books[min(t - 1, 1)][index[t]] for t in range(1, stages + 1)]
         return self.settled[a] + [sum(word[c] for word in words) for c in range(self.network.latents)]

@@ -1,4 +1,4 @@
-"""What a file may be like that SPEC.md leaves to the encoder."""
+"""The choices of a file that SPEC.md leaves to the encoder."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Renewal(Enum):
     ALWAYS = "always"
     """A new one, of this layer's symbols."""
     REPEATED = "repeated"
-    """As NEEDED; besides, all that are in force are sent again, unchanged."""
+    """As NEEDED, and all tables in force are sent again, unchanged."""
 
 
 @dataclass(frozen=True)

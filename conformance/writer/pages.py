@@ -14,7 +14,7 @@ from conformance.writer.fields import varint
 
 DEEPEST = 21
 PAGE_BITS = 10
-"""What encoders should write."""
+"""The value that encoders should write."""
 TILE = 16
 
 Cube = tuple[int, int, int]
@@ -72,7 +72,7 @@ class RowPage:
 
 @dataclass
 class RootRow:
-    """What ROOT says of a row page; of one that does not exist `row_bytes` is 0, and so is the rest."""
+    """The fields of a row page in ROOT. If the page does not exist, `row_bytes` is 0, and so are the others."""
 
     row_bytes: int = 0
     row_crc32: int = 0
@@ -82,7 +82,7 @@ class RootRow:
 
 @dataclass
 class RootPage:
-    """What ROOT says of a page: of its tiles, and of its row page in every layer."""
+    """The fields of a page in ROOT: of its tiles, and of its row page in every layer."""
 
     gap: int
     tile_bytes: int

@@ -1,4 +1,4 @@
-"""Which tables a layer sends (SPEC §8.3). The rules, in integers:
+"""The tables that a layer sends (SPEC §8.3). The rules, in integers:
 
 A value's weight is its count, scaled so that the largest is top = max(largest count, 7), at most 2^24 - 1:
 w = max((2 * count * top + largest) // (2 * largest), 1). So weights are the counts themselves but where symbols are

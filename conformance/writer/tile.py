@@ -36,7 +36,7 @@ def tile_block(streams: Mapping[int, bytes] | Mapping[Stream, bytes]) -> bytes:
 
 
 def tile_layer(scene: QuantisedScene, layer: int, number: int, models: Models) -> TileLayer:
-    """What a layer says about a tile."""
+    """The content of a tile in a layer."""
     anchors = Anchors(scene, number, layer)
     tile = scene.tiles[number]
     bits = scene.fields.lattice_bits - tile.depth - tile.shift

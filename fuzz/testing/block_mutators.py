@@ -12,7 +12,7 @@ from random import Random
 
 import zstandard
 
-from fuzz.testing.field_mutators import TELLING, NotHere, telling
+from fuzz.testing.field_mutators import SPECIAL_NUMBERS, NotHere, special_number
 from fuzz.testing.parts import RECORD, RECORD_SIZE, Part, Parts, is_file, put_together, records, take_apart
 from scarfmt.container.bytefields import signed_varint, unsigned_varint
 from scarfmt.container.schema import NO_TILE, BlockKind
@@ -65,14 +65,14 @@ def _content(frame: bytes) -> bytes:
 
 
 def _varint(rng: Random) -> bytes:
-    """A varint: telling, random, of a negative number, longer than needed, or without end."""
+    """A varint: of a special value, random, of a negative number, longer than needed, or without end."""
     how = rng.random()
     if how < 0.4:
-        return unsigned_varint(rng.choice(TELLING))
+        return unsigned_varint(rng.choice(SPECIAL_NUMBERS))
     if how < 0.7:
         return unsigned_varint(rng.getrandbits(rng.choice((3, 7, 12, 24, 33, 63))))
     if how < 0.85:
-        return signed_varint(rng.choice((-1, 1)) * rng.choice(TELLING))
+        return signed_varint(rng.choice((-1, 1)) * rng.choice(SPECIAL_NUMBERS))
     return rng.choice((b"\x80\x00", b"\xff" * 9 + b"\x01", b"\xff" * 10 + b"\x02", b"\x80" * 12))
 
 
@@ -99,7 +99,7 @@ def altered(content: bytes, rng: Random) -> bytes:
 
 
 def frame_content(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
-    """What is inside a Zstandard frame, stored anew."""
+    """The content of a Zstandard frame, stored anew."""
     parts = parts_of(data)
     block = _pick(parts, rng, FRAMES)
     block.payload = stored_frame(altered(_content(block.payload), rng))
@@ -152,7 +152,7 @@ def block_count(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
     """`count` of an entry: a TILE block then stands for more anchors, or fewer, and all sums agree."""
     parts = parts_of(data)
     block = _pick(parts, rng, (BlockKind.TILE,) if rng.random() < 0.8 else None)
-    block.count = rng.choice(_COUNTS) if rng.random() < 0.6 else telling(rng, 2, block.count)
+    block.count = rng.choice(_COUNTS) if rng.random() < 0.6 else special_number(rng, 2, block.count)
     return put_together(parts)
 
 

@@ -1,6 +1,6 @@
 """Lies in the fixed fields of a file: header, summaries, sub-stream records (SPEC §5.2, §5.3, §7.1).
 
-Values are small, telling (powers of two and their neighbours), or near the right one.
+Values are small, special (powers of two and their neighbours), or near the right one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scarfmt.container.schema import (
     field_table,
 )
 
-TELLING = (0, 1, 2, 127, 128, 255, 256, 65535, 65536, 1 << 31, (1 << 32) - 1, 1 << 53, 1 << 63, (1 << 64) - 1)
+SPECIAL_NUMBERS = (0, 1, 2, 127, 128, 255, 256, 65535, 65536, 1 << 31, (1 << 32) - 1, 1 << 53, 1 << 63, (1 << 64) - 1)
 """Numbers at which arithmetic goes wrong."""
 
 _NUMBERS = ("nan", "inf", "-inf", "0", "-0.0", "-1", "5e-324", "1e308", "1e-300", "2.0")
@@ -32,11 +32,11 @@ class NotHere(Exception):
     """The file has nothing of what an operator works on."""
 
 
-def telling(rng: Random, size: int, old: int) -> int:
-    """A number of `size` bytes: telling, near `old`, or random."""
+def special_number(rng: Random, size: int, old: int) -> int:
+    """A number of `size` bytes: a special value, near `old`, or random."""
     how = rng.random()
     if how < 0.55:
-        value = rng.choice(TELLING)
+        value = rng.choice(SPECIAL_NUMBERS)
     elif how < 0.85:
         value = old + rng.choice((-9, -4, -1, 1, 2, 4, 8, 100))
     else:
@@ -69,7 +69,7 @@ def _lie(data: bytes, base: int, places: list[tuple[int, int, bool]], rng: Rando
             out[at : at + 8] = struct.pack("<d", float(rng.choice(_NUMBERS)))
         else:
             old = int.from_bytes(out[at : at + size], "little")
-            out[at : at + size] = telling(rng, size, old).to_bytes(size, "little")
+            out[at : at + size] = special_number(rng, size, old).to_bytes(size, "little")
     return bytes(out)
 
 
@@ -99,7 +99,7 @@ def substream_field(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
         raise NotHere
     start = rng.choice(blocks)
     if rng.random() < 0.2 or not data[start]:
-        return data[:start] + bytes([telling(rng, 1, data[start])]) + data[start + 1 :]
+        return data[:start] + bytes([special_number(rng, 1, data[start])]) + data[start + 1 :]
     return _lie(data, start + 1 + RECORD_SIZE * rng.randrange(data[start]), _RECORD, rng)
 
 

@@ -1,4 +1,4 @@
-"""Where ROOT, pages and blocks of a file lie, and where their checksums stand, whatever those say (SPEC §5.4, §5.5)."""
+"""The places of ROOT, pages, blocks and checksums in a file, whatever their values are (SPEC §5.4, §5.5)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Found:
 
 @dataclass(frozen=True)
 class _Listed:
-    """What is read of an entry before it is known where its block lies."""
+    """The fields of an entry that are read before the place of its block is known."""
 
     kind: int
     flags: int
@@ -143,7 +143,7 @@ class Front:
 
 
 def _skipped(reader: Payload) -> int:
-    """Where a CRC is, which is not read."""
+    """The place of a CRC, which is not read."""
     reader.take(4)
     return reader.at - 4
 

@@ -161,7 +161,7 @@ def mutate(data: bytes, seed: int, others: Sequence[bytes] = (), operator: str |
 
 
 def _applied(name: str, data: bytes, rng: Random, others: Sequence[bytes]) -> bytes | None:
-    """What an operator makes of a file; None where it finds nothing to work on."""
+    """The result of an operator for a file; None if it finds nothing to work on."""
     try:
         return OPERATORS[name](data, rng, others)
     except (NotHere, ValueError, IndexError, struct.error):  # not a sound file, or no longer

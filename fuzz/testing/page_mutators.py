@@ -1,6 +1,6 @@
 """Lies in ROOT, tile pages and row pages (SPEC §5.4, §5.5), behind checksums that are right.
 
-Numbers are set to telling ones or their neighbours, as in :mod:`.field_mutators`, or bytes are changed as in
+Numbers are set to special ones or their neighbours, as in :mod:`.field_mutators`, or bytes are changed as in
 :mod:`.block_mutators`; a page may also take the place of another.
 """
 
@@ -13,7 +13,7 @@ from typing import Any
 from conformance.surgery.raw_pages import RawRows, RawTiles
 from conformance.writer.pages import Pages
 from fuzz.testing.block_mutators import altered, parts_of
-from fuzz.testing.field_mutators import NotHere, telling
+from fuzz.testing.field_mutators import NotHere, special_number
 from fuzz.testing.front import PAGE_BITS
 from fuzz.testing.parts import Parts, put_together
 
@@ -28,7 +28,7 @@ def _lie(row: Any, rng: Random) -> None:
     """Some numbers of a row of ROOT set to others."""
     names = [name for name in vars(row) if name in _SIZES]
     for name in rng.sample(names, min(len(names), rng.choice((1, 1, 1, 2)))):
-        setattr(row, name, telling(rng, _SIZES[name], getattr(row, name)))
+        setattr(row, name, special_number(rng, _SIZES[name], getattr(row, name)))
 
 
 def _chosen(items: Sequence[Any], rng: Random) -> Any:
@@ -68,7 +68,7 @@ def _smaller(data: bytes, rng: Random) -> Parts:
 
 
 def page_alike(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:
-    """What ROOT says of a page, or of its rows in a layer, said of another: one beginning, equal bytes."""
+    """Copy a page's fields in ROOT, or those of its rows in a layer, to another page: one beginning, equal bytes."""
 
     def change(pages: Pages) -> None:
         groups: list[tuple[Sequence[Any], tuple[list[str], ...]]] = [
@@ -97,7 +97,7 @@ def _number(columns: Sequence[list[int]], sizes: Sequence[int], rng: Random) -> 
     filled = [(column, size) for column, size in zip(columns, sizes, strict=True) if column]
     column, size = _chosen(filled, rng)
     at = rng.randrange(len(column))
-    column[at] = telling(rng, size, column[at])
+    column[at] = special_number(rng, size, column[at])
 
 
 def tile_number(data: bytes, rng: Random, _: Sequence[bytes]) -> bytes:

@@ -19,7 +19,7 @@ from scarfmt.tools.validate import Finding, Validation, validate
 
 @dataclass
 class SceneValidation:
-    """What was found.
+    """The findings of a validation.
 
     Attributes:
         files: of each file that could be opened, by uri, what was found in it.

@@ -20,7 +20,7 @@ from scarfmt.scene_index.address import SceneFiles
 
 T = TypeVar("T")
 Make = Callable[[int, int, Decoded, Counters | None], T]
-"""Of a file, a number of layers, what was decoded, and the counters of that, something that is not None."""
+"""A function of a file, a number of layers, the decoded part and its counters, whose result is not None."""
 
 MOST_OPEN = 8
 """Files that are open at once."""
@@ -50,7 +50,7 @@ class _Levels:
         self._decodings: dict[int, Decoding] = {}
 
     def made(self, layers: int, tiles: Sequence[int], make: Callable[[Decoded, Counters | None], T]) -> Iterator[T]:
-        """What is made of each tile that has something of what was asked for."""
+        """The result for each tile that holds some of what was requested."""
         if layers not in self._decodings:
             asked = replace(self._request, layers=layers, tiles=self._tiles[layers])
             self._decodings[layers] = Decoding(self._reader.twin(), asked, self._counters)
@@ -72,7 +72,7 @@ class LevelReader:
         self._open: OrderedDict[int, tuple[_Levels, ExitStack]] = OrderedDict()
 
     def made(self, needs: Sequence[Need], make: Make[T], *, by_need: bool) -> Iterator[T]:
-        """What `make` makes of tiles; those without anything of what was asked for are left out.
+        """The result of `make` for tiles; tiles without any of what was requested are left out.
 
         Args:
             needs: tiles, what is needed most first.

@@ -1,4 +1,4 @@
-"""What a scene index says of a file, and an index of several, from their fronts alone."""
+"""Entries of a scene index, and an index of several files, made from their fronts alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Rows = Sequence[Sequence[float]]
 
 
 def listed_file(reader: SceneReader, source: ByteSource, uri: str, transform: Rows | None = None) -> ListedFile:
-    """What an index says of a file; its box is that of its tiles, which no anchor leaves.
+    """The index entry of a file. Its box is that of its tiles, which no anchor leaves.
 
     Args:
         reader: of the file.
@@ -67,7 +67,7 @@ def make_index(
     transforms = transforms or {}
     uris = [_checked_uri(path, folder) for path in paths]
     if len(set(uris)) < len(uris) or not uris:
-        raise InvalidInput("input-scene", "a scene is one file at least, and none of them twice")
+        raise InvalidInput("input-scene", "a scene needs at least one file, and no file twice")
     for uri, rows in transforms.items():
         _check_transform(uri, rows, uris)
     files, kinds = [], []
@@ -92,7 +92,7 @@ def _checked_uri(path: Path, folder: Path) -> str:
 
 def _check_transform(uri: str, rows: Rows, uris: Sequence[str]) -> None:
     if uri not in uris:
-        raise InvalidInput("input-scene", f"a transform of {uri!r}, which is no file of the scene", field=uri)
+        raise InvalidInput("input-scene", f"the transforms name {uri!r}, which is not a file of the scene", field=uri)
     try:
         if len(rows) != 4 or any(len(row) != 4 for row in rows):
             raise ValueError("not 4 rows of 4 numbers")

@@ -1,4 +1,4 @@
-"""Which layers of which tiles a view needs, over all files of a scene."""
+"""The layers of each tile that a view needs, over all files of a scene."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from reference_decoder.decode import reader_for, tiles_meeting
+from reference_decoder.decode import reader_for
+from reference_decoder.region import tiles_meeting
 from reference_decoder.request import DecodeRequest
 from scarfmt.arrays import I64
 from scarfmt.blocks.streaming import Streaming, read_streaming
@@ -24,7 +25,7 @@ from scarfmt.streaming.view import Camera
 
 @dataclass(frozen=True)
 class LevelOfDetail:
-    """What a scene is to look like from one place.
+    """The view of a scene from one place, and its bounds.
 
     Attributes:
         camera: in the coordinates of the scene.
@@ -48,7 +49,7 @@ class Need(NamedTuple):
 
 @dataclass(frozen=True)
 class _Weighed:
-    """What is known of a file that may be in the picture.
+    """The known values of a file that may be in the picture.
 
     Attributes:
         number: of the file.
@@ -67,7 +68,7 @@ class _Weighed:
 
 
 def needs_of(scene: SceneFiles, request: DecodeRequest, view: LevelOfDetail, counters: Counters | None) -> list[Need]:
-    """What a view needs, what it needs most first: the order of the first layer of each tile.
+    """The needs of a view, most needed first: the order of the first layer of each tile.
 
     Files out of the picture are not opened, unless they are to have their first layer. Of what files tell of gains
     use is made where all of them tell it: what is usual is in another unit.
@@ -106,7 +107,7 @@ def needs_of(scene: SceneFiles, request: DecodeRequest, view: LevelOfDetail, cou
 
 
 def _without_gains(told: Streaming | None) -> Streaming | None:
-    """What is told of where tiles are, and not of what they are worth."""
+    """The STREAMING values about the places of tiles, without gains."""
     return None if told is None else replace(told, viewpoints=told.viewpoints[:0], gains=told.gains[:0])
 
 

@@ -10,7 +10,7 @@ from typing import Self, TypeVar, Unpack
 
 import numpy as np
 
-from reference_decoder.decode import iter_made
+from reference_decoder.decode import check_gathered, iter_made
 from reference_decoder.decoded import Decoded
 from reference_decoder.request import DecodeRequest, RequestFields, requested
 from reference_decoder.scenes.levels import LevelReader
@@ -34,7 +34,7 @@ Act = Callable[["ScenePart", Counters | None], T]
 
 @dataclass(frozen=True)
 class ScenePart:
-    """What was decoded of a tile.
+    """The decoded part of a tile.
 
     Attributes:
         file: number of the file, from 0.
@@ -67,12 +67,12 @@ class SceneSet:
 
     @property
     def index(self) -> Index:
-        """What is known of the files before they are opened."""
+        """The scene index: the values known of the files before they are opened."""
         return self.files.index
 
     @property
     def layers(self) -> tuple[ListedLayer, ...]:
-        """What all files together hold after each layer; a file that has fewer counts with all it has."""
+        """The totals of all files after each layer; a file that has fewer layers counts with all it has."""
         return tuple(self.index.layer(number) for number in range(1, self.index.layer_count + 1))
 
     @property
@@ -104,7 +104,8 @@ class SceneSet:
             Malformed, Truncated, Unsupported, LimitExceeded: a file is refused (SPEC §12, §17).
         """
         if order not in ("file", "camera") or (order == "camera" and view is None):
-            raise InvalidInput("input-scene", f"order {order!r}: file, or camera where there is one", field="order")
+            message = f"order {order!r} is unknown: use file, or camera if there is a view"
+            raise InvalidInput("input-scene", message, field="order")
         wanted = requested(request, fields)
         if view is None:
             yield from self.made(lambda part, _: part, wanted, counters)
@@ -113,12 +114,14 @@ class SceneSet:
             yield from self.made_of(needs, lambda part, _: part, wanted, counters, by_need=order == "camera")
 
     def needs(self, view: LevelOfDetail, request: DecodeRequest, counters: Counters | None = None) -> list[Need]:
-        """Which tiles a view needs after how many layers, what it needs most first. Errors of :meth:`iter_tiles`."""
+        """The tiles that a view needs, each with a number of layers, most needed first. Raises as
+        :meth:`iter_tiles`."""
         self._check(request)
         return needs_of(self.files, request, view, counters)
 
     def made(self, act: Act[T], request: DecodeRequest, counters: Counters | None = None) -> Iterator[T]:
-        """What `act` makes of all tiles asked for, file by file, in the threads that decode. It never makes None."""
+        """The result of `act` for all requested tiles, file by file, in the threads that decode. It never returns
+        None."""
         self._check(request)
         for number, listed in enumerate(self.index.files):
             if not meets_box(listed, request):
@@ -137,7 +140,7 @@ class SceneSet:
         *,
         by_need: bool = False,
     ) -> Iterator[T]:
-        """What `act` makes of some tiles, each after its layers; as :meth:`made`."""
+        """The result of `act` for some tiles, each after its layers, by the rules of :meth:`made`."""
         with LevelReader(self.files, request, counters) as reader:
 
             def make(file: int, layers: int, part: Decoded, own: Counters | None) -> tuple[T, ...]:
@@ -159,15 +162,28 @@ class SceneSet:
 
         Raises:
             InvalidInput: ``input-scene`` for anchor models: they are one for each file.
+            LimitExceeded: ``limit-gathered``: all files together hold more than this reader holds at once; where no
+                box and no view leave anything out, before a file is opened.
         """
-        parts = [part.scene for part in self.iter_tiles(request, view, counters=counters, **fields)]
-        found = [part for part in parts if isinstance(part, GaussianScene)]
-        if len(found) < len(parts):
-            raise InvalidInput("input-scene", "anchor models have no fixed Gaussians: read them tile by tile")
+        wanted = requested(request, fields)
+        if view is None and wanted.box is None and wanted.tiles is None:
+            check_gathered(self._anchors(wanted.layers), 1, wanted.limits)
+        found: list[GaussianScene] = []
+        held = 0
+        for part in self.iter_tiles(wanted, view, counters=counters):
+            if not isinstance(part.scene, GaussianScene):
+                raise InvalidInput("input-scene", "anchor models have no fixed Gaussians: read them tile by tile")
+            found.append(part.scene)
+            held += len(part.scene)
+            check_gathered(held, 1, wanted.limits)
         return joined(found, max(file.sh_degree for file in self.index.files))
 
+    def _anchors(self, layers: int | None) -> int:
+        """Anchors of all files after their first layers, as the index has them."""
+        return sum(file.layers[: layers or len(file.layers)][-1].anchors for file in self.index.files)
+
     def inside(self, number: int, request: DecodeRequest, part: Decoded) -> Decoded:
-        """What was decoded of a file, without what is outside of the box of a request once it is placed."""
+        """The decoded part of a file without what lies outside the box of a request, after the file is placed."""
         placement, corners = self.index.files[number].placement, request.corners()
         if placement is None or corners is None or part.positions is None:
             return part
@@ -176,7 +192,7 @@ class SceneSet:
 
     def _check(self, request: DecodeRequest) -> None:
         if request.tiles is not None and len(self.files) > 1:
-            raise InvalidInput("input-tiles", "tiles are those of one file: ask for a box", field="tiles")
+            raise InvalidInput("input-tiles", "tile numbers belong to one file: give a box instead", field="tiles")
         if request.layers is not None and not 1 <= request.layers <= self.index.layer_count:
             message = f"layer {request.layers} asked for, the scene has 1..{self.index.layer_count}"
             raise InvalidInput("input-layers", message)
@@ -190,7 +206,7 @@ class SceneSet:
         part: Decoded,
         counters: Counters | None,
     ) -> tuple[T, ...]:
-        """What `act` makes of what lies in the box of the request; nothing where nothing does."""
+        """The result of `act` for the part in the box of the request; nothing if the part is empty."""
         placement = self.index.files[number].placement
         part = self.inside(number, request, part)
         if not len(part):

@@ -52,7 +52,7 @@ def stream_scene(
     counters: Counters | None = None,
     report: Report = silent,
 ) -> SceneStream[T]:
-    """What a scene holds, or what a view needs of it; all parts have the highest degree of its files.
+    """The Gaussians of a scene, or those that a view needs. All parts have the highest degree of its files.
 
     Args:
         scene: of one file or many.
@@ -70,7 +70,7 @@ def stream_scene(
     index = scene.index
     anchors = any(file.profile == Profile.ANCHOR for file in index.files)
     if anchors and (baking is None or view is not None):
-        raise InvalidInput("input-scene", "anchor models have no fixed Gaussians until they are baked, all of a file")
+        raise InvalidInput("input-scene", "anchor models have no fixed Gaussians: bake whole files")
     degrees = [file.sh_degree for file in index.files if file.profile == Profile.EXPLICIT]
     degree = max([*degrees, baking.sh_degree] if anchors and baking else degrees)
 

@@ -1,1 +1,2 @@
-"""What a file holds: lattice, classes, layers, steps of each channel, contexts; everything priced by lambda."""
+"""The decisions about a file: lattice, classes, layers, steps of each channel, contexts. Lambda is the price of a
+bit."""

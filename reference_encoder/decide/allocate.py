@@ -67,7 +67,7 @@ def classify(importance: F64, lambda_: float, bits: float, limit: int) -> tuple[
 
 
 def bounds_of_classes(importance: F64, lambda_: float, bits: float, limit: int) -> ClassBounds:
-    """What makes classes of anchors; arguments as of :func:`classify`."""
+    """The bounds between classes of anchors. For the arguments see :func:`classify`."""
     least = lambda_ * bits
     worth = importance > least
     if not worth.any():
@@ -84,7 +84,7 @@ def bounds_of_classes(importance: F64, lambda_: float, bits: float, limit: int) 
 
 @dataclass(frozen=True)
 class ClassBounds:
-    """What makes classes of anchors.
+    """The bounds between classes of anchors.
 
     Attributes:
         least: an anchor of at most so much importance is not worth sending.
@@ -292,7 +292,7 @@ def _price_steps(values: F64, weight: F64, finest: F64, logarithm: bool, scale: 
 
 @compiled
 def _first_bits(values: I64, before: I64, told: bool, scale: float) -> float:
-    """Bits of the first step: where the component `before` is told, 16 buckets of it are a context if that pays."""
+    """Bits of the first step. If the component `before` is known, 16 buckets of it are a context where that pays."""
     alone = entropy_bits(values, np.zeros(len(values), np.int64), scale)
     if not told or len(values) == 0:
         return alone
@@ -316,7 +316,7 @@ def hull_choice(bits: F64, error: F64, lambda_: float) -> int:
 
 @dataclass(frozen=True)
 class LatentChain:
-    """What the latent can receive, in order: RVQ stages, then steps of the latent channel.
+    """The refinements of the latent, in order: RVQ stages, then steps of the latent channel.
 
     Attributes:
         stages: M.

@@ -41,7 +41,7 @@ def assembled(
     mlps: tuple[QuantisedMlp, ...] = (),
     slot_layers: I64 | None = None,
 ) -> Quantised:
-    """What a file for `decision` holds.
+    """The quantised scene of a file for `decision`.
 
     Args:
         metadata: JSON-able annotations.
@@ -76,7 +76,7 @@ def assembled(
 
 
 def header_fields(geometry: Geometry) -> HeaderFields:
-    """What the header says of the whole scene."""
+    """The header fields that hold for the whole scene."""
     lattice = geometry.placement.lattice
     return HeaderFields(
         geometry.profile,

@@ -21,8 +21,8 @@ _MOST_BINS = 1 << 20
 """Histograms with more possible entries are made by sorting."""
 
 
-def telling(count: int) -> slice:
-    """Which of so many anchors are enough to choose rules by."""
+def enough_anchors(count: int) -> slice:
+    """A slice of `count` anchors, large enough to choose rules by."""
     return slice(None, None, max(1, count // CONTEXT_ANCHORS))
 
 
@@ -33,7 +33,7 @@ def choose_rules(
 
     Args:
         streams: channels in coding order.
-        firsts: (n, components) first-step values of each, of the anchors :func:`telling`.
+        firsts: (n, components) first-step values of each, of the anchors :func:`enough_anchors`.
         classes: (n,) their class numbers.
         count: how many anchors there are; None for n.
     """

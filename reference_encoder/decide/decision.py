@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reference_encoder.decide.contexts import choose_rules, telling
+from reference_encoder.decide.contexts import choose_rules, enough_anchors
 from reference_encoder.decide.layering import LayerChoice
 from reference_encoder.decide.plans import Plans, layer_costs
 from reference_encoder.decide.problem import Problem
@@ -23,7 +23,7 @@ _ALWAYS = (Stream.SCALE, Stream.COLOUR)
 
 @dataclass(frozen=True)
 class Decision:
-    """What a file will hold.
+    """The decision about the content of a file.
 
     Attributes:
         model: channels, classes and layers.
@@ -59,7 +59,7 @@ def _modelled(problem: Problem, plans: Plans, rows: Sequence[LayerRow]) -> tuple
     classes = problem.classes.of
     finals: dict[Stream, I64] = {}
     firsts: list[I64] = []
-    told = telling(len(classes))
+    some = enough_anchors(len(classes))
     used: dict[int, Stream] = {}
     every = [*plans.channels, plans.latent]
     for index, plan in enumerate(every):
@@ -70,8 +70,8 @@ def _modelled(problem: Problem, plans: Plans, rows: Sequence[LayerRow]) -> tuple
         values, weight = _goal(problem, plans, plan.stream)
         final = final_values(values, weight, classes, (plan.step, steps), problem.budget.lambda_)
         finals[plan.stream] = final
-        firsts.append(coarsen(final[told], np.maximum(steps - 1, 0)[classes[told], None]))
-    rules = choose_rules(list(used.values()), firsts, classes[told], problem.repeat * len(classes))
+        firsts.append(coarsen(final[some], np.maximum(steps - 1, 0)[classes[some], None]))
+    rules = choose_rules(list(used.values()), firsts, classes[some], problem.repeat * len(classes))
     channels = tuple(Channel(every[i].stream, every[i].step, rule) for i, rule in zip(used, rules, strict=True))
     kept = tuple(LayerRow(row.stages, tuple(tuple(s[i] for i in used) for s in row.steps)) for row in rows)
     return SceneModel(problem.geometry.profile, problem.geometry.slots, channels, kept), finals

@@ -55,7 +55,7 @@ EVERYWHERE = (0, 1 << 3 * MAX_TILE_DEPTH)
 
 @dataclass(frozen=True)
 class Placement:
-    """Where each anchor lies.
+    """The place of each anchor.
 
     Attributes:
         lattice: origin, voxel and bits.
@@ -90,7 +90,7 @@ def place_within(
     tile_anchors: int,
     within: tuple[int, int] = EVERYWHERE,
 ) -> Placement:
-    """As :func:`place` does, on a lattice that is given, and with tiles that lie in an interval of the Morton order.
+    """Place anchors as :func:`place` does, on a given lattice, with tiles inside an interval of the Morton order.
 
     Args:
         positions: (N, 3), N >= 1, all in the interval.
@@ -111,7 +111,7 @@ def finest_bits(positions: F64, wanted_step: F64, root: Root, tile_anchors: int)
 
 @dataclass(frozen=True)
 class Cubes:
-    """Where tiles lie.
+    """The cubes of the tiles.
 
     Attributes:
         depth, prefix: (T,) of each tile, ascending.

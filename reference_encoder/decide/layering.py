@@ -1,4 +1,4 @@
-"""What the layers of a file show: by prediction, or by looking (encoder side).
+"""The content of layers, chosen by prediction or from pictures (encoder side).
 
 A layer shows the most important classes at some lambda; later layers show more classes at smaller lambdas. The first is
 the picture somebody sees before the rest has arrived, the last is what `quality` asks for, and in between bytes grow by
@@ -36,14 +36,14 @@ from reference_encoder.tuning import (
 from scarfmt.arrays import F64, I64
 
 Entry = tuple[int, ...]
-"""What a class receives: stages, steps of each channel, LATENT steps."""
+"""The refinements that a class receives: stages, steps of each channel, LATENT steps."""
 Look = Callable[[Sequence[Entry], Sequence[float]], float]
 """From what each class of a layer receives, and the part of each that is there, to how good it looks, dB."""
 
 
 @dataclass(frozen=True)
 class LayerChoice:
-    """What a layer shows.
+    """The choice of what a layer shows.
 
     Attributes:
         lambda_: squared picture error per bit.
@@ -68,7 +68,7 @@ def whole(lambda_: float, shown: int) -> LayerChoice:
 
 @dataclass(frozen=True)
 class LayerCosts:
-    """What layers cost and gain.
+    """The costs and gains of layers.
 
     Attributes:
         plans: channels in coding order.
@@ -106,7 +106,7 @@ class LayerCosts:
         return np.asarray(self.last * np.geomspace(1, LARGEST_LAMBDA_RATIO, LAMBDAS))
 
     def entries(self, choice: LayerChoice) -> list[Entry]:
-        """What each class receives."""
+        """The refinements that each class receives."""
         return [self._increment(klass, choice)[0] for klass in range(choice.shown)]
 
     def bits(self, choice: LayerChoice) -> float:
@@ -151,7 +151,7 @@ class LayerCosts:
 
 @dataclass(frozen=True)
 class Layering:
-    """What layers hold, found at one lambda of the last layer and good for others nearby.
+    """The content of layers, found at one lambda of the last layer and valid for others nearby.
 
     Classes are ranked from the least important up, at steps of importance from what is just worth its bits: where
     lambda changes, it is the most important end that gains or loses a class.
@@ -168,13 +168,14 @@ class Layering:
 
     @classmethod
     def of(cls, classes: int, first: LayerChoice, choices: Sequence[LayerChoice]) -> Layering:
-        """Of the `choices` for all layers, found after classes were split for the `first`."""
+        """Build the layering from the `choices` for all layers, which were found after classes were split for the
+        `first`."""
         last = choices[-1].lambda_
         later = tuple(replace(choice, lambda_=choice.lambda_ / last) for choice in choices[1:-1])
         return cls(classes, replace(first, lambda_=first.lambda_ / last), later)
 
     def parts(self, classes: int) -> tuple[float, ...]:
-        """What the first layer shows of its classes where there are `classes`."""
+        """The parts of its classes that the first layer shows, if there are `classes`."""
         more = classes - self.classes
         return ((1.0,) * more + self.first.parts)[max(-more, 0) :][:classes] or self.first.parts[-1:]
 

@@ -1,4 +1,4 @@
-"""What every increment of every class costs and gains: plans of channels, latent and layers (encoder side)."""
+"""Plans of channels, latent and layers: the cost and gain of every increment of every class (encoder side)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from scarfmt.container.schema import Stream
 
 @dataclass(frozen=True)
 class Plans:
-    """What everything costs and gains.
+    """The costs and gains of all refinements.
 
     Attributes:
         channels: plans of all channels but LATENT, in coding order.
@@ -80,7 +80,7 @@ def position_bits(classes: I64, count: int) -> F64:
 
 
 def layer_costs(problem: Problem, plans: Plans) -> LayerCosts:
-    """What layers cost and gain."""
+    """The costs and gains of layers."""
     classes = problem.classes
     absence = problem.repeat * COARSE_ABSENCE * np.bincount(classes.of, classes.importance, classes.count)
     sizes = np.rint(problem.repeat * np.bincount(classes.of, minlength=classes.count)).astype(np.int64)

@@ -1,4 +1,5 @@
-"""What there is to decide about a scene at one lambda: what a profile hands to the stages that both profiles share."""
+"""The problem of deciding about a scene at one lambda. Each profile states it; both profiles share the stages after
+it."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from scarfmt.container.schema import Profile, Stream
 
 @dataclass(frozen=True, kw_only=True)
 class Geometry:
-    """Where the N anchors lie, and what the header says of them.
+    """The places of the N anchors, and the header fields about them.
 
     Attributes:
         profile, slots, sh_degree: of the file.
@@ -120,7 +121,7 @@ def standing(positions: F64, classes: I64, extent: F64, box: tuple[F64, F64] | N
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
-    """What bits are worth.
+    """The worth of bits.
 
     Attributes:
         lambda_: of the last layer, squared picture error per bit.

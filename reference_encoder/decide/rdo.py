@@ -12,7 +12,7 @@ from reference_encoder.tuning import ROUNDING_ROUNDS
 from scarfmt.arrays import F64, I64
 
 _MOST_VALUES = 1 << 16
-"""A column with a wider range is simply rounded: its histogram would tell nothing."""
+"""A column with a wider range is simply rounded: its histogram would say nothing."""
 
 
 def choose_values(values: F64, weight: F64, classes: I64, lambda_: float, units: F64 | None = None) -> I64:

@@ -1,4 +1,4 @@
-"""What the codewords of a scene are to reproduce: its latents, kept beside the quantised scene (encoder side).
+"""The targets of codewords: the latents of a scene, kept beside the quantised scene (encoder side).
 
 Indices and LATENT values can then be chosen again when something better than static prices is known, and what
 that does to the picture can be told in the encoder's own currency.

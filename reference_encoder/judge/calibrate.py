@@ -1,4 +1,4 @@
-"""Reaching the quality that was asked for: pictures of the result tell how far off the prediction was (encoder only).
+"""Reaching the target quality: pictures of the result show how far off the prediction was (encoder only).
 
 The model of errors (docs/decisions/0003) is fitted to scenes that fill the picture. A scene on a black background, or
 one with fewer overlaps, comes out several dB better than asked, in more bytes. So lambda is corrected by what pictures
@@ -57,7 +57,7 @@ class Search:
         spare: int = 0,
         tolerance: float = TOLERANCE_DB,
     ) -> T:
-        """Of `made` and what corrections make of it, what misses what was asked by least; all are judged.
+        """The attempt that misses the target by least, among `made` and its corrections. All are judged.
 
         Args:
             made: for the present aim.

@@ -13,11 +13,11 @@ from reference_encoder.tuning import KIND_BELOW_DB, LOW_BELOW_DB, MOST_ABOVE_DB,
 from scarfmt.arrays import F64
 
 LOW_PART = 0.05
-"""Of the views, those that come out worst: the 5th percentile is the best of them."""
+"""Share of the views that come out worst; the best of these is the 5th percentile."""
 
 
 def most_db(asked_db: float) -> float:
-    """What one picture counts for at most where so much was asked for.
+    """Maximum PSNR that one picture counts for, dB, at this target.
 
     Where next to nothing differs, more is no merit; and one picture without any error would make a mean infinite.
     """
@@ -58,19 +58,19 @@ class Quality:
 
     @property
     def worst_db(self) -> float:
-        """Of all views; infinite where there is none."""
+        """PSNR of the worst of all views, dB; infinite if there is no view."""
         return float(self._weighted()[1].min(initial=math.inf))
 
     def thinned(self, some: Callable[[int], slice]) -> Quality:
-        """That of `some` of so many views of each kind."""
+        """The quality of `some` of the views of each kind."""
         return Quality({kind: found[some(len(found))] for kind, found in self.psnr_db.items()}, self.shares)
 
     def by_kind(self) -> dict[str, Quality]:
-        """The same of each kind."""
+        """The quality of the views of each kind."""
         return {kind: Quality({kind: values}, {kind: 1.0}) for kind, values in self.psnr_db.items()}
 
     def shortfalls(self, asked_db: float) -> list[str]:
-        """What is far below what was asked for, one sentence each."""
+        """The figures that are far below the target, in one sentence each."""
         said = [
             f"{kind} is {asked_db - found.mean_db:.1f} dB below what was asked for"
             for kind, found in self.by_kind().items()

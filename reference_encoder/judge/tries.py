@@ -16,7 +16,7 @@ S = TypeVar("S")
 
 
 def compared(views: int) -> slice:
-    """Of so many views of a kind, those that tell what a later try changes."""
+    """The views of a kind, of `count`, that show what a later attempt changes."""
     return slice(None, None, max(1, min(VIEWS_A_COMPARED, views // FEWEST_COMPARED)))
 
 
@@ -34,7 +34,7 @@ class Tries(Generic[S]):
         self._whole: Quality | None = None
 
     def found_db(self, scene: S) -> float:
-        """What pictures of a try have of what was asked for, dB."""
+        """The PSNR of an attempt, mean or low end, which is compared with the target, dB."""
         if self.by_mean and self._whole is not None and len(self._whole):
             moved = self._few.quality(scene).mean_db - self._whole.thinned(compared).mean_db
             if abs(moved) <= MOST_MOVED_DB:

@@ -31,7 +31,7 @@ EVEN_SHARES = {kind: 1 / len(KINDS) for kind in KINDS}
 
 
 class Sight(IntEnum):
-    """What views are for; the value is their seed. Views of two seeds have nothing in common but the distribution."""
+    """The purposes of views; the value is the seed. Views of two seeds share only their distribution."""
 
     LOOP = LOOP_SEED
     REPORT = REPORT_SEED

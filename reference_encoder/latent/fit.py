@@ -17,7 +17,7 @@ from scarfmt.scene.codebooks import Codebooks
 
 @dataclass(frozen=True, kw_only=True)
 class Wanted:
-    """What a latent is to represent.
+    """The vectors that a latent must represent, and their weights.
 
     Attributes:
         vectors: (N, D) float32.

@@ -79,7 +79,7 @@ class Prices:
         self.bits = np.full((classes, codewords), np.log2(max(codewords, 2)), np.float32)
 
     def update(self, codes: I64, classes: I64) -> None:
-        """Those of (n,) codes in (n,) classes."""
+        """Estimate the bits from the use of (n,) codes in (n,) classes."""
         count, size = self.bits.shape
         flat = np.bincount(classes * size + codes, minlength=count * size).reshape(count, size).astype(np.float32)
         pooled = flat.sum(axis=0, keepdims=True)
@@ -108,7 +108,7 @@ class Vectors:
         return Vectors(self.x[chosen], self.weight[chosen], self.classes[chosen])
 
     def less(self, codewords: F32) -> Vectors:
-        """What (n, d) `codewords` leave of them."""
+        """The vectors minus (n, d) `codewords`."""
         return Vectors(self.x - codewords, self.weight, self.classes)
 
     @property
@@ -239,7 +239,7 @@ def _settle(prices: Prices, sample: Vectors, book: F32, lambda_: float) -> None:
 
 
 def _pooled(sample: Vectors, copies: int) -> Vectors:
-    """What the shared residual codebook must serve: stage-2 residuals and, roughly, those of later stages.
+    """The training vectors of the shared residual codebook: residuals of stage 2 and, roughly, those of later stages.
 
     Later residuals look like earlier ones, only shorter; halved copies stand for them.
     """
@@ -248,7 +248,7 @@ def _pooled(sample: Vectors, copies: int) -> Vectors:
 
 
 def ranked(books: Sequence[F32], indices: I64, received: I64, dimension: int) -> tuple[I64, I64, I16]:
-    """Both books without the codewords nobody uses, the rest numbered by falling use; and (N, M) indices.
+    """Both books without unused codewords, numbered by falling use; and the (N, M) indices.
 
     Args:
         books: coarse and residual, as far as there are stages: (n, d) whole numbers.

@@ -1,1 +1,1 @@
-"""What an error costs: pictures of the scene, and sensitivities of every attribute."""
+"""The cost of errors: pictures of the scene, and sensitivities of every attribute."""

@@ -152,7 +152,7 @@ def measure_anchors(
 
 @dataclass(frozen=True)
 class SlotWeights:
-    """What the M slots that one camera may see show there.
+    """The weights of the M slots that one camera may see.
 
     Attributes:
         anchor, slot: (M,) which they are.
@@ -168,7 +168,7 @@ class SlotWeights:
 
 
 def seen_slots(model: AnchorModel, cameras: Sequence[Camera]) -> Iterator[SlotWeights]:
-    """What slots show to one camera after another."""
+    """Weights of slots, for one camera after another."""
     networks, centres = _tensors(model), _centres(model)
     for camera in cameras:
         made = _seen(model, networks, centres, camera)

@@ -43,7 +43,7 @@ class Sensitivity:
 
 
 class Weighed(Protocol):
-    """What N Gaussians weigh, as :class:`reference_encoder.measure.weights.Weights` has it."""
+    """The weights of N Gaussians, in the form of :class:`reference_encoder.measure.weights.Weights`."""
 
     @property
     def shape(self) -> NDArray[np.floating]: ...

@@ -1,4 +1,4 @@
-"""What each Gaussian weighs in pictures from everywhere (encoder only, informative).
+"""The weight of each Gaussian in pictures from everywhere (encoder only, informative).
 
 The currency: mean squared error of a picture (peak 1, over pixels and colours) per squared unit of relative error, as a
 power mean over views: (mean over views of s^p)^(1/p). It leans to the views that show a Gaussian most. When bits are
@@ -31,7 +31,7 @@ PIXEL = 2 * math.tan(math.radians(FOV_DEG) / 2) / WIDTH
 
 @dataclass(frozen=True)
 class KindWeights:
-    """What N Gaussians weigh in the views of one kind: power means.
+    """The weights of N Gaussians in the views of one kind: power means.
 
     Attributes:
         shape: (N,) float32 per squared relative change of the splat.
@@ -44,7 +44,7 @@ class KindWeights:
 
 @dataclass(frozen=True)
 class Weights:
-    """What N Gaussians weigh.
+    """The weights of N Gaussians.
 
     Attributes:
         kinds: by kind of view.
@@ -94,13 +94,14 @@ class Sums:
         """Begin another kind."""
         self.shape, self.colour = np.zeros(len(self.weight)), np.zeros(len(self.weight))
 
-    def add(self, seen: ViewContributions, positions: F64, camera: Camera) -> None:
-        """Add a view, the sums of its picture divided by the number of its samples."""
+    def add(self, seen: ViewContributions, positions: F64, camera: Camera, times: float = 1.0) -> None:
+        """Add a view, the sums of its picture divided by the number of its samples, as so many views."""
         samples = camera.width * camera.height * 3
         _add_view(
             seen.index,
             (seen.contrast_sq, seen.weight_sq, seen.weight_max),
             samples,
+            times,
             (positions, camera.centre, pixel_angle(camera)),
             (self.shape, self.colour, self.log_pixel, self.weight, self.largest),
         )
@@ -122,6 +123,7 @@ def _add_view(
     index: I64,
     seen: tuple[F64, F64, F64],
     samples: int,
+    times: float,
     eye: tuple[F64, F64, float],
     sums: tuple[F64, F64, F64, F64, F32],
 ) -> None:
@@ -130,11 +132,11 @@ def _add_view(
     positions, centre, angle = eye
     for k in range(len(index)):
         i = index[k]
-        shape = (contrast[k] / samples) ** SURVEY_POWER
+        shape = times * (contrast[k] / samples) ** SURVEY_POWER
         far = positions[i] - centre
         distance = math.sqrt(far[0] * far[0] + far[1] * far[1] + far[2] * far[2])
         sums[0][i] += shape
-        sums[1][i] += (squared[k] / samples) ** SURVEY_POWER
+        sums[1][i] += times * (squared[k] / samples) ** SURVEY_POWER
         sums[2][i] += shape * math.log(max(distance, 1e-12) * angle)
         sums[3][i] += shape
         sums[4][i] = max(sums[4][i], np.float32(largest[k]))
@@ -146,7 +148,7 @@ def pixel_angle(camera: Camera) -> float:
 
 
 def weighed(scene: GaussianScene, survey: Survey, report: Callable[[float], None] = lambda _: None) -> Weights:
-    """What the Gaussians of a scene weigh in the views of a survey.
+    """The weights of the Gaussians of a scene in the views of a survey.
 
     Args:
         report: told the part of the views that are done.

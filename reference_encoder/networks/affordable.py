@@ -1,4 +1,4 @@
-"""How wide an index network a decoder can be asked for, told before any is trained (encoder side)."""
+"""The widest index network that a decoder can be asked for, known before any is trained (encoder side)."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ def most_index_ns(index_bits: float, options: EncodeOptions) -> float:
 
 
 def seen_by(scene: QuantisedScene, books: Codebooks) -> ContextOptions:
-    """What an index network of a scene sees round an anchor."""
+    """The inputs of an index network of a scene around an anchor."""
     context = scene.model.context
     return ContextOptions(context.passes_log2, context.occupancies, latents=min(CONTEXT_LATENTS, books.dimension))
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a decoder can be asked for.
+    """Bounds of the work that a decoder may be asked for.
 
     Attributes:
         scene: whose layers say where indices are coded by the network.

@@ -1,4 +1,4 @@
-"""What the index network sees of a scene: its inputs for every anchor and layer, as the decoder will have them.
+"""The inputs of the index network for every anchor and layer of a scene, equal to those of the decoder.
 
 A row is an anchor in a layer that gives it at least one RVQ stage (SPEC §10.5). Its inputs depend on the class,
 on the anchor's own attributes and, through cell means, on anchors decoded earlier: those of layers before, and
@@ -35,7 +35,7 @@ _WIDEST = 2047
 
 @dataclass(frozen=True)
 class ContextOptions:
-    """Which inputs the network has, besides those of a hash grid.
+    """The inputs that the network has beside those of a hash grid.
 
     Attributes:
         passes_log2, occupancies: of the file (SPEC §10.2).

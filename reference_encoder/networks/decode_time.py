@@ -1,4 +1,4 @@
-"""What the networks of a scene make a decoder do, and what that takes by the model of one (encoder side).
+"""The decoding work of the networks of a scene, and its time by the decoder model (encoder side).
 
 :mod:`scarfmt.coding.decoder_model` has the nanoseconds; here are the numbers of what is done so many times.
 """
@@ -20,7 +20,7 @@ from scarfmt.scene.model import MAX_CLASSES, LayerRow, SceneModel
 
 @dataclass(frozen=True)
 class Work:
-    """What networks of one kind make a decoder do.
+    """The decoding work of networks of one kind.
 
     Attributes:
         multiply_adds: of all anchors.

@@ -1,4 +1,4 @@
-"""What indices and latents take in a file that was written, and whether readers would take the file (encoder side)."""
+"""The bits of indices and latents in a written file, and whether readers accept the file (encoder side)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from scarfmt.tools.truncate import truncate
 
 
 def latent_cost(quantised: Quantised, data: bytes, time_bits: float = 0.0) -> float:
-    """What a scene's latents cost in its file `data`: bits, or with targets J = D + lambda * bits.
+    """The cost of the latents of a scene in its file `data`: bits, or with targets J = D + lambda * bits.
 
     Args:
         time_bits: what decoding their network is worth.
@@ -33,14 +33,15 @@ def latent_cost(quantised: Quantised, data: bytes, time_bits: float = 0.0) -> fl
 
 
 def index_bytes(data: bytes) -> int:
-    """What the indices of a file take: sub-streams, static tables, index network and hash grid."""
+    """The bytes of the indices of a file: sub-streams, static tables, index network and hash grid."""
     own = (BlockKind.ENTROPY_NETWORK, BlockKind.HASH_GRID)
     entries = SceneReader(BytesSource(data), limits=FORMAT_LIMITS).container.entries
     return coded_bytes(data, Stream.INDICES) + sum(entry.length for entry in entries if entry.kind in own)
 
 
 def coded_bytes(data: bytes, stream: Stream) -> int:
-    """What the sub-streams of one kind take in a file, and what their static tables and predictors do alone."""
+    """The bytes of the sub-streams of one kind in a file, and of the static tables and predictors for this kind
+    alone."""
     reader = SceneReader(BytesSource(data), limits=FORMAT_LIMITS)
     total = sum(layer.stream_bytes[stream] for layer in reader.header.layers)
     models = reader.models()
@@ -54,7 +55,7 @@ def coded_bytes(data: bytes, stream: Stream) -> int:
 
 
 def mechanisms(static: bytes, scene: QuantisedScene, data: bytes) -> dict[str, Any]:
-    """What METADATA tells of the networks of `scene`: see `scarfmt.coding.decoder_model.MECHANISMS`.
+    """The member of METADATA about the networks of `scene`: see `scarfmt.coding.decoder_model.MECHANISMS`.
 
     Args:
         static: the file of the same scene without networks.

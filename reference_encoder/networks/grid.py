@@ -47,7 +47,7 @@ _LARGEST_TABLE_LOG2 = 18
 
 @dataclass(frozen=True)
 class Lookup:
-    """What a grid reads for n anchors; made once, then sampled every step.
+    """The vertices that a grid reads for n anchors; computed once, then sampled in every step.
 
     Attributes:
         addresses: (n, 2^dims) int32 table entries a level.
@@ -84,7 +84,7 @@ class BinaryGrid(nn.Module):
         )
 
     def lookup(self, positions: NDArray[np.integer[Any]]) -> Lookup:
-        """What the grid reads for anchors at (n, 3) lattice `positions`."""
+        """The vertices that the grid reads for anchors at (n, 3) lattice `positions`."""
         inside = self.box.inside(positions)
         addresses, weights = [], []
         for level in self.levels:

@@ -58,7 +58,7 @@ class Scale:
 
     @classmethod
     def joined(cls, first: Scale, second: Scale) -> Scale:
-        """Both side by side."""
+        """The scales of two inputs, joined side by side."""
         return cls(np.concatenate([first.units, second.units]), np.concatenate([first.means, second.means]))
 
 

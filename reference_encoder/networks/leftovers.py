@@ -1,4 +1,4 @@
-"""What it costs to leave a part of a latent to what comes after the codewords (encoder side).
+"""The cost of leaving a part of a latent to the refinements after the codewords (encoder side).
 
 In a class without steps of the LATENT channel the rest stays: its squared error is the cost. With them, most of the
 rest is repaired, and costs the bits of its repair: about the logarithm of what its square would cost.
@@ -20,7 +20,7 @@ from scarfmt.container.schema import Stream
 
 @dataclass(frozen=True)
 class Repair:
-    """What the LATENT channel makes of a class's rests.
+    """The effect of the LATENT channel on the rests of a class.
 
     Attributes:
         unit: (d,) float32 lattice units of a step of its last value.
@@ -65,7 +65,7 @@ class Leftovers:
 
     @classmethod
     def of(cls, left: F64, worth: F32, repair: Repair) -> Leftovers:
-        """Of a class with (n, d) rests `left` that are repaired; `worth` (n,) as in `costs`."""
+        """The leftovers of a class with (n, d) rests `left` that are repaired; `worth` is (n,) as in `costs`."""
         rests, weight = torch.from_numpy(left.astype(np.float32)), torch.from_numpy(worth.astype(np.float32))
         none = repair.costs(torch.zeros_like(rests), weight).mean(0)
         slope = (repair.costs(rests, weight).mean(0) - none) / (weight[:, None] * rests**2).mean(0).clamp_min(1e-20)
@@ -79,7 +79,7 @@ class Leftovers:
 
 
 def leftovers(scene: QuantisedScene, targets: Targets) -> list[Leftovers]:
-    """Of every class of a scene, from what its codewords leave now."""
+    """The leftovers of every class of a scene, computed from the rests of its present codewords."""
     classes, left = joined_classes(scene), targets.left(scene)
     units, index = latent_units(scene.model, classes), scene.model.channel_index(Stream.LATENT)
     out = []

@@ -50,7 +50,7 @@ class InputStatistics:
 
     @classmethod
     def of(cls, inputs: NDArray[np.integer[Any]], top: int) -> InputStatistics:
-        """Of (n, width) inputs clamped to -top..top."""
+        """The statistics of (n, width) inputs clamped to -top..top."""
         clamped = np.clip(inputs, -top, top).astype(np.float64)
         return cls(clamped.mean(axis=0), np.maximum(clamped.std(axis=0), _LEAST_SPREAD))
 

@@ -105,7 +105,7 @@ class _Tap(Emitter):
 
 @dataclass(frozen=True)
 class Sample:
-    """What is known about one step of one component.
+    """The data about one step of one component that a predictor is trained on.
 
     Attributes:
         inputs: (m, inputs) int16 and symbols (m,) of a random sample.
@@ -180,7 +180,8 @@ def _of_samples(
     keys: Collection[Key],
     seeds: Mapping[Key, int],
 ) -> list[_T]:
-    """What `act` gives for each of `keys` and its sample, in any order; samples of a few are in memory at a time."""
+    """The result of `act` for each of `keys` and its sample, in any order. Only a few samples are in memory at a
+    time."""
     found = list[_T]()
     for batch in _batches(model, whole, keys):
         # Each predictor is trained by itself, so threads change nothing. No name holds samples while others are drawn.
@@ -228,7 +229,8 @@ def _promising(
     seeds: Mapping[Key, int],
     bits_per_ns: float,
 ) -> set[Key]:
-    """Those of `keys` for which a predictor may pay for its time, told from a few tiles before any is trained well."""
+    """The `keys` for which a predictor may pay for its time, judged from a few tiles before any predictor is trained
+    well."""
     static = _static_bits(model, frames, contents, whole, bits_per_ns)
     bounds = [(k, _bound(model, k, bits, whole[k], bits_per_ns)) for k, bits in static.items() if k in keys]
     worth = {key for key, _ in _steps_that_pay(bounds, whole, bits_per_ns)}
@@ -257,7 +259,7 @@ def _paying(gains: Sequence[Gain], whole: Mapping[Key, int], bits_per_ns: float)
 def _steps_that_pay(
     gains: Sequence[tuple[Key, float]], whole: Mapping[Key, int], bits_per_ns: float
 ) -> list[tuple[Key, float]]:
-    """Those (key, bits) above 0 of steps of which all components together gain more than their context takes."""
+    """The (key, bits) above 0 of steps whose components together gain more than their context costs."""
     gains, total = [gain for gain in gains if gain[1] > 0], defaultdict[tuple[int, int], float](float)
     for (stream, _, step), symbols in whole.items():
         total[stream, step] -= bits_per_ns * DECODER.predicted * symbols
@@ -313,7 +315,7 @@ def _trained(
 
 
 def _run_bits(bits_per_ns: float) -> float:
-    """What opening a table for a run of symbols is worth."""
+    """The worth of opening a table for a run of symbols, bits."""
     return RUN_BITS + bits_per_ns * DECODER.group
 
 
@@ -327,7 +329,7 @@ def _valid(predictor: Predictor) -> bool:
 
 
 def _packed_bytes(predictor: Predictor) -> int:
-    """What one more predictor adds to a block."""
+    """The bytes that one more predictor adds to a block."""
     return len(pack_predictors([predictor])) - len(pack_predictors([]))
 
 

@@ -53,7 +53,7 @@ class FloatNet:
 
 
 def train(x: I16, symbols: I64, ternary: bool, total: int, training: PredictorTraining, seed: int) -> FloatNet:
-    """A sparse network that tells the law of (n,) `symbols` from (n, inputs) `x`. Deterministic.
+    """A sparse network that predicts the law of (n,) `symbols` from (n, inputs) `x`. Deterministic.
 
     Args:
         total: symbols that it will serve.

@@ -1,4 +1,4 @@
-"""What an index network looks like: its widths and the bits of its integers (SPEC §10.5; encoder side)."""
+"""The shape of an index network: its widths and the bits of its integers (SPEC §10.5; encoder side)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class NetworkShape:
-    """What the network looks like.
+    """The shape of an index network.
 
     Attributes:
         hidden: H, width of embedding, GRU state and attention.

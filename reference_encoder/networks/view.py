@@ -20,7 +20,7 @@ from scarfmt.scene.model import SceneModel
 
 @dataclass(frozen=True)
 class NetworkView:
-    """What the inputs of a network are made of.
+    """The sources of the inputs of a network.
 
     Attributes:
         seen: which cell means and attributes.

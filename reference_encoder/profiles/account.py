@@ -1,4 +1,4 @@
-"""What became of the Gaussians of a scene: what was left out, and what was made coarse (encoder side)."""
+"""The account of a scene's Gaussians: how many were left out, and how many were made coarse (encoder side)."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class AnchorProfile:
             InvalidInput: ``input-anchors`` when its networks are missing.
         """
         if set(model.mlps) != set(_NETWORKS):
-            raise InvalidInput("input-anchors", f"networks {sorted(model.mlps)}: opacity, cov and color are needed")
+            raise InvalidInput("input-anchors", f"networks {sorted(model.mlps)}: need opacity, cov and color")
         seen = measure_anchors(model, _survey(model, options), options.seed, lambda f: report("visibility", f))
         return cls(model, seen, options, report)
 
@@ -97,7 +97,7 @@ class AnchorProfile:
         return
 
     def problem(self, quality: float) -> Problem:
-        """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted.
+        """The problem of encoding at the lambda predicted to give `quality` dB, with its latent fitted.
 
         Raises:
             InvalidInput: ``input-anchors`` when no feature is seen.
@@ -170,13 +170,13 @@ class AnchorProfile:
         return assembled(problem, decided, self.options.metadata, mlps, slot_layers)
 
     def finished(self, scene: QuantisedScene) -> AnchorModel:
-        """What a decoder gives for the last layer of a file."""
+        """The scene that a decoder makes of the last layer of a file."""
         return finished_anchors(scene)
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Kept:
-    """What is left to encode of N anchors with K slots after the invisible is gone.
+    """N anchors with K slots, after the invisible is removed.
 
     Attributes:
         model, seen: the anchors, and what errors in them show.

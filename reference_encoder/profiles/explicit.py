@@ -79,7 +79,7 @@ class ExplicitProfile:
         return cls(scene, attributes, views, weights, measure(attributes, weights), told, report)
 
     def reweighted(self, shares: Mapping[str, float]) -> ExplicitProfile:
-        """The same where each kind of view counts as much as `shares` say, which add up to 1."""
+        """Sensitivities in which each kind of view has the weight given by `shares`, whose sum is 1."""
         weights = replace(self.weights, shares=shares)
         return replace(self, weights=weights, sensitivity=measure(self.attributes, weights))
 
@@ -104,7 +104,7 @@ class ExplicitProfile:
         return Looks.of(self.scene, self.options)
 
     def problem(self, quality: float) -> Problem:
-        """What is worth sending at the lambda that is predicted to give `quality` dB, its latent fitted."""
+        """The problem of encoding at the lambda predicted to give `quality` dB, with its latent fitted."""
         absence, lambda_ = self.sensitivity.absence, lambda_for(quality, len(self.scene), GAUSSIAN_LAMBDA_DB)
         share = CLASS_COLOUR_SHARE if self.scene.sh_degree else 0.0
         ranked = ranked_with_colour(absence, self.sensitivity.colour, share, lambda_ * GAUSSIAN_BITS)
@@ -154,7 +154,7 @@ class ExplicitProfile:
         return assembled(problem, decision, {ACCOUNT: told, **self.options.metadata})
 
     def finished(self, scene: QuantisedScene) -> GaussianScene:
-        """What a decoder gives for the last layer of a file."""
+        """The scene that a decoder makes of the last layer of a file."""
         return finished_gaussians(scene)
 
 

@@ -1,4 +1,4 @@
-"""What the pipeline asks of a profile (encoder side)."""
+"""The interface between the pipeline and a profile (encoder side)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Profile(Protocol[S]):
         ...
 
     def problem(self, quality: float) -> Problem:
-        """What there is to decide at the lambda that is predicted to give `quality` dB."""
+        """The problem of encoding at the lambda predicted to give `quality` dB."""
         ...
 
     def finish(self, problem: Problem, decision: Decision) -> Quantised:
@@ -51,5 +51,5 @@ class Profile(Protocol[S]):
         ...
 
     def finished(self, scene: QuantisedScene) -> S:
-        """What a decoder gives for the last layer of a file, to be drawn."""
+        """The scene that a decoder makes of the last layer of a file, for drawing."""
         ...

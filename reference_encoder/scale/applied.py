@@ -112,7 +112,7 @@ def _steps(fit: Fit, index: int) -> I64:
 
 @dataclass(frozen=True)
 class _Left:
-    """What codewords leave of the latents of some Gaussians.
+    """Residuals of latents of some Gaussians, after their codewords.
 
     Attributes:
         rows: (m,) which of n Gaussians.

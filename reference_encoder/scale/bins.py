@@ -1,15 +1,21 @@
 """The shuffle: from chunks in the order of the source to ranges of space, with one file a chunk.
 
-A file holds the rows of its chunk grouped by range, each group in the order of the source. One index tells where the
-group of each range is in each file, so that a range is read with one request a file. A range's Gaussians come in the
-order of the source, whatever was read by whom and when.
+A file holds the rows of its chunk grouped by range, each group in the order of the source and attribute by attribute,
+as arrays of Gaussians are held in memory. One index tells where the group of each range is in each file, so that a
+range is read with one request a file. A range's Gaussians come in the order of the source, whatever was read by whom
+and when.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from reference_encoder.scale.scan import usable
 from reference_encoder.scale.source import Chunk
@@ -20,13 +26,21 @@ from scarfmt.formats.joined import widened
 from scarfmt.scene.gaussians import GaussianScene
 
 INDEX = "bins/index"
-_PIECE_ROWS = 1 << 16
 
 
-def row_type(sh_degree: int) -> np.dtype[np.void]:
-    """The type of a row in a file of a chunk: what :class:`GaussianScene` has of a Gaussian."""
-    attributes = [("positions", "<f8", 3), ("log_scales", "<f4", 3), ("rotations", "<f4", 4)]
-    return np.dtype([*attributes, ("opacity_logits", "<f4"), ("sh", "<f4", ((sh_degree + 1) ** 2, 3))])
+def _attributes(sh_degree: int) -> Mapping[str, tuple[type, tuple[int, ...]]]:
+    """Type and shape of each attribute of one Gaussian, in the order in which a group has them."""
+    return {
+        "positions": (np.float64, (3,)),
+        "log_scales": (np.float32, (3,)),
+        "rotations": (np.float32, (4,)),
+        "opacity_logits": (np.float32, ()),
+        "sh": (np.float32, ((sh_degree + 1) ** 2, 3)),
+    }
+
+
+def _size(kind: type, shape: tuple[int, ...]) -> int:
+    return np.dtype(kind).itemsize * math.prod(shape)
 
 
 def _name(chunk: int) -> str:
@@ -50,16 +64,14 @@ def bin_chunk(work: Work, chunk: Chunk, bounds: Bounds, clean: bool, ranges: Seq
     borders = np.array([one.first for one in ranges[1:]], np.uint64)
     owner = np.searchsorted(borders, bounds.paths(scene.positions), side="right")
     order = np.argsort(owner, kind="stable")
+    edges = np.searchsorted(owner[order], np.arange(len(ranges) + 1)).astype(np.int64)
     with work.write(_name(chunk.number)) as stream:
-        for start in range(0, len(order), _PIECE_ROWS):
-            part = scene.take(order[start : start + _PIECE_ROWS])
-            rows = np.empty(len(part), row_type(bounds.sh_degree))
-            for name in ("positions", "log_scales", "rotations", "opacity_logits"):
-                rows[name] = getattr(part, name)
-            rows["sh"] = widened(part.sh[:, :coefficients], coefficients)
-            stream.write(rows.tobytes())
-    edges = np.arange(len(ranges) + 1)
-    return np.searchsorted(owner[order], edges).astype(np.int64)
+        for begin, end in itertools.pairwise(edges.tolist()):
+            part = scene.take(order[begin:end])
+            part = replace(part, sh=widened(part.sh[:, :coefficients], coefficients))
+            for name, (kind, _) in _attributes(bounds.sh_degree).items():
+                stream.write(np.ascontiguousarray(getattr(part, name), kind).tobytes())
+    return edges
 
 
 def write_index(work: Work, edges: Sequence[I64]) -> None:
@@ -83,14 +95,20 @@ def load_range(work: Work, chunks: int, bounds: Bounds, number: int) -> Gaussian
         bounds: of the scene.
         number: of the range.
     """
-    kind = row_type(bounds.sh_degree)
     [row] = work.read_ranges(INDEX, [(number * chunks * 16, chunks * 16)])
     begin, end = np.frombuffer(row, "<i8").reshape(2, chunks)
-    rows = np.empty(int((end - begin).sum()), kind)
+    attributes = _attributes(bounds.sh_degree)
+    total, each = int((end - begin).sum()), sum(_size(*told) for told in attributes.values())
+    found: dict[str, NDArray[Any]]
+    found = {name: np.empty((total, *shape), kind) for name, (kind, shape) in attributes.items()}
     filled = 0
     for chunk in np.flatnonzero(end > begin).tolist():
         first, count = int(begin[chunk]), int(end[chunk] - begin[chunk])
-        [data] = work.read_ranges(_name(chunk), [(first * kind.itemsize, count * kind.itemsize)])
-        rows[filled : filled + count] = np.frombuffer(data, kind)
+        [data] = work.read_ranges(_name(chunk), [(first * each, count * each)])
+        offset = 0
+        for name, (kind, shape) in attributes.items():
+            rows: NDArray[Any] = np.frombuffer(data, kind, count * math.prod(shape), offset)
+            found[name][filled : filled + count] = rows.reshape(count, *shape)
+            offset += rows.nbytes
         filled += count
-    return GaussianScene(*(np.ascontiguousarray(rows[name]) for name in kind.names or ()))
+    return GaussianScene(**found)

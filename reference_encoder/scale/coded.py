@@ -16,31 +16,29 @@ import numpy as np
 from reference_encoder.profiles.account import ACCOUNT
 from reference_encoder.scale.fit import Fit
 from reference_encoder.scale.glance import Overview
-from reference_encoder.scale.steps import Histograms, LayerSegment, Models, RangeContent, Segment
+from reference_encoder.scale.steps import Histograms, LayerSegment, Models, RangeContent, RangeSymbols, Segment
 from scarfmt.arrays import I64
-from scarfmt.coding.tile import put_layer
-from scarfmt.coding.writer import Histogram, coded_tile, fitted_tables, layer_counts, model_blocks
-from scarfmt.container.directory import tile_frame
+from scarfmt.coding.writer import Histogram, fitted_tables, layer_counts, model_blocks, record_tile
 from scarfmt.container.file import Block, streams_of
-from scarfmt.container.schema import STREAM_COUNT, Stream
+from scarfmt.container.schema import STREAM_COUNT
 from scarfmt.engines import best_engine
 from scarfmt.entropy.emitters import SymbolCounter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 
 
-def histograms(fit: Fit, content: RangeContent) -> Histograms:
-    """How often each symbol of a range comes under each table, layer after layer."""
+def histograms(fit: Fit, content: RangeContent) -> tuple[Histograms, RangeSymbols]:
+    """Count how often each symbol of a range comes under each table, layer after layer; and record the symbols."""
     scene, engine = fit.scene(content), best_engine()
-    found = []
+    found, kept = [], []
     for layer in range(1, len(fit.model.layers) + 1):
         counter, neural = SymbolCounter(), scene.neural(layer)
-        opened = dict.fromkeys(Stream, counter).__getitem__
-        for tile, here in zip(content.tiles, content.contents, strict=True):
-            put_layer(fit.model, layer, tile_frame(fit.fields, tile), here, opened, neural, engine)
+        tiles = range(len(content.tiles))
+        kept.append(tuple(record_tile(scene, layer, tile, neural, counter, engine) for tile in tiles))
         found.append(counter.histograms())
     anchors = np.array([anchors for anchors, _ in layer_counts(scene)], np.int64)
-    return Histograms(tuple(found), anchors, content.left_out, content.without_view_dependence)
+    counted = Histograms(tuple(found), anchors, content.left_out, content.without_view_dependence)
+    return counted, RangeSymbols(content.tiles, tuple(kept))
 
 
 def added(parts: Sequence[Histogram]) -> dict[TableKey, tuple[I64, I64]]:
@@ -61,7 +59,7 @@ def _summed(parts: Sequence[tuple[I64, I64]]) -> tuple[I64, I64]:
 
 
 def together(parts: Sequence[Histograms]) -> Histograms:
-    """Those of several ranges as one: sums, so that they may be added up in any order."""
+    """Histograms of several ranges as one: sums, so that they may be added up in any order."""
     invisible, faint = (sum(each.left_out[k] for each in parts) for k in (0, 1))
     return Histograms(
         tuple(added(layer) for layer in zip(*(each.layers for each in parts), strict=True)),
@@ -113,15 +111,13 @@ def account(overview: Overview, found: Histograms) -> dict[str, Any]:
     return told
 
 
-def code(fit: Fit, models: Models, content: RangeContent) -> Segment:
+def code(models: Models, symbols: RangeSymbols) -> Segment:
     """The TILE blocks of a range under the tables of the file."""
-    scene, engine = fit.scene(content), best_engine()
-    layers = []
-    for layer, tables in enumerate(models.tables, start=1):
-        neural = scene.neural(layer)
-        made = (coded_tile(scene, layer, tile, neural, tables, engine) for tile in range(len(content.tiles)))
+    engine, layers = best_engine(), []
+    for layer, (tables, tiles) in enumerate(zip(models.tables, symbols.layers, strict=True), start=1):
+        made = (each.block(layer, tile, tables, engine) for tile, each in enumerate(tiles))
         layers.append(_segment([block for block in made if block is not None]))
-    return Segment(content.tiles, layers)
+    return Segment(symbols.tiles, layers)
 
 
 def _segment(blocks: Sequence[Block]) -> LayerSegment:

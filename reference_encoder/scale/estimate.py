@@ -1,4 +1,4 @@
-"""How long an out-of-core encoder will take: by what it has taken so far."""
+"""The time that an out-of-core encoder will take, by what it has taken so far."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class SerialExecutor(Executor):
 
 @dataclass
 class Workers:
-    """Where tasks are done.
+    """Places where tasks are done.
 
     Attributes:
         make: opens an executor, also one in place of a broken one.
@@ -117,7 +117,7 @@ class Workers:
 
 
 def _worker_died(error: Exception) -> bool:
-    """Whether it says that a worker has gone, not that a task failed."""
+    """Tell an error of a worker that has gone from one of a task that failed."""
     return isinstance(error, BrokenExecutor) or type(error).__name__ in ("KilledWorker", "CancelledError")
 
 

@@ -1,4 +1,4 @@
-"""What is decided for a whole scene, to be applied to each of its ranges (encoder only)."""
+"""Decisions for a whole scene, to be applied to each of its ranges (encoder only)."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ class LatentFit:
 
     @property
     def unit(self) -> float:
-        """Of the lattice, in those of colours."""
+        """Length of a unit of the latent, in units of colours."""
         return float(1 / np.sqrt((self.projection[:, 0] ** 2).sum()))
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What is decided for a whole scene.
+    """Decisions for a whole scene.
 
     Attributes:
         lambda_: of the last layer, squared picture error per bit.

@@ -1,4 +1,4 @@
-"""What is decided for a whole scene, from a sample of it (encoder only; docs/decisions/0044).
+"""Decisions for a whole scene, from a sample of it (encoder only; docs/decisions/0044).
 
 Every sum that an allocation compares is one over Gaussians, so a sample that is drawn evenly tells it, times what each
 Gaussian of it stands for. What is decided about a Gaussian is a function of its own values, its weight and the Fit.
@@ -50,7 +50,7 @@ from scarfmt.limits import MAX_LATTICE_BITS, MAX_TILE_DEPTH
 def settled(
     overview: Overview, samples: Sequence[Sample], judge: Callable[[Fit], Sequence[Judged]]
 ) -> Fit:
-    """What is decided at the lambda at which pictures have what was asked for.
+    """Decide all at the lambda at which pictures have the quality asked for.
 
     Args:
         overview: of the scene.
@@ -85,14 +85,14 @@ class Sampled:
 
     @classmethod
     def of(cls, overview: Overview, samples: Sequence[Sample]) -> Sampled:
-        """Of the samples of all ranges."""
+        """Collect what is fitted to, from the samples of all ranges."""
         whole = joined_samples(samples)
         attributes = without_hidden_scales(from_scene(whole.scene), whole.measured.pixel)
         seen = measure(attributes, whole.measured)
         return cls(overview, attributes, seen, whole.count / len(whole.scene))
 
     def fit(self, quality: float) -> Fit:
-        """What is decided at the lambda that is predicted to give `quality` dB."""
+        """Decide all at the lambda that is predicted to give `quality` dB."""
         lambda_ = lambda_for(quality, self.overview.bounds.count, GAUSSIAN_LAMBDA_DB)
         shift, bounds = self._classes(lambda_)
         problem = self._problem(lambda_, shift, bounds)

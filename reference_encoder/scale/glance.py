@@ -28,7 +28,7 @@ _MOST_OPACITY = 0.99
 
 @dataclass(frozen=True)
 class Glance:
-    """What one range tells of the whole.
+    """A range's part of what is known of the whole.
 
     Attributes:
         rows: some of its Gaussians, drawn evenly, without view-dependent colour.
@@ -41,7 +41,7 @@ class Glance:
 
 @dataclass(frozen=True)
 class Overview:
-    """What is known of the whole scene before anything is measured.
+    """The whole scene, as far as it is known before anything is measured.
 
     Attributes:
         options: of the encoder; the frame is the one that was found.
@@ -90,7 +90,7 @@ def check_options(options: EncodeOptions) -> None:
 
 
 def glance(scene: GaussianScene, part: Range, bounds: Bounds, options: EncodeOptions) -> Glance:
-    """What a range tells of the whole.
+    """Look at a range for what the whole needs of it.
 
     Args:
         scene: the Gaussians of the range, at least one, without NaN or infinity.
@@ -112,7 +112,7 @@ def run_of(bounds: Bounds) -> int:
 def overlook(
     glances: Sequence[Glance], parts: Sequence[Range], bounds: Bounds, options: EncodeOptions
 ) -> Overview:
-    """What all ranges tell together.
+    """Put together what all ranges give.
 
     Args:
         glances: of each range, in their order.
@@ -140,7 +140,7 @@ def judging(ranges: int, seed: int) -> tuple[int, ...]:
 
 
 def drawn_evenly(count: int, share: float, seed: int) -> I64:
-    """Which of `count` neighbours in a row to take, so that they are `share` of them; at least one."""
+    """Choose `share` of `count` neighbours in a row, evenly; at least one."""
     if share >= 1:
         return np.arange(count)
     first = np.random.default_rng(seed).random() / share

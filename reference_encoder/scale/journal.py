@@ -1,4 +1,4 @@
-"""What has been done in a work directory, so that nothing is done twice: a plan, and a mark for each task that ended.
+"""The journal of a work directory, so that nothing is done twice: a plan, and a mark for each task that ended.
 
 A mark is the task's result. It is written last, by whoever did the task: what it stands for is whole. All tasks are
 functions of the plan and their number, so that a mark of the same plan is as good as doing the task again.

@@ -1,4 +1,4 @@
-"""How good pictures are, from ranges that are judged each by itself (encoder only; docs/decisions/0044).
+"""Quality of pictures, from ranges that are judged each by itself (encoder only; docs/decisions/0044).
 
 Errors of ranges that lie elsewhere have nothing in common: what each adds to the mean squared error of a picture, all
 others being drawn as they are, adds up. Where pieces of some ranges stand for all, the rest of a picture is taken to
@@ -37,12 +37,17 @@ class Pictures:
 
     Attributes:
         sight: which views.
+        scene, measured: the Gaussians that the range is judged by, and what they weigh.
+        runs: the first of their runs in the range, and the one past the last.
         views: (V,) int64 which of them, all kinds one after another.
         pictures: (height, width, 3) float32 of each.
         cover: (V,) float64 part of what each shows that the range makes up.
     """
 
     sight: Sight
+    scene: GaussianScene
+    measured: Measured
+    runs: tuple[int, int]
     views: I64
     pictures: Sequence[F32]
     cover: F64
@@ -54,7 +59,7 @@ def cameras_of(overview: Overview, sight: Sight) -> list[Camera]:
 
 
 def piece(overview: Overview, part: Range, scene: GaussianScene) -> tuple[I64, tuple[int, int]]:
-    """What a range is judged by: (n,) Gaussians, neighbours; the first of their runs and the one past the last."""
+    """Choose neighbours to judge a range by: (n,) Gaussians; the first of their runs and the one past the last."""
     order, run = np.argsort(overview.bounds.paths(scene.positions), kind="stable"), overview.run
     runs, most = -(-len(order) // run), JUDGED_ROWS // run
     if runs <= most:
@@ -63,16 +68,18 @@ def piece(overview: Overview, part: Range, scene: GaussianScene) -> tuple[I64, t
     return order[first * run : (first + most) * run], (first, first + most)
 
 
-def pictures(overview: Overview, part: Range, scene: GaussianScene, sight: Sight = Sight.LOOP) -> Pictures:
+def pictures(
+    overview: Overview, part: Range, scene: GaussianScene, measured: Measured, sight: Sight = Sight.LOOP
+) -> Pictures:
     """Pictures of the source to judge a range by.
 
     Args:
         overview: of the whole scene.
-        part, scene: the range and its Gaussians.
+        part, scene, measured: the range, its Gaussians, and what they weigh.
         sight: which views.
     """
     rows, runs = piece(overview, part, scene)
-    scene = scene.take(rows)
+    scene, measured = scene.take(rows), rows_of(measured, rows)
     cameras, drawable = cameras_of(overview, sight), overview.drawn(part, scene, runs)
     views = met(cameras, scene)
     looked = [cameras[number] for number in views]
@@ -83,26 +90,22 @@ def pictures(overview: Overview, part: Range, scene: GaussianScene, sight: Sight
     cover = np.array([here / max(whole, 1e-300) for here, whole, _ in sums])
     seen = cover > 0
     shown = each_view(partial(render, drawable), [camera for camera, s in zip(looked, seen, strict=True) if s])
-    return Pictures(sight, views[seen], list(shown), cover[seen])
+    return Pictures(sight, scene, measured, runs, views[seen], list(shown), cover[seen])
 
 
-def judge(
-    overview: Overview, fit: Fit, part: Range, scene: GaussianScene, measured: Measured, shown: Pictures
-) -> Judged:
-    """What a range adds to the errors of pictures under a Fit.
+def judge(overview: Overview, fit: Fit, part: Range, shown: Pictures) -> Judged:
+    """Judge a range: what it adds to the errors of pictures under a Fit.
 
     Args:
         overview, fit: of the whole scene.
-        part, scene, measured: the range, its Gaussians, and what they weigh.
+        part: the range.
         shown: pictures of it.
     """
-    rows, runs = piece(overview, part, scene)
-    scene, measured = scene.take(rows), rows_of(measured, rows)
-    content = apply(overview, fit, part, scene, measured)
-    finished = finished_gaussians(fit.scene(content)) if content.tiles else scene.rows(slice(0, 0))
+    content = apply(overview, fit, part, shown.scene, shown.measured)
+    finished = finished_gaussians(fit.scene(content)) if content.tiles else shown.scene.rows(slice(0, 0))
     cameras = cameras_of(overview, shown.sight)
     error, cover = np.zeros(len(cameras)), np.zeros(len(cameras))
-    drawn = each_view(partial(render, overview.drawn(part, finished, runs)), [cameras[k] for k in shown.views])
+    drawn = each_view(partial(render, overview.drawn(part, finished, shown.runs)), [cameras[k] for k in shown.views])
     for view, picture, truth in zip(shown.views, drawn, shown.pictures, strict=True):
         error[view] = float(((np.clip(picture, 0, 1).astype(np.float64) - np.clip(truth, 0, 1)) ** 2).mean())
     cover[shown.views] = shown.cover
@@ -110,7 +113,7 @@ def judge(
 
 
 def quality_of(overview: Overview, judged: Sequence[Judged], sight: Sight = Sight.LOOP) -> Quality:
-    """How good pictures of the scene are, from what ranges add to their errors."""
+    """Quality of pictures of the scene, from what ranges add to their errors."""
     views, most = overview.views[sight], most_db(overview.options.asked_db)
     error = np.sum([each.error for each in judged], axis=0)
     cover = np.minimum(np.sum([each.cover for each in judged], axis=0), 1.0)

@@ -1,4 +1,4 @@
-"""What the Gaussians of one range weigh in pictures of the whole scene (encoder only; docs/decisions/0044)."""
+"""Weights of the Gaussians of one range in pictures of the whole scene (encoder only; docs/decisions/0044)."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from reference_encoder.measure.weights import Sums, Weights, unoccluded
+from reference_encoder.scale.drawn_views import drawn_views, told
 from reference_encoder.scale.glance import Overview, drawn_evenly
 from reference_encoder.scale.steps import Measured, Range
 from reference_encoder.tuning import FLOOR_DISTANCE, MEETING_ROWS, RANGE_VIEWS
@@ -19,7 +20,7 @@ from scarfmt.scene.gaussians import GaussianScene
 
 
 def measure(overview: Overview, part: Range, scene: GaussianScene) -> Measured:
-    """What the Gaussians of a range weigh: from some of the scene's views that meet it, by how many there are.
+    """Weigh the Gaussians of a range from some of the scene's views, above all from those that tell most of it.
 
     Args:
         overview: of the whole scene.
@@ -28,14 +29,14 @@ def measure(overview: Overview, part: Range, scene: GaussianScene) -> Measured:
     """
     looked, most = overview.survey, RANGE_VIEWS[overview.options.effort]
     drawable, sums, kinds = overview.drawn(part, scene), Sums(len(scene)), {}
+    few = some_of(scene)
     for kind, cameras in looked.views.items():
         sums.start()
-        meeting = met(cameras, scene)
-        chosen = [cameras[number] for number in spread(meeting, most)]
-        for camera, seen in zip(chosen, contributions_by_view(drawable, chosen), strict=True):
-            sums.add(_own(seen, len(scene)), scene.positions, camera)
-        # Views left out show what those beside them do.
-        kinds[kind] = sums.means(len(cameras) * len(chosen) / max(len(meeting), 1))
+        numbers, times = drawn_views(told(few, cameras), most)
+        chosen = [cameras[number] for number in numbers]
+        for camera, seen, stands_for in zip(chosen, contributions_by_view(drawable, chosen), times, strict=True):
+            sums.add(_own(seen, len(scene)), scene.positions, camera, stands_for)
+        kinds[kind] = sums.means(len(cameras))
     floor = unoccluded(scene, FLOOR_DISTANCE * looked.radius, overview.bounds.count)
     weights = Weights(kinds, looked.shares, floor, sums.pixel(looked.radius), sums.largest)
     shape, colour = weights.shape.astype(np.float32), weights.colour.astype(np.float32)
@@ -43,19 +44,18 @@ def measure(overview: Overview, part: Range, scene: GaussianScene) -> Measured:
 
 
 def met(cameras: Sequence[Camera], scene: GaussianScene) -> I64:
-    """Which of some views that may show any of a scene, told by a part of it."""
-    few = Drawable.of(scene.take(drawn_evenly(len(scene), MEETING_ROWS / len(scene), 0)))
+    """Find the views that may show any of a scene, by a part of it."""
+    few = Drawable.of(some_of(scene))
     seen = (number for number, camera in enumerate(cameras) if len(project(few, camera, sh_degree=0)[2]))
     return np.fromiter(seen, np.int64)
 
 
-def spread(numbers: I64, most: int) -> I64:
-    """At most so many of some numbers, evenly."""
-    count = min(most, len(numbers))
-    return numbers[np.arange(count) * len(numbers) // max(count, 1)]
+def some_of(scene: GaussianScene) -> GaussianScene:
+    """Gaussians of a range that tell where it is seen from."""
+    return scene.take(drawn_evenly(len(scene), MEETING_ROWS / len(scene), 0))
 
 
 def _own(seen: ViewContributions, count: int) -> ViewContributions:
-    """What the first `count` Gaussians contribute."""
+    """Contributions of the first `count` Gaussians."""
     own = int(np.searchsorted(seen.index, count))
     return replace(seen, **{name: values[:own] for name, values in vars(seen).items()})

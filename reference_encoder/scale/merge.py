@@ -19,7 +19,7 @@ from scarfmt.container.schema import ENTRY_DTYPE, STREAM_COUNT, BlockFlag, Block
 from scarfmt.container.source import opened
 
 PIECE_BYTES = 1 << 22
-"""What is copied at once."""
+"""Bytes that are copied at once."""
 
 
 def write_file(work: Work, fields: HeaderFields, models: Models, ranges: Sequence[Rows], target: BinaryIO) -> int:
@@ -53,7 +53,7 @@ def write_file(work: Work, fields: HeaderFields, models: Models, ranges: Sequenc
 
 
 def _by_layer(models: Models, kind: int, below: bool) -> list[list[Block]]:
-    """Of each layer the blocks that come before those of its tiles, or after."""
+    """The blocks of each layer that come before those of its tiles, or after."""
     chosen = [block for block in models.blocks if (block.kind < kind) == below]
     return [[block for block in chosen if block.layer == layer + 1] for layer in range(len(models.anchors))]
 

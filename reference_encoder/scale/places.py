@@ -9,11 +9,11 @@ from typing import Any
 from scarfmt.errors import InvalidInput, missing_package
 
 _VERSIONS = ("size", "mtime", "LastModified", "Last-Modified", "ETag", "etag", "md5Hash", "generation", "content_md5")
-"""What file systems call that which changes when the content of a file does."""
+"""Names that file systems have for a tag that changes with the content of a file."""
 
 
 def is_url(name: str) -> bool:
-    """Whether a name is a URL; any other is a path."""
+    """True for a name that is a URL; any other is a path."""
     return "://" in name
 
 
@@ -42,7 +42,7 @@ def file_system(url: str) -> tuple[Any, str]:
 
 
 def is_folder(name: str) -> bool:
-    """Whether there is a folder of that name."""
+    """True where there is a folder of that name."""
     path = local_path(name)
     if path is not None:
         return path.is_dir()
@@ -51,7 +51,7 @@ def is_folder(name: str) -> bool:
 
 
 def exists(name: str) -> bool:
-    """Whether there is a file or folder of that name."""
+    """True where there is a file or folder of that name."""
     path = local_path(name)
     if path is not None:
         return path.exists()
@@ -69,7 +69,7 @@ def files_in(name: str) -> list[str]:
 
 
 def beside(name: str, other: str) -> str:
-    """What a relative name in a file means: beside that file."""
+    """Resolve a relative name in a file: it lies beside that file."""
     path = local_path(name)
     if path is not None:
         return str(path.parent / other)
@@ -77,7 +77,7 @@ def beside(name: str, other: str) -> str:
 
 
 def version(name: str) -> dict[str, str]:
-    """What tells whether a file changes: its size, and when it was changed or a tag of its content.
+    """Tell one state of a file from another: its size, and when it was changed or a tag of its content.
 
     Raises:
         InvalidInput: ``input-source``: there is no such file.

@@ -13,6 +13,7 @@ from reference_encoder.judge.views import Sight
 from reference_encoder.options import DEFAULT_RANGE, EncodeOptions
 from reference_encoder.scale import tasks
 from reference_encoder.scale.bins import write_index
+from reference_encoder.scale.claim import claimed
 from reference_encoder.scale.cut import cut
 from reference_encoder.scale.estimate import Estimate
 from reference_encoder.scale.executor import Workers
@@ -45,31 +46,34 @@ TOGETHER = 32
 """Counts or histograms that one task adds up."""
 
 SHARES = {
-    "scan": 0.012,
-    "count": 0.008,
-    "bin": 0.025,
-    "glance": 0.021,
+    "scan": 0.02,
+    "count": 0.005,
+    "bin": 0.03,
+    "glance": 0.045,
     "overlook": 0.001,
-    "measure": 0.23,
-    "pictures": 0.007,
-    "fit": 0.01,
-    "judge": 0.07,
-    "quality": 0.017,
-    "apply": 0.118,
+    "measure": 0.38,
+    "pictures": 0.03,
+    "fit": 0.018,
+    "judge": 0.05,
+    "quality": 0.045,
+    "apply": 0.3,
     "train": 0.001,
-    "histograms": 0.19,
-    "reduce": 0.01,
-    "code": 0.278,
-    "merge": 0.002,
+    "histograms": 0.11,
+    "reduce": 0.008,
+    "code": 0.06,
+    "merge": 0.0015,
 }
-"""Part of the time that each step takes of ten million Gaussians at effort 1, as flowers tells, of half a million."""
+"""Part of the time that each step takes of ten million Gaussians at effort 1. Predictors are not trained there, and
+symbols counted in `apply`: the shares of these two steps are those of effort 2."""
+ONLY_TRAINED = ("train", "histograms")
+"""Steps that there are only where predictors are trained."""
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is asked of an out-of-core encoder.
+    """A job of an out-of-core encoder: what to encode, and how.
 
     Attributes:
         origin: path or URL of the scene.
@@ -98,7 +102,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Done:
-    """What became of a job.
+    """The outcome of a job.
 
     Attributes:
         quality: of the file, from views that nothing was decided by, as far as some ranges tell it.
@@ -124,7 +128,8 @@ def encode_job(
         tell: told a line for people, now and then.
 
     Raises:
-        InvalidInput: what the source, the options or the work directory are refused for; ``work-full``, ``work-lost``.
+        InvalidInput: what the source, the options or the work directory are refused for; ``work-in-use``,
+            ``work-full``, ``work-lost``.
         Whatever is raised, the same job with `resume` goes on.
     """
     check_options(job.options)
@@ -133,10 +138,13 @@ def encode_job(
     inputs = inputs_of(job.origin, job.chunk_rows, job.format_id)
     settings = {"range": job.range_size, "chunk": job.chunk_rows, "sh": job.sh_degree, "drop": job.drop_invalid}
     plan = plan_of(version=job.version, options=job.options, source=inputs.versions, settings=settings)
-    begin(job.work, plan, job.resume)
-    for folder in tasks.FOLDERS:
-        job.work.tidy(folder)
-    return _Chain(job, Journal(job.work, workers), Estimate(SHARES, report, tell)).run(inputs.chunks, target)
+    trains = job.options.trains_networks
+    shares = {step: share for step, share in SHARES.items() if trains or step not in ONLY_TRAINED}
+    with claimed(job.work):
+        begin(job.work, plan, job.resume)
+        for folder in tasks.FOLDERS:
+            job.work.tidy(folder)
+        return _Chain(job, Journal(job.work, workers), Estimate(shares, report, tell)).run(inputs.chunks, target)
 
 
 @dataclass(frozen=True)
@@ -166,8 +174,9 @@ class _Chain:
         fit = self._fit(judging)
         quality = self._quality(judging)
         anchors = self._each("apply", tasks.apply_range, [(self.work, number) for number in numbers])
-        self._each("train", tasks.train_scene, [(self.work, len(ranges), sum(anchors))])
-        self._each("histograms", tasks.count_symbols, [(self.work, number) for number in numbers])
+        if self.job.options.trains_networks:
+            self._each("train", tasks.train_scene, [(self.work, len(ranges), sum(anchors))])
+            self._each("histograms", tasks.count_symbols, [(self.work, number) for number in numbers])
         self._reduce(len(ranges), quality)
         rows = self._each("code", tasks.code_range, [(self.work, number) for number in numbers])
         self.estimate.begin("merge")
@@ -215,7 +224,7 @@ class _Chain:
         return counts_in(self.work, names)
 
     def _fit(self, judging: Sequence[int]) -> Fit:
-        """What is decided for the whole scene."""
+        """Decide for the whole scene."""
         self._each("pictures", tasks.picture_range, [(self.work, number, Sight.LOOP) for number in judging])
         if tasks.FIT not in self.work.names():
             tries = 0
@@ -240,7 +249,7 @@ class _Chain:
         return self._each(step, tasks.judge_range, [(self.work, number, fit, sight) for number in judging], name)
 
     def _quality(self, judging: Sequence[int]) -> Quality:
-        """How good pictures are, from views that nothing was decided by."""
+        """Quality of pictures from views that nothing was decided by."""
         calls = [(self.work, number, Sight.REPORT) for number in judging]
         self._each("quality", tasks.picture_range, calls, "pictures-report")
         judged = self._judged(judging, tasks.FIT, Sight.REPORT, "judge-report", "quality")

@@ -22,13 +22,13 @@ from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.scene.gaussians import GaussianScene
 
 DEPTH = 10
-"""Of the cells that are counted first; cells that hold too many are counted at `DEEPER` more, again and again."""
+"""Depth of the cells that are counted first; cells that hold too many are counted at `DEEPER` more, again and again."""
 DEEPER = 5
 
 
 @dataclass(frozen=True)
 class Scanned:
-    """What a scan knows of a chunk.
+    """Result of scanning a chunk.
 
     Attributes:
         count: Gaussians.
@@ -98,7 +98,7 @@ def _joined(scans: Sequence[Scanned]) -> Scanned:
 
 
 def bounds_of(scans: Sequence[Scanned], drop_invalid: bool, sh_degree: int | None) -> Bounds:
-    """What all chunks have together.
+    """Bounds of all chunks together.
 
     Args:
         scans: of all chunks, in order.

@@ -1,4 +1,4 @@
-"""What a scene larger than memory is read from, in chunks: descriptors that can be pickled, and how one is read.
+"""Sources of a scene larger than memory, in chunks: descriptors that can be pickled, and how one is read.
 
 Read are a PLY of INRIA's columns, which is read row by row wherever it is; a streamed SOG (its `lod-meta.json`), of
 which every file is read whole; a folder of scenes in any format of :mod:`scarfmt.formats`, one after the other by name;
@@ -56,7 +56,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Chunk:
-    """What one task reads.
+    """The part of a source that one task reads.
 
     Attributes:
         number: 0.. in the order of the scene.
@@ -145,7 +145,7 @@ def _files_of(meta: Source) -> Iterator[str]:
 
 
 def inputs_of(origin: str, rows: int = CHUNK_ROWS, format_id: str | None = None) -> Inputs:
-    """How to read a scene.
+    """Find out how to read a scene.
 
     Args:
         origin: path or URL of a file or folder.
@@ -226,7 +226,7 @@ def _grouped(parts: Iterable[Part], rows: int) -> Iterator[tuple[Part, ...]]:
 
 @dataclass(frozen=True)
 class RowTable:
-    """Where the rows of Gaussians of a PLY are, all of the same size.
+    """The place of the rows of Gaussians in a PLY, all of the same size.
 
     Attributes:
         columns: where attributes are in a row.
@@ -242,7 +242,7 @@ class RowTable:
 
     @classmethod
     def of(cls, source: Source) -> RowTable | None:
-        """That of a PLY; None of one in text, or with lists before its Gaussians, where rows cannot be counted off.
+        """Find the rows of a PLY; None in text, or with lists before its Gaussians, where rows cannot be counted off.
 
         Raises:
             InvalidInput: ``input-corrupt``, ``input-not-gaussians``, ``input-sh-degree``.

@@ -1,4 +1,4 @@
-"""What the steps of the out-of-core encoder hand to each other, and in which order they run (nothing normative).
+"""Data that steps of the out-of-core encoder hand to each other, and the order in which they run (nothing normative).
 
     step        of            hands on      does
     scan, cut   the source    Bounds, Range bounds of all positions; intervals of the Morton order
@@ -11,7 +11,7 @@
     judge       those ranges  Judged        errors of pictures of a range under a Fit, by which lambda is corrected
     train       some tiles    Fit           predictors, from effort 2
     apply       each range    RangeContent  tiles and all integers of the range
-    histograms  each range    Histograms    how often each symbol comes under each table
+    histograms  each range    Histograms    how often each symbol comes under each table; and the symbols, RangeSymbols
     reduce      all of these  Models        static tables, and the model blocks of every layer
     code        each range    Segment       TILE blocks
 
@@ -21,19 +21,20 @@ In modules of :mod:`reference_encoder.scale`, `options` being :class:`EncodeOpti
     glance.overlook(glances, parts, bounds, options) -> Overview
     measured.measure(overview, part, scene) -> Measured
     sample.sample(overview, part, scene, measured) -> Sample
-    judged.pictures(overview, part, scene, sight) -> Pictures, `Sight.LOOP` for `settled`, `Sight.REPORT` at the end
-    judged.judge(overview, fit, part, scene, measured, pictures) -> Judged
+    judged.pictures(overview, part, scene, measured, sight) -> Pictures, `LOOP` for `settled`, `REPORT` at the end
+    judged.judge(overview, fit, part, pictures) -> Judged
     judged.quality_of(overview, judged, sight) -> Quality, for METADATA
     fitted.settled(overview, samples, judge: Callable[[Fit], Sequence[Judged]]) -> Fit
     trained.some_tiles(overview, part, content) -> RangeContent
     trained.train(overview, fit, tiles: Sequence[RangeContent], anchors) -> Fit
     applied.apply(overview, fit, part, scene, measured) -> RangeContent
-    coded.histograms(fit, content) -> Histograms
+    coded.histograms(fit, content) -> Histograms, RangeSymbols
     coded.reduce(overview, fit, histograms, metadata) -> Models
-    coded.code(fit, models, content) -> Segment
+    coded.code(models, symbols) -> Segment
 
 Where `options.trains_networks`, histograms wait for predictors: `apply` of all ranges, `some_tiles` of each, one
-`train` on all of these, then `histograms`. Contents stay as they are; only how they are coded changes.
+`train` on all of these, then `histograms`. Contents stay as they are; only how they are coded changes. Elsewhere one
+task does `apply` and `histograms`, and contents are not kept.
 
 A step of a range is a pure function of its arguments: which process runs it, and when, changes nothing. Everything
 here is made of arrays, numbers and tuples, so that it can be pickled. Memory of a step is bounded by its range.
@@ -49,7 +50,7 @@ import numpy as np
 from reference_encoder.decide.lattice import Root
 from scarfmt.arrays import F32, F64, I64, U64
 from scarfmt.coding.tile import TileContent
-from scarfmt.coding.writer import Histogram
+from scarfmt.coding.writer import Histogram, RecordedTile
 from scarfmt.container.directory import Tile
 from scarfmt.container.file import Block
 from scarfmt.entropy.keys import TableKey
@@ -59,7 +60,7 @@ from scarfmt.scene.gaussians import GaussianScene
 
 @dataclass(frozen=True)
 class Bounds:
-    """What a scan knows of a whole scene.
+    """Result of scanning a whole scene.
 
     Attributes:
         low, high: of all positions, three numbers each, world units.
@@ -74,7 +75,7 @@ class Bounds:
 
     @property
     def root(self) -> Root:
-        """Of the octree."""
+        """Corner and edge of the octree."""
         return Root.of(np.array(self.low), np.array(self.high))
 
     def paths(self, positions: F64) -> U64:
@@ -100,7 +101,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Measured:
-    """What the n Gaussians of a range weigh in pictures, all kinds of views together.
+    """Weights of the n Gaussians of a range in pictures, all kinds of views together.
 
     Attributes:
         shape: (n,) float32 per squared relative change of the splat.
@@ -132,7 +133,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Judged:
-    """What a range adds to the errors of pictures from the judging views.
+    """Part of a range in the errors of pictures from the judging views.
 
     Attributes:
         error: (V,) float64 mean squared error of the picture, peak 1, from every view; 0 where it is not seen.
@@ -177,8 +178,21 @@ class Histograms:
 
 
 @dataclass(frozen=True)
+class RangeSymbols:
+    """All symbols of a range, to be coded once the tables of the file are known.
+
+    Attributes:
+        tiles: of the range.
+        layers: of each layer, what each tile says.
+    """
+
+    tiles: tuple[Tile, ...]
+    layers: tuple[tuple[RecordedTile, ...], ...]
+
+
+@dataclass(frozen=True)
 class Models:
-    """What all ranges are coded with.
+    """Models that all ranges are coded with.
 
     Attributes:
         tables: static tables in force in each layer.

@@ -22,7 +22,7 @@ from reference_encoder.scale.measured import measure
 from reference_encoder.scale.places import version
 from reference_encoder.scale.sample import sample
 from reference_encoder.scale.source import Chunk
-from reference_encoder.scale.steps import Bounds, Judged, Models, Range, Sample, Segment
+from reference_encoder.scale.steps import Bounds, Judged, Models, Range, RangeContent, Sample, Segment
 from reference_encoder.scale.trained import some_tiles, train
 from reference_encoder.scale.work import Work
 from scarfmt.arrays import I64
@@ -33,7 +33,7 @@ SCENE, OVERVIEW, FIT, TRAINED, MODELS = "scene", "overview", "fit", "trained", "
 """Names of files of which there is one."""
 FOLDERS = (
     *("bins", "glances", "measured", "samples", "pictures-loop", "pictures-report", "fits"),
-    *("contents", "drawn", "histograms", "sums", "segments"),
+    *("contents", "drawn", "histograms", "symbols", "sums", "segments"),
 )
 """Folders of files of which there are several; those of counts are named by their depth."""
 _KEPT = 4
@@ -41,7 +41,7 @@ _KEPT = 4
 
 @dataclass(frozen=True)
 class Scene:
-    """What tasks know of a scene once it is cut.
+    """A scene as tasks know it, once it is cut.
 
     Attributes:
         bounds: of it.
@@ -93,7 +93,7 @@ def kept(work: Work, name: str) -> Any:
 
 
 def scene_of(work: Work) -> Scene:
-    """What is known of the scene."""
+    """Load what is known of the scene."""
     found: Scene = kept(work, SCENE)
     return found
 
@@ -149,25 +149,29 @@ def samples_of(work: Work) -> list[Sample]:
 
 def picture_range(work: Work, number: int, sight: Sight) -> None:
     """Keep pictures of the source to judge a range by."""
-    part, rows = _range(work, number)
-    work.put(numbered(f"pictures-{sight.name.lower()}", number), pictures(_overview(work), part, rows, sight))
+    (part, rows), measured = _range(work, number), work.get(numbered("measured", number))
+    work.put(numbered(f"pictures-{sight.name.lower()}", number), pictures(_overview(work), part, rows, measured, sight))
 
 
 def judge_range(work: Work, number: int, fit: str, sight: Sight) -> Judged:
-    """What a range adds to errors of pictures under a Fit of that name."""
-    part, rows = _range(work, number)
+    """Judge a range: what it adds to errors of pictures under a Fit of that name."""
     shown = work.get(numbered(f"pictures-{sight.name.lower()}", number))
-    measured = work.get(numbered("measured", number))
-    return judge(_overview(work), _fit(work, fit), part, rows, measured, shown)
+    return judge(_overview(work), _fit(work, fit), scene_of(work).ranges[number], shown)
 
 
 def apply_range(work: Work, number: int) -> int:
-    """Keep all integers of a range, and some of its tiles by themselves; gives its number of anchors."""
+    """Decide all integers of a range; gives its number of anchors.
+
+    Where predictors will be trained, the integers are kept, and some tiles by themselves; else the symbols at once.
+    """
     part, rows = _range(work, number)
     overview = _overview(work)
     content = apply(overview, _fit(work), part, rows, work.get(numbered("measured", number)))
-    work.put(numbered("contents", number), content)
-    work.put(numbered("drawn", number), some_tiles(overview, part, content))
+    if overview.options.trains_networks:
+        work.put(numbered("contents", number), content)
+        work.put(numbered("drawn", number), some_tiles(overview, part, content))
+    else:
+        _keep_symbols(work, number, content)
     return sum(len(tile) for tile in content.contents)
 
 
@@ -178,8 +182,19 @@ def train_scene(work: Work, ranges: int, anchors: int) -> None:
 
 
 def count_symbols(work: Work, number: int) -> None:
-    """Keep how often each symbol of a range comes."""
-    work.put(numbered("histograms", number), histograms(_fit(work, TRAINED), work.get(numbered("contents", number))))
+    """Keep the symbols of a range whose integers were kept, and how often each comes."""
+    _keep_symbols(work, number, work.get(numbered("contents", number)))
+
+
+def _coding_fit(work: Work) -> Fit:
+    """The Fit with the predictors of the file, if there are any."""
+    return _fit(work, TRAINED if scene_of(work).options.trains_networks else FIT)
+
+
+def _keep_symbols(work: Work, number: int, content: RangeContent) -> None:
+    counted, symbols = histograms(_coding_fit(work), content)
+    work.put(numbered("symbols", number), symbols)
+    work.put(numbered("histograms", number), counted)
 
 
 def add_histograms(work: Work, name: str, numbers: Sequence[int]) -> None:
@@ -189,13 +204,13 @@ def add_histograms(work: Work, name: str, numbers: Sequence[int]) -> None:
 
 def reduce_scene(work: Work, names: Sequence[str], metadata: dict[str, Any]) -> None:
     """Keep the models of the file, from histograms of all its ranges."""
-    work.put(MODELS, reduce(_overview(work), _fit(work, TRAINED), [work.get(name) for name in names], metadata))
+    work.put(MODELS, reduce(_overview(work), _coding_fit(work), [work.get(name) for name in names], metadata))
 
 
 def code_range(work: Work, number: int) -> Rows:
     """Keep the TILE blocks of a range, layer after layer; gives what the directory says of them."""
     models: Models = kept(work, MODELS)
-    return keep_segment(work, number, code(_fit(work, TRAINED), models, work.get(numbered("contents", number))))
+    return keep_segment(work, number, code(models, work.get(numbered("symbols", number))))
 
 
 def keep_segment(work: Work, number: int, segment: Segment) -> Rows:

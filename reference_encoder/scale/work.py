@@ -90,7 +90,7 @@ class Work:
             return [source.read(offset, length) for offset, length in ranges]
 
     def origin(self, name: str) -> str:
-        """What a source of bytes opens to read a file."""
+        """Give what a source of bytes opens to read a file."""
         path = local_path(self.path(name))
         return self.path(name) if path is None else str(path)
 
@@ -111,12 +111,20 @@ class Work:
         """Remove what a process left behind that was ended while it wrote."""
         for name in self._all(folder):
             if name.endswith(_UNFINISHED):
-                path = local_path(self.path(f"{folder}/{name}"))
-                if path is not None:
-                    path.unlink(missing_ok=True)
-                else:
-                    system, inside = file_system(self.path(f"{folder}/{name}"))
-                    system.rm(inside)
+                self.remove(f"{folder}/{name}")
+
+    def remove(self, name: str) -> None:
+        """Remove a file.
+
+        Raises:
+            FileNotFoundError: there is none at a URL.
+        """
+        path = local_path(self.path(name))
+        if path is not None:
+            path.unlink(missing_ok=True)
+        else:
+            system, inside = file_system(self.path(name))
+            system.rm(inside)
 
     def _all(self, folder: str) -> list[str]:
         path = local_path(self.path(folder))

@@ -1,1 +1,1 @@
-"""What a client that streams by view wants to know of a file: tight boxes, and what each layer of a tile gains."""
+"""The data of the STREAMING block: tight boxes of tiles, and the gain of each layer of a tile."""

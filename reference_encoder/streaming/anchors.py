@@ -1,4 +1,5 @@
-"""What anchors of a file weigh from some eyes, and how far they are from their final values (encoder; needs torch)."""
+"""The weights of the anchors of a file from some eyes, and the distance to their final values (encoder; needs
+torch)."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ from scarfmt.scene.gaussians import AnchorModel
 
 
 class AnchorWeights:
-    """What N anchors of K slots weigh, seen from V eyes.
+    """The weights of N anchors of K slots, seen from V eyes.
 
     Args:
         model: the anchors.

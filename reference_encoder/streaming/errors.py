@@ -21,12 +21,12 @@ from scarfmt.scene.gaussians import GaussianScene
 _DC = np.array([3.0, 3.0, 2.0])
 """Squared norms of the columns that make Y, G, O red, green and blue (SPEC §9.4)."""
 ABSENCE = GAUSSIAN_ABSENCE
-"""What it counts not to be there, in squared relative changes of a splat: neighbours are missing too."""
+"""Cost of a missing splat, in squared relative changes of a splat. Its neighbours are usually missing, too."""
 
 
 @dataclass(frozen=True)
 class LayerErrors:
-    """What is still to come of all N anchors of a file after a layer.
+    """The errors that remain for all N anchors of a file after a layer.
 
     Attributes:
         shape: (N,) float64 squared relative change of the splats, at most :data:`ABSENCE`; that where there are none.

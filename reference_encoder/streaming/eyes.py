@@ -1,4 +1,4 @@
-"""From where gains are told: a few of the views that matter, spread over all of them (encoder only, informative)."""
+"""The viewpoints of gains: a few of the views that matter, spread over all of them (encoder only, informative)."""
 
 from __future__ import annotations
 

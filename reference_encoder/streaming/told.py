@@ -1,4 +1,4 @@
-"""What a file tells clients of its tiles: boxes, gains from some viewpoints, a view to begin with (SPEC §7.13).
+"""The STREAMING block of a file: boxes of tiles, gains from some viewpoints, and a first view (SPEC §7.13).
 
 Linear in the number of Gaussians: pictures from a few dozen views say what each weighs, its values after each layer how
 far it still is from the last, and tiles add that up. No tile is drawn by itself.
@@ -38,17 +38,17 @@ USUAL_VIEWPOINTS, LEAST_VIEWPOINTS = 8, 4
 GAIN_SHARE = 0.005
 """Part of a file that gains take up, where nobody says how many viewpoints."""
 _BULK = 0.9
-"""Of what a tile shows, the part that sticks out of its box no further than its reach."""
+"""Share of the visible content of a tile that sticks out of its box no further than its reach."""
 _DEVIATIONS = 2.0
 _FIRST_ELEVATION, _FIRST_DISTANCE = 20.0, 1.6
 _HARDLY = 0.1
-"""Part of a tile in the pictures of an eye that tells nothing of it."""
+"""Part of a tile in the pictures of an eye below which the eye has no gain of it."""
 _FILLED = 0.5
-"""What is then told of it, in what it gains for other eyes by how large it looks."""
+"""Part of the gain usual for its size that such a tile gets for this eye."""
 
 
 def usual_viewpoints(scene: QuantisedScene, size: int) -> int:
-    """Viewpoints to tell gains from, where nobody says: none for a single tile, of which there is no choice.
+    """Number of viewpoints by default: none for a single tile, of which there is no choice.
 
     Args:
         size: of the file, bytes.
@@ -58,7 +58,7 @@ def usual_viewpoints(scene: QuantisedScene, size: int) -> int:
 
 
 def streamed(data: bytes, scene: QuantisedScene, options: EncodeOptions) -> bytes:
-    """The file, with what `options` want clients to be told.
+    """The file, with the STREAMING block that `options` ask for.
 
     A single tile, of which there is no choice, has its box and a view to begin with told where cameras are known.
 
@@ -73,7 +73,7 @@ def streamed(data: bytes, scene: QuantisedScene, options: EncodeOptions) -> byte
 
 
 def told(scene: QuantisedScene, options: EncodeOptions, count: int) -> Streaming:
-    """What to tell clients of a file.
+    """The values of the STREAMING block of a file.
 
     Args:
         scene: all integers of it.
@@ -173,7 +173,7 @@ def _planned(camera: Camera) -> planning.Camera:
 
 
 def _levels(gains: F64) -> Levels:
-    """As the block has them; what takes nothing away, or makes worse, is 0."""
+    """Coded levels of gains. A gain that is zero or negative is 0."""
     with np.errstate(divide="ignore"):
         steps = np.rint(GAIN_OF_ONE + GAIN_STEPS * np.log2(np.maximum(gains, 0)))
     return np.asarray(np.clip(steps, 0, 255).astype(np.uint8))

@@ -59,7 +59,7 @@ def warn_displaced(distance: float) -> None:
 
 
 def _moved(picture: Tensor, photo: Tensor) -> tuple[Tensor, Tensor]:
-    """(b,) pixels to the right and (b,) down that each block which can be told apart has to be moved."""
+    """Pixels, (b,) to the right and (b,) down, by which each block with enough detail has to be moved."""
     grey, seen = (colours.mean(dim=2).cpu() for colours in (picture, photo))
     corners = _corners(*grey.shape)
     if not corners:

@@ -13,7 +13,7 @@ SLOTS = 10
 NETWORKS = ("opacity", "cov", "color")
 _OUTPUTS = {"opacity": 1, "cov": 7, "color": 3}
 ATTRIBUTES = ("latent", "scaling", "offsets")
-"""What is learnt of each anchor, in the order of checkpoints."""
+"""The learnt attributes of each anchor, in the order of checkpoints."""
 
 
 REACH = 1 << 20
@@ -28,7 +28,7 @@ def within_reach(lattice: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class Frame:
-    """Where anchors may lie: on points origin + voxel * integer.
+    """The points on which anchors may lie: origin + voxel * integer.
 
     Attributes:
         origin: (3,) float64, world units.
@@ -39,7 +39,7 @@ class Frame:
     voxel: float
 
     def to(self, device: torch.device) -> Frame:
-        """The same on a device."""
+        """A copy on another device."""
         return Frame(self.origin.to(device), self.voxel)
 
     @classmethod
@@ -91,11 +91,11 @@ class Anchors:
         )
 
     def to(self, device: torch.device) -> Anchors:
-        """The same on a device."""
+        """A copy on another device."""
         return Anchors(*(values.to(device) for values in vars(self).values()))
 
     def taken(self, rows: Tensor) -> Anchors:
-        """Of anchors `rows`."""
+        """A copy with anchors `rows` alone."""
         return Anchors(*(values.detach()[rows] for values in vars(self).values()))
 
     def parameters(self) -> dict[str, Tensor]:

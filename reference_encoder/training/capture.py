@@ -60,12 +60,12 @@ class Capture:
 
     @property
     def train(self) -> tuple[Photo, ...]:
-        """Those to learn from; at least one."""
+        """The photos to learn from; at least one."""
         return tuple(photo for photo in self.photos if photo.camera.split == "train")
 
     @property
     def test(self) -> tuple[Photo, ...]:
-        """Those held out, to measure with; none where that was asked for."""
+        """The photos held out to measure with; none if the user asked for none."""
         return tuple(photo for photo in self.photos if photo.camera.split == "test")
 
     @cached_property

@@ -76,11 +76,11 @@ def load_checkpoint(folder: Path, whose: str) -> tuple[int, State] | None:
     for _, path in found:
         content = _content(path)
         if content is None:
-            warnings.warn(f"{path} is damaged: going on from the one before, if any", InputWarning, stacklevel=2)
+            warnings.warn(f"{path} is damaged: using the one before, if any", InputWarning, stacklevel=2)
             continue
         if content["whose"] != whose:
             message = "holds an unfinished training of another capture or with other options"
-            raise _refused(folder, f"{message}; go on with these, give another folder, or delete it")
+            raise _refused(folder, f"{message}; use its options, give another folder, or delete it")
         return content["iteration"], content["state"]
     if found:
         raise _refused(folder, "no checkpoint can be read; delete the folder to start again")
@@ -88,7 +88,7 @@ def load_checkpoint(folder: Path, whose: str) -> tuple[int, State] | None:
 
 
 def _on_processor(part: Any) -> Any:
-    """The same with all tensors on the processor, in dicts and lists however deep."""
+    """A copy of the value with all tensors on the processor, in dicts and lists of any depth."""
     if isinstance(part, torch.Tensor):
         return part.cpu()
     if isinstance(part, dict):
@@ -97,7 +97,7 @@ def _on_processor(part: Any) -> Any:
 
 
 def last_iteration(folder: Path) -> int | None:
-    """That of the newest checkpoint by name, damaged or not; None where there is none."""
+    """The iteration of the newest checkpoint by name, damaged or not; None if there is none."""
     return next((iteration for iteration, _ in _checkpoints(folder)), None)
 
 
@@ -120,7 +120,7 @@ def _checkpoints(folder: Path) -> list[tuple[int, Path]]:
 
 
 def _content(path: Path) -> State | None:
-    """What the file holds; None where that is not what was written."""
+    """The content of the file; None if it is not a checkpoint that was written whole."""
     data = memoryview(path.read_bytes())
     head = len(_MAGIC) + _DIGEST_BYTES
     if data[: len(_MAGIC)] != _MAGIC or hashlib.sha256(data[head:]).digest() != data[len(_MAGIC) : head]:

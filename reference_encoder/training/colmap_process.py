@@ -1,4 +1,4 @@
-"""What COLMAP is asked to do, in a process of its own: ``python -m`` this module, with ACTION and FOLDER.
+"""The actions of COLMAP in a process of its own: ``python -m`` this module, with ACTION and FOLDER.
 
 FOLDER holds photos in `input/`. ACTION ``poses`` finds their poses; it reads pairs of photos that look alike from
 `pairs.txt`. ACTION ``undistort`` reads poses and lenses from `model/`. Both leave `images/` and `sparse/` in FOLDER, of
@@ -61,7 +61,7 @@ def find_poses(folder: Path) -> bool:
 
 
 def _largest_side(photos: Path) -> int:
-    """Of the first photo, pixels."""
+    """The larger side of the first photo, pixels."""
     first = pycolmap.Bitmap.read(min(file for file in photos.rglob("*") if file.is_file()), as_rgb=False)
     return int(max(first.width, first.height))
 

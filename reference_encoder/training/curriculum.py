@@ -49,7 +49,7 @@ class Curriculum:
 
 @dataclass(frozen=True)
 class Moment:
-    """What is on at one iteration.
+    """The parts of training that are on at one iteration.
 
     Attributes:
         gathers, grows: statistics of anchors; growing and pruning.
@@ -82,7 +82,7 @@ class Moment:
 
 
 def moment(curriculum: Curriculum, done: float) -> Moment:
-    """What is on when the fraction `done`, 0..1, of a run is behind."""
+    """The parts of training that are on when the fraction `done`, 0..1, of a run has passed."""
     beta, hard = _risen(curriculum.injection, done), done >= curriculum.hard_from
     return Moment(
         gathers=_within(curriculum.statistics, done),

@@ -1,4 +1,4 @@
-"""Where a training computes, and that it computes the same there every time."""
+"""The device of a training run, and the settings that make it compute the same each time."""
 
 from __future__ import annotations
 
@@ -56,7 +56,8 @@ def reproducible(device: torch.device) -> Iterator[None]:
 
 
 def noise_generator(choices: torch.Generator, device: torch.device) -> torch.Generator:
-    """What draws the many numbers of an iteration: `choices` itself on the processor, else one on the device.
+    """The generator of the many random numbers of an iteration: `choices` itself on the processor, else one on the
+    device.
 
     Choices (photos, layers, who grows) are drawn on the processor: the same on every device. Noise is millions of
     numbers an iteration, which a GPU draws faster than a processor could hand them over; its numbers are others.

@@ -1,4 +1,4 @@
-"""What training chose, as the integers of a file: nothing is chosen again (SPEC §6, §7)."""
+"""Export of a trained scene as the integers of a file. Nothing is chosen again (SPEC §6, §7)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from reference_encoder.decide.contexts import choose_rules, telling
+from reference_encoder.decide.contexts import choose_rules, enough_anchors
 from reference_encoder.training.anchors import NETWORKS, SLOTS
 from reference_encoder.training.fixed_latents import Exported, export
 from reference_encoder.training.layers import coarse
@@ -131,7 +131,7 @@ def _channels(state: State, finals: list[Any], classes: I64, steps: int) -> tupl
     widths = (torch.exp(state.log_widths) * 3.0**steps).double().tolist()
     offset_widths = torch.exp(state.log_offset_widths).double().tolist()
     streams = (Stream.SCALE, Stream.LATENT)[: len(finals) - 1]
-    some = telling(len(classes))
+    some = enough_anchors(len(classes))
     firsts = [coarse(torch.from_numpy(v[some]).double(), steps).long().numpy() for v in finals[:-1]]
     rules = choose_rules(streams, firsts, classes[some], len(classes))
     cells = (widths[:6], widths[6:])

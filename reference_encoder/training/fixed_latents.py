@@ -1,4 +1,4 @@
-"""What training found as the integers of a file: codewords, indices, decoder (SPEC §7.8, §7.9, §9.2).
+"""Export of a trained latent as the integers of a file: codewords, indices, decoder (SPEC §7.8, §7.9, §9.2).
 
 `export` moves latents to coordinates in which the decoder is an isometry on average, as the post-hoc encoder has them:
 trailing dimensions are then short to write, and errors of rounding count alike. What happens after it, in the last part
@@ -26,7 +26,7 @@ from scarfmt.blocks.mlp import Linear, QuantisedMlp
 from scarfmt.scene.codebooks import Codebooks
 
 _LARGEST = 32767
-"""Of a component of a codeword: sums of 8 stages stay below 2^20 (SPEC §9.2)."""
+"""Largest component of a codeword: sums of 8 stages stay below 2^20 (SPEC §9.2)."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,8 @@ def export(
 def best_coordinates(
     quantiser: Quantiser, f: torch.Tensor, indices: torch.Tensor, received: torch.Tensor
 ) -> Coordinates:
-    """Those of `export`: an isometry on average, sorted by energy, fine enough for the latents there are."""
+    """The coordinates in which latents are exported: an isometry on average, sorted by energy, with fine enough
+    steps."""
     seen = quantiser.look_up(indices, received).cpu().numpy()
     # Slopes are taken at latents drawn with one seed: a linear decoder has the same everywhere.
     generator, layers = torch.Generator().manual_seed(0), _layers(quantiser.decoder)
@@ -152,7 +153,7 @@ class FixedLatents(nn.Module):
 
     @classmethod
     def of_state(cls, state: Mapping[str, Any], bits: int = DECODER_BITS) -> FixedLatents:
-        """From the `state_dict` of another: no other tells the sizes."""
+        """A copy built from the `state_dict` of another, which gives the sizes."""
         books = Codebooks(state["coarse"].cpu().numpy(), state["residual"].cpu().numpy())
         count = sum(name.startswith("weights.") for name in state)
         pairs = [(state[f"weights.{n}"].cpu().numpy(), state[f"biases.{n}"].cpu().numpy()) for n in range(count)]

@@ -1,4 +1,4 @@
-"""Where anchors are missing, and which nobody sees (Scaffold-GS §3.3): growth on nested grids, pruning."""
+"""Growth on nested grids and pruning: where anchors are missing, and which anchors nobody sees (Scaffold-GS §3.3)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _LEAST_OPACITY = 0.005
 
 @dataclass
 class Statistics:
-    """What was seen of N anchors since their counters were last cleared.
+    """Statistics of N anchors since their counters were last cleared.
 
     Attributes:
         gradient: (N, K) sum of the norms of screen gradients.
@@ -49,7 +49,7 @@ class Statistics:
         return cls(*(torch.zeros(shape, device=device) for shape in shapes))
 
     def to(self, device: torch.device) -> Statistics:
-        """The same on a device."""
+        """A copy on another device."""
         return Statistics(*(values.to(device) for values in vars(self).values()))
 
     def add(
@@ -73,7 +73,7 @@ class Statistics:
         self.weight.view(-1)[flat] += weights[shown]
 
     def taken(self, rows: Tensor, fresh: int = 0) -> Statistics:
-        """Of anchors `rows`, and then of `fresh` new ones."""
+        """A copy with anchors `rows`, followed by `fresh` new ones."""
         new = Statistics.of(fresh, rows.device)
         pairs = zip(vars(self).values(), vars(new).values(), strict=True)
         return Statistics(*(torch.cat([old[rows], zeros]) for old, zeros in pairs))

@@ -50,7 +50,7 @@ _EFFORT = 2
 
 @dataclass(frozen=True)
 class IndexOptions:
-    """What codes the indices, and what it sees.
+    """The coder of the indices and its inputs.
 
     Attributes:
         entropy: "static", tables alone; "mlp", a perceptron over the context that knows the stage but no index of an
@@ -115,7 +115,7 @@ class IndexOptions:
 
 @dataclass(frozen=True)
 class _Material:
-    """What a network is trained on.
+    """The training data of a network.
 
     Attributes:
         scene: in the order of clusters, layers neural; `books` are its codebooks.
@@ -149,7 +149,7 @@ class JointIndexModel:
         self._draw = np.random.default_rng(options.seed)
 
     def state(self) -> dict[str, Any]:
-        """What has been learnt, in plain values and tensors, for a checkpoint; averages of Adam are left out."""
+        """The learnt values in plain values and tensors, for a checkpoint. Averages of Adam are left out."""
         known = self._known if self._material is None else dict(self._material.descent.model.named_parameters())
         grid = self._grid
         return {

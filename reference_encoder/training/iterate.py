@@ -16,7 +16,7 @@ from reference_encoder.training.state import WEIGHT_BITS, State
 from scarfmt.render.camera import Camera
 
 _VOLUME_WEIGHT = 0.01
-"""Of the mean volume of Gaussians in the loss (Scaffold-GS §3.4)."""
+"""Weight of the mean volume of Gaussians in the loss (Scaffold-GS §3.4)."""
 _RATE_PART = 8
 """One anchor of so many is priced an iteration."""
 _FADE = 0.998
@@ -24,7 +24,7 @@ _FADE = 0.998
 
 @dataclass(frozen=True)
 class Mode:
-    """What an iteration does.
+    """The mode of an iteration.
 
     Attributes:
         layer: 0-based.
@@ -43,7 +43,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an iteration found.
+    """The outcome of an iteration.
 
     Attributes:
         loss: without rate.

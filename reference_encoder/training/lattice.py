@@ -23,7 +23,7 @@ class Distinct(NamedTuple):
 
     @classmethod
     def of(cls, points: Tensor) -> Distinct:
-        """Of (n, 3) int64 points whose box has fewer than 2^63 points; n >= 1.
+        """Build the lattice of (n, 3) int64 points whose box has fewer than 2^63 points; n >= 1.
 
         A number is sorted for each, and not rows: that is a hundred times as fast.
         """

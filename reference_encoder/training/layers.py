@@ -1,4 +1,4 @@
-"""What layers there are, and how fine each is (paper §3.2). Which slots each shows is decided in `masks`.
+"""The layers of a trained file, and how fine each is (paper §3.7). `masks` decides which slots each layer shows.
 
 Training draws one layer an iteration, with that layer's slots and steps, so that every prefix of the file is a picture
 of its own and not the rest of another one.
@@ -14,7 +14,7 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class LayerPlan:
-    """What layers are, before anything is learnt.
+    """The plan of the layers, before anything is learnt.
 
     Attributes:
         steps: ternary steps of latents and scalings after each layer (SPEC §6.5), first 1, not falling.

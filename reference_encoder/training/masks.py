@@ -1,4 +1,4 @@
-"""Which slots each layer shows: those whose absence would be seen more than their bits are worth (paper §3.2).
+"""The slots that each layer shows: those whose absence would cost more than their bits (paper §3.7).
 
 A picture is linear in the opacity of a slot, so that leaving it out alone changes pixels by v = opacity * d(picture) /
 d(opacity), exactly. The energy |v|^2 comes from one backward pass with random signs in place of a gradient: the square
@@ -26,12 +26,12 @@ _BISECTIONS = 60
 _LEAST, _MOST = 1e-12, 1e6
 """Prices between which one is looked for."""
 _REMEMBERED = 0.7
-"""Of what was seen before, at each look: in a large capture any one look misses most photos of a slot that few show."""
+"""Share of earlier statistics that each look keeps. In a large capture one look misses most photos of a rare slot."""
 
 
 @dataclass(frozen=True)
 class Worth:
-    """What slots are worth, and what they take.
+    """The worth and the cost of slots.
 
     Attributes:
         benefit: (N, K) loss that leaving a slot out alone would add, a mean over photos.
@@ -67,7 +67,7 @@ class Worth:
 
 
 def worth(state: State, views: Views, background: Tensor, ssim_share: float) -> Worth:
-    """What slots are worth in pictures of the last layer, by these photos and, fading, by those looked at before.
+    """The worth of slots in pictures of the last layer, from these photos and, with falling weight, from earlier ones.
 
     Args:
         views: to look from; what is seen is added to `state.statistics`.

@@ -14,7 +14,7 @@ _BANDS = 4
 
 
 class Similarity(ctypes.Structure):
-    """What a call of similarity.c is given; `Similarity` there says what each is."""
+    """The arguments of a call of similarity.c; `Similarity` there describes each."""
 
     _fields_ = (
         *((name, ctypes.c_void_p) for name in ("picture", "photo", "mean", "square", "window")),
@@ -36,7 +36,7 @@ def _library() -> ctypes.CDLL:
 
 
 def run_similarity(job: Similarity, threads: int) -> None:
-    """Both phases of a job, rows shared among `threads`.
+    """Run both phases of a job; `threads` share the rows.
 
     Raises:
         InvalidInput: ``input-dependency`` where the compiled library is missing.

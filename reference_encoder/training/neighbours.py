@@ -1,4 +1,4 @@
-"""What neighbours of an anchor have, as the file's predictors will see it: means over cells (SPEC §10.2).
+"""The values of an anchor's neighbours as the file's predictors will see them: means over cells (SPEC §10.2).
 
 The file has two cells about each anchor, of a few and of many anchors, and codes each anchor after some of the others
 in it. Training sees all others: gradients do not run through them, so that it only matters what they are like.

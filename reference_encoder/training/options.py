@@ -1,4 +1,4 @@
-"""What a user can ask of training, what is told while it runs, and what comes out."""
+"""The options of training, its progress reports and its result."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MAX_MINUTES = 100_000.0
 MAX_ITERATIONS = 10_000_000
 MIN_LAMBDA, MAX_LAMBDA = 1e-3, 1e3
 LAMBDA_SSIM = 0.2
-"""Of 3DGS, Scaffold-GS and their kin."""
+"""The weight of SSIM in 3DGS, Scaffold-GS and similar methods."""
 MIN_SIZE = 10_000
 """Bytes: networks alone take most of as many."""
 
@@ -61,7 +61,8 @@ class TrainOptions:
     seed: int = 0
 
     def settled(self) -> TrainOptions:
-        """These with one of `minutes` and `iterations` set: 60 minutes unless said, 40,000 iterations as in the paper.
+        """These options with one of `minutes` and `iterations` set: 60 minutes by default, 40,000 iterations as in the
+        paper.
 
         Raises:
             InvalidInput: ``input-options``.
@@ -94,7 +95,7 @@ class TrainOptions:
         if self.size is not None and self.size < MIN_SIZE:
             raise _wrong("size", f"{self.size} bytes: {MIN_SIZE} is least")
         if self.seed < 0:
-            raise _wrong("seed", f"seed {self.seed}: 0 is least")
+            raise _wrong("seed", f"seed {self.seed} is below 0")
         _check_choice("preset", self.preset, PRESETS)
         _check_choice("device", self.device, DEVICES)
         if self.context is not None:
@@ -105,7 +106,7 @@ class TrainOptions:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where training stands.
+    """The progress of training.
 
     Attributes:
         iteration: the last one done, from 1.
@@ -134,7 +135,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class LayerQuality:
-    """What a file is worth up to one of its layers.
+    """The quality of a file up to one of its layers.
 
     Attributes:
         bytes: of the file cut after this layer.
@@ -150,7 +151,7 @@ class LayerQuality:
 
 @dataclass(frozen=True)
 class Trained:
-    """What training gives.
+    """The result of training.
 
     Attributes:
         data: a whole .scar file.

@@ -22,7 +22,7 @@ _SHOWN_NAMES = 3
 
 
 class View(Protocol):
-    """What is said of a photo: its name and its size in pixels."""
+    """The properties of a photo: its name and its size in pixels."""
 
     @property
     def name(self) -> str: ...
@@ -89,7 +89,7 @@ def size_of(file: Path) -> tuple[int, int]:
 
 
 def black(files: Sequence[Path]) -> list[bool]:
-    """Which pictures show nothing at all. Every one is read to its end for it, which finds what is cut short.
+    """Whether each picture is entirely black. Every picture is read to its end, so that a truncated one is found.
 
     Raises:
         InvalidInput: ``input-image``.
@@ -106,7 +106,8 @@ def named(names: Sequence[str]) -> str:
 
 
 def _folders(path: Path) -> list[Path]:
-    """Where photos may lie, most likely first. COLMAP's models lie below the folder that holds `images/`."""
+    """The folders that may hold photos, most likely first. COLMAP's models lie below the folder that holds
+    `images/`."""
     base = path if path.is_dir() else path.parent
     above = [base] if listings(path)[0].suffix == ".json" else [base, *base.absolute().parents[:2]]
     return [folder for parent in above for folder in (parent / "images", parent)]

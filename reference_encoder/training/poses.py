@@ -42,7 +42,7 @@ _THUMBNAIL = (24, 16)
 _ALIKE = 10
 """Photos that each is matched with because they look alike, beside its neighbours by name: they close loops."""
 _LEAST_PART = 0.5
-"""Of the photos whose poses have to be found: with fewer, what is missing is most of the scene."""
+"""Least share of the photos whose poses must be found. With fewer, most of the scene would be missing."""
 
 Made = list[tuple[Camera, Path]]
 """Cameras and the photos that were made for them."""
@@ -169,7 +169,7 @@ def _staged(folder: Path, files: Sequence[Path], prefixes: Sequence[str]) -> lis
 
 
 def _number(camera: Camera) -> int:
-    """Of the photo among those given, from its staged name."""
+    """The number of a photo among those given, from its staged name."""
     return int(Path(camera.name).stem)
 
 

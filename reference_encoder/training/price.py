@@ -1,4 +1,4 @@
-"""What a bit may cost the picture in each layer: fixed, or such that prefixes get their sizes."""
+"""The price of a bit in each layer: fixed, or steered so that prefixes of the file get their sizes."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from reference_encoder.training.masks import Worth
 
 _MEMORY = 0.95
 _SHRINKS = 0.85
-"""Of the bytes before, at least, between two looks at masks: what closes never opens again in the last layer."""
+"""Least share of its bits that the last layer keeps between two looks at masks: a slot closed there never opens
+again."""
 _STEP = 1.5
 """Times that a price changes at most in one of them: values take a while to follow."""
 _STEER = 1.1
-"""The same once masks are settled, when prices are corrected more often."""
+"""Factor of a price correction once masks are settled, when prices are corrected more often."""
 
 
 @dataclass

@@ -33,7 +33,7 @@ _WARM_STEPS, _WARM_BATCH, _WARM_RATE = 300, 4096, 3e-3
 
 @dataclass(frozen=True)
 class Quantised:
-    """What the quantiser makes of n features.
+    """The quantiser's result for n features.
 
     Attributes:
         encoded: (n, d) float32 outputs of the projector, without gradient.
@@ -112,12 +112,12 @@ class Quantiser(nn.Module):
         return found
 
     def network_parameters(self) -> Iterator[nn.Parameter]:
-        """Of projector and decoder: for the optimiser of the VQ loss."""
+        """The parameters of projector and decoder, for the optimiser of the VQ loss."""
         yield from self.projector.parameters()
         yield from self.decoder.parameters()
 
     def book_parameters(self) -> Iterator[nn.Parameter]:
-        """Of the books: for the optimiser of the last phase, once they are open."""
+        """The parameters of the books, for the optimiser of the last phase, once they are open."""
         yield from self.books.parameters()
 
     def open_books(self) -> None:

@@ -1,4 +1,4 @@
-"""What a scene will take in bits, differentiable: the price that training pays for what it learns (paper §3.4).
+"""The bits that a scene will take, differentiable: the price of bits in training (paper §3.5).
 
 The file codes values with tables that predictors choose from what is decoded already (SPEC §10.3). Its stand-in here is
 a logistic distribution a component. Its mean and width depend linearly on what comes before in an anchor, scalings,
@@ -20,11 +20,11 @@ from reference_encoder.training.anchors import SLOTS
 from reference_encoder.training.neighbours import columns
 
 POSITION_BITS = 15.0
-"""Of an anchor on its lattice, with its class."""
+"""Bits of an anchor's place on its lattice, with its class."""
 MASK_BITS = 3.0
-"""Of a slot that is on: its mask."""
+"""Bits of the mask of a slot that is on."""
 CLOSED_BITS = 0.25
-"""Of every slot of an anchor that is there."""
+"""Bits of every slot of a visible anchor."""
 _LEAST_WIDTH = 1e-3
 _MOST_BITS = 40.0
 _UNITS = 24
@@ -109,7 +109,7 @@ class Context(nn.Module):
 
 @dataclass(frozen=True)
 class Priced:
-    """What the bits of n anchors depend on.
+    """The values on which the bits of n anchors depend.
 
     Attributes:
         values: (n, 6 + d) scalings and latents; d = 0 where codewords carry features.

@@ -1,4 +1,4 @@
-"""What a preset stands for: widths, quantiser and curriculum, also in combinations that only ablations ask for."""
+"""The meaning of presets: widths, quantiser and curriculum, also in combinations that only ablations use."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from reference_encoder.training.vectors import Vectors
 
 @dataclass(frozen=True)
 class Recipe:
-    """What is trained, beyond what a user is asked.
+    """The settings of training that are not options of the user.
 
     Attributes:
         features: D, of anchors; as many hidden units.

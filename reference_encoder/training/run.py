@@ -49,7 +49,7 @@ from scarfmt.engines import best_engine
 from scarfmt.errors import InvalidInput
 
 VOXEL = 0.5
-"""Of the median distance of a starting point to its nearest neighbours."""
+"""Edge of a voxel, as a share of the median distance of a starting point to its nearest neighbours."""
 EXTENT = 1.1
 _LAST_PRICE, _FALL = 0.015, 2.0
 """Loss for a bit a pixel of all photos in the last layer, and how many times more it is in each layer before."""
@@ -61,7 +61,7 @@ _SETTLED = 0.25
 _LEAST_HALF = 360
 """Pixels of the longest side of a photo at half its size: what is learnt of smaller ones has to be learnt again."""
 _FINISH = 0.1
-"""Of the time, at most so many seconds, are kept for networks and the file."""
+"""Share of the time that is kept for networks and the file, with a maximum in seconds."""
 _MOST_FINISH = 180.0
 _MEMORY = 0.98
 
@@ -85,7 +85,7 @@ class Clock:
 
     @classmethod
     def of(cls, options: TrainOptions) -> Clock:
-        """What was asked for, less the time that the file takes at the end."""
+        """The budget that was asked for, minus the time that the file takes at the end."""
         if options.minutes is None:
             return cls(options.iterations, None)
         whole = 60 * options.minutes
@@ -178,7 +178,7 @@ def _check_no_indices(options: TrainOptions) -> None:
 
 
 def index_options(options: TrainOptions) -> IndexOptions:
-    """What codes indices."""
+    """The options of the coder of indices."""
     return IndexOptions.named(options.entropy, options.context, options.preset, options.seed)
 
 
@@ -219,7 +219,7 @@ class Run:
         return True
 
     def progress(self) -> Progress:
-        """Where the run stands."""
+        """The progress of the run."""
         trainer, clock = self.trainer, self.clock
         done = max(clock.done(trainer.iteration), 1e-9)
         return Progress(
@@ -345,7 +345,7 @@ def train(
 
 
 def _kept(run: Run, folder: Path, whose: str, stop: Stop, leave: Stop) -> Trained:
-    """What a run gives that keeps checkpoints and a log in a folder, and goes on from what it finds there."""
+    """The result of a run that keeps checkpoints and a log in a folder, and continues from those it finds there."""
     found = load_checkpoint(folder, whose)
     if found is not None:
         run.load(found[1])

@@ -1,4 +1,4 @@
-"""L1 and SSIM of a picture against a photo, with the gradient written out (Wang et al. 2004; paper §3.1).
+"""L1 and SSIM of a picture against a photo, with the gradient written out (Wang et al. 2004; paper §3.5).
 
 SSIM with a Gaussian window of 11 pixels, sigma 1.5, zeros beyond the edges, a map a channel. What depends on the photo
 alone is computed once a photo. On processors the loops are C (similarity.c), a fifth of the time of torch's; elsewhere
@@ -60,7 +60,7 @@ class Target:
 
     @classmethod
     def of(cls, photo: Tensor) -> Target:
-        """Of (H, W, 3) uint8."""
+        """Build the target from (H, W, 3) uint8."""
         pixels = photo.contiguous().float() / 255
         return cls(pixels, blurred(pixels).contiguous(), blurred(pixels * pixels).contiguous())
 

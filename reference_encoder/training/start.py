@@ -14,10 +14,10 @@ from scarfmt.render.capture.seen import in_view
 DRAWN = 20_000
 _CANDIDATES = 8 * DRAWN
 _SEEN_BY = 1 / 3
-"""Of the cameras, at least: what fewer see is not what the photos are of."""
+"""Least share of the cameras that must see a point of the start: the photos do not show what fewer cameras see."""
 _GREY = 128
 _RIDGE = 1e-3
-"""Of the number of cameras: keeps the focus near the eyes where all look the same way."""
+"""Share of the number of cameras that keeps the focus near the eyes if all of them look the same way."""
 
 
 def drawn_points(cameras: Sequence[Camera]) -> Points:

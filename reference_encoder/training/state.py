@@ -26,7 +26,7 @@ _LATENT_CELL = 0.5
 """First cells of latents, in their standard deviation."""
 _CHUNK = 1024
 WEIGHT_BITS = 8
-"""Of the networks' weights in the file."""
+"""Bits of the networks' weights in the file."""
 
 _RATES = {
     "latent": Rates(0.0075, 0.0015),
@@ -90,7 +90,7 @@ class State:
 
     @property
     def device(self) -> torch.device:
-        """Where everything is."""
+        """The device of the tensors."""
         return self.anchors.lattice.device
 
     @torch.no_grad()
@@ -149,7 +149,7 @@ class State:
         return int((self.anchors.first < self.plan.count).sum())
 
     def checkpoint(self) -> dict[str, Any]:
-        """All of it, for a checkpoint."""
+        """The whole state, for a checkpoint."""
         return {
             "anchors": {name: values.detach() for name, values in vars(self.anchors).items()},
             "networks": self.networks.state_dict(),
@@ -218,7 +218,8 @@ class State:
         return Values(positions, features, priced.values[:, :6], priced.offsets, priced.shown)
 
     def priced(self, rows: Tensor, layer: int, rounded: bool) -> Priced:
-        """What bits of anchors `rows` depend on in a layer: rounded as the file will be, else with noise of a cell."""
+        """The values on which the bits of anchors `rows` depend in a layer: rounded as in the file, or with noise of a
+        cell."""
         a = self.anchors
         widths, offset_widths = torch.exp(self.log_widths), torch.exp(self.log_offset_widths)
         values = self._values(rows)

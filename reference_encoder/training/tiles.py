@@ -13,7 +13,7 @@ from scarfmt.container.file import Tile
 
 @dataclass(frozen=True)
 class Tiles:
-    """Where n anchors lie.
+    """The tiles of n anchors.
 
     Attributes:
         tiles: tile table.

@@ -23,7 +23,7 @@ from scarfmt.coding.writer import QuantisedScene
 
 _GROW_EVERY = 100
 _LEAST_DRAWN = 0.4
-"""Of the iterations between two rounds of growth: slots drawn more often are judged."""
+"""Least share of the iterations between two rounds of growth in which a slot must be drawn to be judged."""
 _LEAST_SEEN = 0.8
 _DECIDE_EVERY, _LOOKS, _FIRST_LOOKS = 400, 48, 144
 """Iterations between two decisions of masks, and photos that each and that the first looks at."""
@@ -100,7 +100,7 @@ class Trainer:
         return Mode(layer, now, counts, price, self.ssim_share)
 
     def phase(self, done: float) -> str:
-        """What is being learnt, a few words."""
+        """The current phase of learning, in a few words."""
         now = moment(self.curriculum, done)
         if now.fine_tunes:
             return "networks fitted to the file's integers"
@@ -111,7 +111,7 @@ class Trainer:
         return "rate" if now.rate > 0 else "anchors"
 
     def _begin(self, now: Moment) -> None:
-        """What happens once, at the start of a phase."""
+        """Do what happens once, at the start of a phase."""
         if now.noisy or now.rounded:
             self._start_values()
         if now.quantises:
@@ -182,7 +182,8 @@ class Trainer:
             self.joint.restore(kept["joint"])
 
     def _decide_masks(self, weight: float) -> None:
-        """Which slots each layer shows from now on; those of new anchors stay until they had time to learn."""
+        """Decide which slots each layer shows from now on. Slots of new anchors stay until they have had time to
+        learn."""
         state = self.state
         count = min(_LOOKS if self.decided else _FIRST_LOOKS, len(self.small))
         self.decided = True
@@ -230,7 +231,7 @@ class Trainer:
 
 
 def _share(name: str, now: Moment) -> float:
-    """Of the learning rate of a parameter, by what is settled already."""
+    """The share of the learning rate that a parameter keeps, by what is settled already."""
     if now.rounded and name in ("log_widths", "log_offset_widths"):
         return 0.0
     if now.fine_tunes and name in ("latent", "scaling", "offsets"):

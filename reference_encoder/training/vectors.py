@@ -16,7 +16,7 @@ _RATE, _LAST_RATE = 1e-3, 1e-4
 """Learning rates of projector and decoder on their own loss, and when pictures move them and the books too."""
 _MEMORY = 0.99
 _ECVQ = 0.5
-"""Of the slope of distortion by bits of an ideal quantiser: what a bit costs when codewords are chosen."""
+"""The price of a bit when codewords are chosen, as a share of the slope of distortion by bits of an ideal quantiser."""
 
 
 _TURNS = 8

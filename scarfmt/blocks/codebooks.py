@@ -9,7 +9,7 @@ import numpy as np
 from construct import this
 
 from scarfmt.arrays import I64
-from scarfmt.blocks.declare import U8, Bits, Count, Record, Repeat, Rule, Scope, build, read
+from scarfmt.blocks.declare import U8, Bits, Check, Count, Record, Repeat, Rule, Scope, build, read
 from scarfmt.blocks.spec import BlockSpec, Writing, numbers
 from scarfmt.container.registries import BlockKind
 from scarfmt.errors import Malformed
@@ -22,7 +22,7 @@ MAX_VALUE = 65535
 _DIMENSION = Record(
     "words" / Bits(this.size) * "in codeword order",
     Rule(
-        "R-7.8-1",
+        Check("R-7.8-1", "they are -65535..65535", "bad-codebook"),
         lambda at: int(np.abs(at["words"]).max()) <= MAX_VALUE,
         lambda at: Malformed("bad-codebook", f"a component beyond {MAX_VALUE} (SPEC §7.8)", field="codebooks"),
     ),
@@ -31,16 +31,28 @@ _DIMENSION = Record(
 _BOOK = Record(
     "number" / U8 * "0: stage 1; 1: all later stages",
     "size" / Count(MAX_CODEWORDS) * "codewords",
-    Rule("R-7.8-1", lambda at: _sound_head(at), lambda at: _bad(f"book {at['number']} of {at['size']} codewords")),
+    Rule(
+        Check("R-7.8-1", "number is 0 or 1 and ascends, size is at least 1", "bad-codebook"),
+        lambda at: _sound_head(at),
+        lambda at: _bad(f"book {at['number']} of {at['size']} codewords"),
+    ),
     "components" / Repeat(this.d, _DIMENSION),
 )
 
 CODEBOOKS = Record(
     "d" / Count(MAX_LATENT) * "latent dimensions",
-    Rule("R-7.8-1", lambda at: bool(at["d"]), lambda at: _bad("codewords of no dimensions")),
+    Rule(
+        Check("R-7.8-1", "d is at least 1", "bad-codebook"),
+        lambda at: bool(at["d"]),
+        lambda at: _bad("codewords of no dimensions"),
+    ),
     "book_count" / Count(MAX_BOOKS),
+    Rule(
+        Check("R-7.8-1", "book_count is at least 1", "bad-codebook"),
+        lambda at: at["book_count"] > 0,
+        lambda at: _bad("the block holds no codebook"),
+    ),
     "books" / Repeat(this.book_count, _BOOK),
-    Rule("R-7.8-1", lambda at: bool(at["books"]), lambda at: _bad("the block holds no codebook")),
 )
 
 

@@ -89,7 +89,7 @@ class ColumnReader:
         return Columns({**scalars, **signed}, arrays, lengths)
 
     def _places(self, numbers: list[int]) -> I64 | None:
-        """Where each record begins, (records,); None if they do not fit."""
+        """Offset of each record, (records,); None if the records do not fit."""
         constant = len(self._scalars) + sum(row[2] for row in self._arrays)
         factor = sum(row[3] for row in self._arrays)
         least = max((-row[2] // row[3] for row in self._arrays if row[3]), default=0)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from construct import Construct, Float64l, FormatField, Int8ul, Int32ul, Renamed
@@ -46,7 +46,7 @@ class Trace(Protocol):
         """A field, or the item of this number of a repetition, begins at byte `at` of the payload."""
 
     def leave(self, value: Any, at: int) -> None:
-        """It ends before byte `at`, and has this value."""
+        """The field that began last ends before byte `at` and has this value."""
 
     def part(self, name: str, start: int, past: int, value: Any) -> None:
         """Bytes `start` to `past` of the payload are a part of the field that has begun."""
@@ -64,7 +64,7 @@ class Element(Construct, ABC):  # type: ignore[misc]  # construct has no types
     """A part of a payload."""
 
     spelled = ""
-    """Its type, as SPEC prints it."""
+    """Type of the field, as SPEC prints it."""
 
     @abstractmethod
     def take(self, reader: Cursor, scope: Scope) -> Any:
@@ -75,7 +75,7 @@ class Element(Construct, ABC):  # type: ignore[misc]  # construct has no types
         """The bytes of a value."""
 
     def shown(self, value: Any) -> Any:
-        """A value as people are told it."""
+        """A value in the form of reports."""
         return value
 
 
@@ -104,7 +104,7 @@ class Scalar(Element):
 
 
 def stream_name(number: int) -> str:
-    """A stream kind as people are told it."""
+    """The name of a stream kind in reports."""
     return f"{number} {Stream(number).name}" if number in set(Stream) else str(number)
 
 
@@ -260,7 +260,7 @@ class Bits(Element):
 
 
 class Blob(Element):
-    """So many bytes that something else reads."""
+    """A number of bytes that another part reads."""
 
     def __init__(self, count: Any) -> None:
         super().__init__()
@@ -273,18 +273,32 @@ class Blob(Element):
         return value
 
 
+class Check(NamedTuple):
+    """The sentence that SPEC.md prints where a rule is applied.
+
+    Attributes:
+        number: of the rule.
+        holds: what of it must hold here.
+        otherwise: refusal ids, where not.
+    """
+
+    number: str
+    holds: str
+    otherwise: str
+
+
 class Rule(Element):
     """A rule that is applied when all before it is read.
 
     Args:
-        number: of the rule in SPEC.md.
+        check: as SPEC.md prints it.
         holds: whether it is kept.
         refusal: the error, where not.
     """
 
-    def __init__(self, number: str, holds: Callable[[Scope], bool], refusal: Callable[[Scope], ScarError]) -> None:
+    def __init__(self, check: Check, holds: Callable[[Scope], bool], refusal: Callable[[Scope], ScarError]) -> None:
         super().__init__()
-        self.number, self._holds, self._refusal = number, holds, refusal
+        self.check, self._holds, self._refusal = check, holds, refusal
 
     def take(self, reader: Cursor, scope: Scope) -> None:
         if not self._holds(scope):
@@ -300,12 +314,12 @@ class Derived(Element):
     Args:
         made: makes it, and may refuse.
         text: how, as SPEC prints it; empty for what is no matter of the format.
-        rules: numbers of the rules that are applied.
+        checks: what is checked.
     """
 
-    def __init__(self, made: Callable[[Scope], Any], text: str = "", rules: Sequence[str] = ()) -> None:
+    def __init__(self, made: Callable[[Scope], Any], text: str = "", checks: Sequence[Check] = ()) -> None:
         super().__init__()
-        self._made, self.text, self.rules = made, text, rules
+        self._made, self.text, self.checks = made, text, checks
 
     def take(self, reader: Cursor, scope: Scope) -> Any:
         return self._made(scope)

@@ -10,7 +10,21 @@ import numpy as np
 from construct import this
 
 from scarfmt.arrays import U8 as Bits
-from scarfmt.blocks.declare import U8, U32, Blob, Count, Derived, Record, Repeat, Rule, Scope, Varint, build, read
+from scarfmt.blocks.declare import (
+    U8,
+    U32,
+    Blob,
+    Check,
+    Count,
+    Derived,
+    Record,
+    Repeat,
+    Rule,
+    Scope,
+    Varint,
+    build,
+    read,
+)
 from scarfmt.blocks.spec import BlockSpec, Writing, numbers
 from scarfmt.container.registries import BlockKind
 from scarfmt.entropy.rans import FrequencyTable, RansDecoder, RansEncoder
@@ -22,30 +36,35 @@ _PROBABILITY_ONE = 256
 
 _LEVEL = Record(
     "plane" / Varint(32) * "axes: 0 xyz, 1 xy, 2 xz, 3 yz, 4 x, 5 y, 6 z",
-    "resolution" / Varint(32) * "M, cells along each axis",
-    "table_log2" / Varint(32) * "T",
-    "features" / Varint(32),
+    "resolution" / Varint(32) * "cells along each axis",
+    "table_log2" / Varint(32) * "logarithm of the entries of a table that is not dense",
+    "features" / Varint(32) * "bits of an entry",
+)
+
+_SOUND_STREAM = (
+    Check("R-8.2-1", "whole words, the last not 0", "rans-length, rans-last-word"),
+    Check("R-8.2-2", "sealed after its last bit", "rans-seal"),
 )
 
 _TABLE = Record(
     "ones" / U8 * "a bit is 1 in `ones` of 256 cases",
     Rule(
-        "R-10.6-2",
+        Check("R-10.6-2", "ones is not 0", "bad-grid"),
         lambda at: at["ones"] > 0,
         lambda at: Malformed("bad-grid", "the probability of a one must not be 0 (SPEC §10.6)", field="grid"),
     ),
     "length" / U32,
     "stream" / Blob(this.length) * "one rANS stream (8.2)",
     # Here, as a damaged stream is refused before the next level is read.
-    "bits" / Derived(lambda at: _decoded(at), rules=("R-8.2-1", "R-8.2-2")),
+    "bits" / Derived(lambda at: _decoded(at), checks=_SOUND_STREAM),
 )
 
 HASH_GRID = Record(
     "origin" / Repeat(3, Varint(32)) * "lattice coordinates x, y, z",
-    "extent_bits" / Varint(32) * "K: the box has sides of 2^K lattice steps",
+    "extent_bits" / Varint(32) * "the box has sides of 2^extent_bits lattice steps",
     "level_count" / Count(MAX_LEVELS),
     "levels" / Repeat(this.level_count, _LEVEL),
-    "shapes" / Derived(lambda at: _checked_shapes(at), rules=("R-10.6-1",)),
+    "shapes" / Derived(lambda at: _checked_shapes(at), checks=(Check("R-10.6-1", "all of it", "bad-grid"),)),
     "tables" / Repeat(this.level_count, _TABLE),
 )
 

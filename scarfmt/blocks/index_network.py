@@ -13,7 +13,21 @@ import numpy as np
 from construct import this
 
 from scarfmt.arrays import I32, Ints
-from scarfmt.blocks.declare import U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
+from scarfmt.blocks.declare import (
+    U8,
+    Bits,
+    Check,
+    Count,
+    Derived,
+    Record,
+    Repeat,
+    Rule,
+    Scope,
+    Use,
+    When,
+    build,
+    read,
+)
 from scarfmt.blocks.spec import BlockSpec, Writing, numbers
 from scarfmt.container.registries import BlockKind
 from scarfmt.errors import Malformed
@@ -41,7 +55,7 @@ MATRIX = Record(
     "numbers" / Bits(this.rows * this.columns) * "row by row",
     # Here, as int32 would wrap a weight that the network's own check must see.
     Rule(
-        "R-10.5-1",
+        Check("R-10.5-1", "they are -32767..32767", "bad-network"),
         lambda at: int(np.abs(at["numbers"]).max(initial=0)) <= MAX_WEIGHT,
         lambda at: Malformed("bad-network", f"a weight above {MAX_WEIGHT} (SPEC §10.1)", field="network"),
     ),
@@ -88,31 +102,34 @@ _HEAD = Record(
 )
 
 ENTROPY_NETWORK = Record(
-    "activation_bits" / U8 * "a",
+    "activation_bits" / U8 * "amax = 2^(activation_bits - 1) - 1",
     "flags" / U8 * "bit 0: own; bit 1: attention",
     "latent_shift" / U8,
     "codeword_shift" / U8,
-    "classes" / Count(MAX_INPUTS) * "C",
-    "attributes" / Count(MAX_INPUTS) * "A of §10.2",
-    "depths" / Count(MAX_INPUTS) * "D, number of occupancy targets",
-    "latents" / Count(MAX_INPUTS) * "L",
-    "grid" / Count(MAX_INPUTS) * "F",
-    "codeword_dims" / Count(MAX_CODEWORD_DIMS) * "R",
-    "embed_width" / Count(MAX_WIDTH) * "U",
-    "hidden" / Count(MAX_WIDTH) * "H",
-    "mixed" / Count(MAX_WIDTH) * "Y",
-    "gru_count" / Count(MAX_GRU_LAYERS) * "recurrent layers",
-    "tokens" / Count(MAX_TOKENS) * "T",
+    "classes" / Count(MAX_INPUTS) * "class columns",
+    "attributes" / Count(MAX_INPUTS) * "components of the attribute channels (10.2)",
+    "depths" / Count(MAX_INPUTS) * "how many occupancy targets there are",
+    "latents" / Count(MAX_INPUTS) * "latent dimensions that are looked at",
+    "grid" / Count(MAX_INPUTS) * "features of the hash grid",
+    "codeword_dims" / Count(MAX_CODEWORD_DIMS) * "dimensions of a codeword that are looked at",
+    "embed_width" / Count(MAX_WIDTH),
+    "hidden" / Count(MAX_WIDTH),
+    "mixed" / Count(MAX_WIDTH),
+    "gru_count" / Count(MAX_GRU_LAYERS) * "recurrent network layers",
+    "tokens" / Count(MAX_TOKENS) * "stages that a recurrent layer has biases for",
     "head_count" / Count(MAX_HEADS),
     Rule(
-        "R-10.5-1",
+        Check("R-10.5-1", "all other flags are 0", "bad-network"),
         lambda at: not at["flags"] & ~(_OWN | _ATTENTION),
         lambda at: _bad(f"reserved flags in {at['flags']:#x}"),
     ),
-    "N" / Derived(lambda at: _inputs(at).width, "C + (A if own) + D * (A + L + 1) + F"),
+    "N"
+    / Derived(
+        lambda at: _inputs(at).width, "classes + (attributes if own) + depths * (attributes + latents + 1) + grid"
+    ),
     # Here, as the product of attributes and depths is not bounded by their limits.
     Rule(
-        "R-10.5-1",
+        Check("R-10.5-1", "N is at most 512", "bad-network"),
         lambda at: at["N"] <= MAX_INPUTS,
         lambda at: _bad(f"{at['N']} input columns, at most {MAX_INPUTS}"),
     ),

@@ -11,6 +11,7 @@ from scarfmt.blocks.declare import (
     F64,
     STREAM,
     U8,
+    Check,
     Count,
     Numbers,
     Record,
@@ -41,33 +42,34 @@ STATIC, NEURAL = 0, 1
 """Entropy modes: what codes INDICES, static tables or the index network (SPEC §10.4)."""
 
 Opening = tuple[tuple[Channel, ...], DecodedContext]
-"""What only the LAYER block of layer 1 says."""
+"""The fields that only the LAYER block of layer 1 has."""
 
 _COMPONENT = Record(
     "first_width" / F64 * "width of a cell after one step",
     "by_class" / U8 * "context rule, 8.4",
-    "source_channel" / U8 * "255: none",
-    "source_component" / U8,
-    "shift" / U8,
     Rule(
-        "R-7.11-2",
+        Check("R-7.11-2", "by_class is 0 or 1", "bad-channel"),
         lambda at: at["by_class"] <= 1,
         lambda at: Malformed("bad-channel", "by_class is not 0 or 1 (SPEC §8.4)", field="channels"),
     ),
+    "source_channel" / U8 * "255: none",
+    "source_component" / U8,
+    "shift" / U8,
     "low" / SignedVarint(33),
 )
 
 _CHANNEL = Record(
     "stream" / STREAM,
+    Rule(
+        Check("R-7.11-2", "stream is that of a channel", "bad-channel"),
+        lambda at: at["stream"] in CHANNEL_STREAMS,
+        lambda at: Malformed("bad-channel", f"no channel has stream {at['stream']}", field="channels"),
+    ),
     "components" / U8,
     Rule(
-        "R-7.11-2",
-        lambda at: at["stream"] in CHANNEL_STREAMS and 1 <= at["components"] <= MAX_COMPONENTS,
-        lambda at: Malformed(
-            "bad-channel",
-            f"no channel has stream {at['stream']} and {at['components']} components",
-            field="channels",
-        ),
+        Check("R-7.11-2", "components is 1..64", "bad-channel"),
+        lambda at: 1 <= at["components"] <= MAX_COMPONENTS,
+        lambda at: Malformed("bad-channel", f"a channel of {at['components']} components", field="channels"),
     ),
     "rules" / Repeat(this.components, _COMPONENT),
 )
@@ -80,7 +82,7 @@ _CLASS = Record(
 LAYER = Record(
     "entropy_mode" / U8 * "what codes INDICES: 0 tables, 1 the index network (10.4)",
     Rule(
-        "R-7.11-1",
+        Check("R-7.11-1", "entropy_mode is 0 or 1", "unsupported-entropy-mode"),
         lambda at: at["entropy_mode"] in (STATIC, NEURAL),
         lambda at: Unsupported(
             "unsupported-entropy-mode", f"entropy mode {at['entropy_mode']} needs a newer reader", field="entropy_mode"

@@ -9,6 +9,7 @@ from typing import Any
 from scarfmt.blocks.declare import (
     Bits,
     Blob,
+    Check,
     Derived,
     Element,
     Numbers,
@@ -70,17 +71,21 @@ def _member_rows(member: Any, depth: int) -> Iterator[_Row]:
         yield depth, f"if {expression_text(element.condition)}:", "", ""
         yield from _rows(element.record, depth + 1)
     elif isinstance(element, Rule):
-        yield depth, f"check {element.number}", "", ""
+        yield depth, *_checked(element.check)
     elif isinstance(element, Derived):
         if element.text:
             yield depth, f"{name} = {element.text}", "", ""
-        if element.rules:
-            yield depth, "check " + ", ".join(element.rules), "", ""
+        for check in element.checks:
+            yield depth, *_checked(check)
     elif isinstance(element, Repeat) and isinstance(element.item, Record):
         yield depth, name, f"{expression_text(element.count)} times:", member.docs
         yield from _rows(element.item, depth + 1)
     else:
         yield depth, name, spelled(element), member.docs
+
+
+def _checked(check: Check) -> tuple[str, str, str]:
+    return f"check {check.number}: {check.holds}", "", f"else {check.otherwise}"
 
 
 def spelled(element: Element) -> str:

@@ -15,7 +15,7 @@ from construct import this
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F32, F64, I16
-from scarfmt.blocks.declare import U8, Count, Numbers, Record, Repeat, Rule, Scope, build, read
+from scarfmt.blocks.declare import U8, Check, Count, Numbers, Record, Repeat, Rule, Scope, build, read
 from scarfmt.blocks.spec import BlockSpec, Frame, Reading, Writing, numbers
 from scarfmt.container.bytefields import compress, decompress
 from scarfmt.container.registries import BlockKind, Profile
@@ -30,27 +30,46 @@ MAX_MLP_BYTES = 16 << 20
 
 _LAYER = Record(
     "rows" / Count(MAX_WIDTH) * "outputs",
+    Rule(
+        Check("R-7.9-1", "rows is at least 1", "bad-mlp"),
+        lambda at: at["rows"] > 0,
+        lambda at: _bad("a layer without outputs"),
+    ),
     "columns" / Count(MAX_WIDTH) * "inputs",
+    Rule(
+        Check("R-7.9-1", "columns is at least 1, and equals rows of the layer before", "bad-mlp"),
+        lambda at: _fits(at),
+        lambda at: _bad(f"a layer of {at['columns']} inputs does not fit"),
+    ),
     "width" / U8 * "bytes a weight: 1 (i8) or 2 (i16)",
     Rule(
-        "R-7.9-1",
-        lambda at: _fits(at),
-        lambda at: _bad(f"a layer of {at['rows']} x {at['columns']} does not fit"),
+        Check("R-7.9-1", "width is 1 or 2", "bad-mlp"),
+        lambda at: at["width"] in (1, 2),
+        lambda at: _bad(f"weights of {at['width']} bytes"),
     ),
     "weights" / Numbers({1: "i1", 2: "i2"}, this.rows * this.columns, this.width) * "row by row",
     "scales" / Numbers({4: "f4"}, this.rows, 4),
+    Rule(
+        Check("R-7.9-1", "they are finite", "bad-mlp"),
+        lambda at: bool(np.isfinite(at["scales"]).all()),
+        lambda at: _bad("scales must be finite"),
+    ),
     "biases" / Numbers({4: "f4"}, this.rows, 4),
     Rule(
-        "R-7.9-1",
-        lambda at: bool(np.isfinite(at["scales"]).all() and np.isfinite(at["biases"]).all()),
-        lambda at: _bad("scales and biases must be finite"),
+        Check("R-7.9-1", "they are finite", "bad-mlp"),
+        lambda at: bool(np.isfinite(at["biases"]).all()),
+        lambda at: _bad("biases must be finite"),
     ),
 )
 
 _NETWORK = Record(
     "layer_count" / Count(MAX_LAYERS),
+    Rule(
+        Check("R-7.9-1", "layer_count is at least 1", "bad-mlp"),
+        lambda at: at["layer_count"] > 0,
+        lambda at: _bad("a network needs a layer"),
+    ),
     "layers" / Repeat(this.layer_count, _LAYER),
-    Rule("R-7.9-1", lambda at: bool(at["layers"]), lambda at: _bad("a network needs a layer")),
 )
 
 NETWORKS = Record("network_count" / Count(MAX_NETWORKS), "networks" / Repeat(this.network_count, _NETWORK))
@@ -59,7 +78,7 @@ NETWORKS = Record("network_count" / Count(MAX_NETWORKS), "networks" / Repeat(thi
 
 def _fits(at: Scope) -> bool:
     chained = not at["earlier"] or at["columns"] == at["earlier"][-1]["rows"]
-    return bool(at["rows"] and at["columns"] and at["width"] in (1, 2) and chained)
+    return bool(at["columns"] and chained)
 
 
 def _bad(message: str) -> Malformed:

@@ -8,7 +8,22 @@ from typing import Any
 import numpy as np
 from construct import this
 
-from scarfmt.blocks.declare import STREAM, U8, Bits, Count, Derived, Record, Repeat, Rule, Scope, Use, When, build, read
+from scarfmt.blocks.declare import (
+    STREAM,
+    U8,
+    Bits,
+    Check,
+    Count,
+    Derived,
+    Record,
+    Repeat,
+    Rule,
+    Scope,
+    Use,
+    When,
+    build,
+    read,
+)
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.registries import BlockKind, Stream
 from scarfmt.neural.arithmetic import MAX_WEIGHT, Linear
@@ -24,13 +39,15 @@ LAYER_OF_PREDICTOR = Record(
     "weights" / Bits(this.rows * (this.columns + this.classes - MAX_CLASSES)) * "row by row",
     # Here, as int32 would wrap a weight that the layer's own check must see.
     Rule(
-        "R-10.3-2",
+        Check("R-10.3-2", "they are -32767..32767", "bad-predictor"),
         lambda at: int(np.abs(at["weights"]).max(initial=0)) <= MAX_WEIGHT,
         lambda at: bad_predictor(f"a weight above {MAX_WEIGHT}"),
     ),
     "biases" / Bits(this.rows, shifted=True),
 )
 """Parameters: `rows` and `columns`."""
+
+_SOUND = Check("R-10.3-2", "the layers, step, B1 * B2", "bad-predictor")
 
 _PREDICTOR = Record(
     "stream" / STREAM,
@@ -41,15 +58,23 @@ _PREDICTOR = Record(
     "classes" / U8 * "class columns with weights, 0..15",
     "inputs" / U8 * "N, 16..255",
     "units" / U8 * "hidden units, 0..64",
-    Rule("R-10.3-1", lambda at: _sound_head(at), lambda at: bad_predictor("a record's head is out of range")),
+    Rule(
+        Check("R-10.3-1", "stream, classes, inputs, units", "bad-predictor"),
+        lambda at: _sound_head(at),
+        lambda at: bad_predictor("a record's head is out of range"),
+    ),
     When(this.units > 0, "hidden" / Use("layer", LAYER_OF_PREDICTOR, rows=this.units, columns=this.inputs)),
     "output" / Use("layer", LAYER_OF_PREDICTOR, rows=2, columns=this.inputs + this.units),
-    "predictor" / Derived(lambda at: _checked(at), rules=("R-10.3-2",)),
+    "predictor" / Derived(lambda at: _checked(at), checks=(_SOUND,)),
 )
 
 PREDICTORS = Record(
     "predictor_count" / Count(MAX_PREDICTORS),
-    Rule("R-10.3-1", lambda at: at["predictor_count"] > 0, lambda at: bad_predictor("the block holds no predictor")),
+    Rule(
+        Check("R-10.3-1", "predictor_count is at least 1", "bad-predictor"),
+        lambda at: at["predictor_count"] > 0,
+        lambda at: bad_predictor("the block holds no predictor"),
+    ),
     "predictors" / Repeat(this.predictor_count, _PREDICTOR),
 )
 

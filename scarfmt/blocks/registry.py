@@ -32,7 +32,7 @@ MODEL_BLOCKS = tuple(spec for spec in BLOCKS.values() if spec.kind < BlockKind.T
 
 
 def element_table() -> str:
-    """What the directory's `count` is, as R-5.5-14 prints it."""
+    """The table of rule R-5.4-19 in SPEC: the meaning of `count` in the directory for each block kind."""
     lines = ["| kind | `count` | section |", "|---|---|---|"]
     counted = (spec for spec in BLOCKS.values() if spec.kind != BlockKind.METADATA)
     lines += [f"| {int(spec.kind)} {spec.kind.name} | {spec.elements} | §{spec.section} |" for spec in counted]

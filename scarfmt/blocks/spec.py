@@ -1,4 +1,4 @@
-"""What a kind of model block is, for readers, writers, validators and `scarfmt dump` (SPEC §5.5, §7).
+"""The properties of a kind of model block, for readers, writers, validators and `scarfmt dump` (SPEC §5.4, §7).
 
 Each kind's own module has its :class:`BlockSpec`; :mod:`scarfmt.blocks.registry` lists them.
 """
@@ -30,7 +30,7 @@ Inflate = Callable[[bytes, int, str], bytes]
 
 @dataclass(frozen=True)
 class Reading:
-    """What reading a block depends on beside its bytes.
+    """The values that reading a block depends on, beside its bytes.
 
     Attributes:
         layer: of the block, 1-based.
@@ -44,7 +44,7 @@ class Reading:
 
 
 class ModelParts(Protocol):
-    """What blocks are written from; :class:`scarfmt.coding.writer.QuantisedScene` is it."""
+    """The parts from which blocks are written; :class:`scarfmt.coding.writer.QuantisedScene` implements it."""
 
     @property
     def model(self) -> SceneModel: ...
@@ -68,7 +68,7 @@ class ModelParts(Protocol):
 
 @dataclass(frozen=True)
 class Writing:
-    """What is to be written of a layer.
+    """A layer that is to be written.
 
     Attributes:
         parts: of the scene.
@@ -97,7 +97,7 @@ class Frame:
 
 
 def no_parameters(payload: bytes, reading: Reading) -> dict[str, Any]:
-    """Of declarations that depend on nothing."""
+    """The parameters of a declaration that depends on nothing."""
     return {}
 
 
@@ -113,7 +113,7 @@ class BlockSpec:
         pack: the inverse.
         taken: the value to write in a layer, None for no block.
         count: value -> what the directory's `count` must be.
-        elements: what that counts, as R-5.5-14 says it.
+        elements: what that counts, as R-5.4-19 says it.
         layers: model -> layers in which something first needs the block; it may stand nowhere else. None for kinds
             that may stand in any layer.
         required: whether it must stand in all of these.

@@ -1,4 +1,4 @@
-"""STREAMING block: what tells a client which tiles and layers to fetch first (SPEC §7.13). It decodes nothing.
+"""STREAMING block: the boxes and gains by which a client chooses tiles and layers (SPEC §7.13). It decodes nothing.
 
 A tight box for each tile, what each layer of it gains seen from some viewpoints, and a view to begin with.
 """
@@ -13,7 +13,7 @@ from construct import this
 from numpy.typing import NDArray
 
 from scarfmt.arrays import F64
-from scarfmt.blocks.declare import U8, Count, Numbers, Record, Rule, Scope, build, read
+from scarfmt.blocks.declare import U8, Check, Count, Numbers, Record, Rule, Scope, build, read
 from scarfmt.blocks.spec import BlockSpec
 from scarfmt.container.file import Container, Entry
 from scarfmt.container.registries import BlockFlag, BlockKind
@@ -23,7 +23,7 @@ from scarfmt.limits import MAX_LAYERS, MAX_TILES, MAX_VIEWPOINTS
 GAIN_STEPS = 4
 """Steps of a gain, and of a reach, in an octave."""
 GAIN_OF_ONE, REACH_OF_SIDE = 255, 128
-"""What stands for a squared picture error of 1, and for a reach as long as the side of the tile."""
+"""The coded gain of a squared picture error of 1, and the coded reach of one side of the tile."""
 _VIEW = 10
 
 Levels = NDArray[np.uint8]
@@ -32,25 +32,29 @@ Levels = NDArray[np.uint8]
 STREAMING = Record(
     "layer_count" / U8 * "layers that gains are told of",
     Rule(
-        "R-7.13-1",
+        Check("R-7.13-1", "layer_count is 1..16", "bad-streaming"),
         lambda at: 1 <= at["layer_count"] <= MAX_LAYERS,
         lambda at: _bad(f"{at['layer_count']} layers: 1..{MAX_LAYERS} are possible"),
     ),
     "tile_count" / Count(MAX_TILES),
     "view_count" / Count(1) * "1 if there is a view to begin with",
     "view" / Numbers({4: "f4"}, this.view_count * _VIEW, 4) * "position, target, up, vertical field in radians",
-    Rule("R-7.13-1", lambda at: _is_view(at["view"]), lambda at: _bad("the view is not one")),
+    Rule(
+        Check("R-7.13-1", "its numbers are finite, its field is between 0 and π", "bad-streaming"),
+        lambda at: _is_view(at["view"]),
+        lambda at: _bad("the view is not one"),
+    ),
     "viewpoint_count" / Count(MAX_VIEWPOINTS),
     "viewpoints" / Numbers({4: "f4"}, this.viewpoint_count * 3, 4) * "x, y, z of each",
     Rule(
-        "R-7.13-1",
+        Check("R-7.13-1", "they are finite", "bad-streaming"),
         lambda at: bool(np.isfinite(at["viewpoints"]).all()),
         lambda at: _bad("a viewpoint is not finite"),
     ),
     "low" / Numbers({1: "u1"}, this.tile_count * 3, 1) * "x, y, z of each tile, in 1/256 of its side",
     "high" / Numbers({1: "u1"}, this.tile_count * 3, 1),
     Rule(
-        "R-7.13-1",
+        Check("R-7.13-1", "low is at most high", "bad-streaming"),
         lambda at: bool((at["low"] <= at["high"]).all()),
         lambda at: _bad("a box ends before it begins"),
     ),
@@ -85,7 +89,7 @@ class View:
 
 @dataclass(frozen=True)
 class Streaming:
-    """What a STREAMING block says of T tiles and L layers, seen from V viewpoints.
+    """The values of a STREAMING block for T tiles, L layers and V viewpoints.
 
     Attributes:
         low, high: (T, 3) uint8 corners of the tight box of the anchors' positions, in 1/256 of the side of a tile;
@@ -135,7 +139,7 @@ def pack_streaming(streaming: Streaming) -> bytes:
 
 
 def unpack_streaming(payload: bytes) -> Streaming:
-    """What a STREAMING block says.
+    """Parse a STREAMING block.
 
     Raises:
         Malformed: ``bad-streaming``, ``bad-varint``, ``payload-short``, ``payload-long`` (SPEC §7.13).
@@ -161,7 +165,7 @@ def _view(at: Scope) -> View | None:
 
 
 def read_streaming(container: Container) -> Streaming | None:
-    """What the STREAMING block of a file says; None where there is none, or a cut source does not reach it.
+    """The values of the STREAMING block of a file; None if there is none, or if a truncated source does not reach it.
 
     Raises:
         Malformed: ``bad-streaming`` and what :func:`unpack_streaming` raises; ``crc-mismatch``.
@@ -174,7 +178,7 @@ def read_streaming(container: Container) -> Streaming | None:
 
 
 def checked_streaming(container: Container, entry: Entry, payload: bytes) -> Streaming:
-    """What a block says that stands where `entry` says, with the rules that the file around it matters for.
+    """The values of the STREAMING block at `entry`, checked by its own rules and by those about the file around it.
 
     Raises:
         Malformed, LimitExceeded: as :func:`read_streaming`.

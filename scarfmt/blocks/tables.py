@@ -11,6 +11,7 @@ from construct import this
 from scarfmt.arrays import I64
 from scarfmt.blocks.columns import ColumnReader
 from scarfmt.blocks.declare import (
+    Check,
     Count,
     Record,
     Repeat,
@@ -40,15 +41,27 @@ _WEIGHT_BITS = (3, 5, 7, 9, 11, 13)
 
 _TABLE = Record(
     "key" / Varint(32, lambda number: _key_text(number)),
-    Rule("R-8.3-1", lambda at: _ascends(at), lambda at: _bad_table("table keys must ascend strictly")),
+    Rule(
+        Check("R-8.3-1", "keys ascend", "bad-table"),
+        lambda at: _ascends(at),
+        lambda at: _bad_table("table keys must ascend strictly"),
+    ),
     "size" / Count(MAX_ALPHABET) * "symbols",
-    Rule("R-8.3-1", lambda at: at["size"] > 0, lambda at: _bad_table("a table needs at least one symbol")),
+    Rule(
+        Check("R-8.3-1", "size is at least 1", "bad-table"),
+        lambda at: at["size"] > 0,
+        lambda at: _bad_table("a table needs at least one symbol"),
+    ),
     "first" / SignedVarint(33) * "first value of the alphabet",
-    Rule("R-8.3-1", lambda at: abs(at["first"]) < _VALUE, lambda at: _beyond()),
+    Rule(
+        Check("R-8.3-1", "the value is -(2^31 - 1)..2^31 - 1", "bad-table"),
+        lambda at: abs(at["first"]) < _VALUE,
+        lambda at: _beyond(),
+    ),
     "gaps"
     / Varints(32, this.size - 1, lambda gaps, at: _refused_gaps(gaps, at))
-    * "each value is the one before + gap + 1",
-    "weights" / Varints(24, this.size, lambda weights, at: _refused_weights(weights)),
+    * "each value is the one before + gap + 1; R-8.3-1 holds of each",
+    "weights" / Varints(24, this.size, lambda weights, at: _refused_weights(weights)) * "R-8.3-1 holds of each",
 )
 
 _COUNT = Count(MAX_TABLES)

@@ -1,4 +1,4 @@
-"""`scarfmt compare`: how close the pictures of two scenes are."""
+"""`scarfmt compare`: measures how close the pictures of two scenes are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from scarfmt.cli.failures import doubts_told, requires_extra
+from scarfmt.cli.failures import requires_extra, warnings_on_stderr
 from scarfmt.cli.files import check_stdout, print_json, timeout_option
 from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import EVERYWHERE, LISTED, ViewOptions, listed_cameras, view_options, views_of
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """What to compare, and how.
+    """The options of a comparison.
 
     Attributes:
-        views: from where.
-        listed: the cameras that `views` names, or None.
+        views: the user's choice of views.
+        listed: the cameras of --cameras, or None.
         ssim: whether to compute SSIM too.
         photos: folder of photos to compare both scenes with, or None.
     """
@@ -40,18 +40,18 @@ _STATISTICS = ("mean_psnr_db", "p5_psnr_db", "worst_psnr_db", "mean_ssim", "wors
 
 @dataclass(frozen=True)
 class Quality:
-    """How close pictures are, and those of each kind of views among them.
+    """How close the pictures of two scenes are.
 
     Attributes:
-        views: of all.
-        kinds: by kind.
+        views: all views.
+        kinds: the views of each kind.
     """
 
     views: Comparison
     kinds: dict[str, Comparison]
 
     def summary(self) -> dict[str, Any]:
-        """Mean, 5th percentile and worst of all views, and under ``kinds`` of each kind's."""
+        """Mean, 5th percentile and worst of all views; under ``kinds`` the same figures for each kind of view."""
         whole, *parts = (
             {name: getattr(views, name) for name in _STATISTICS} for views in (self.views, *self.kinds.values())
         )
@@ -62,11 +62,12 @@ class Quality:
 @click.argument("a")
 @click.argument("b")
 @view_options(EVERYWHERE)
-@click.option("--layers-a", type=click.IntRange(min=1), help="Layers of A to use, if it is a .scar file.")
-@click.option("--layers-b", type=click.IntRange(min=1), help="Layers of B to use, if it is a .scar file.")
-@click.option("--all-layers", is_flag=True, help="Compare every layer of B, a .scar file: rate and distortion.")
-@click.option("--ssim/--no-ssim", default=True, show_default=True, help="SSIM takes as long as drawing.")
-@click.option("--photos", type=click.Path(exists=True), help="Folder with cameras and images/: compare with them.")
+@click.option("--layers-a", type=click.IntRange(min=1), help="Number of layers of A to use, if A is a .scar file.")
+@click.option("--layers-b", type=click.IntRange(min=1), help="Number of layers of B to use, if B is a .scar file.")
+@click.option("--all-layers", is_flag=True, help="Compare each number of layers of B, which must be a .scar file.")
+@click.option("--ssim/--no-ssim", default=True, show_default=True, help="Compute SSIM, which takes as long as drawing.")
+@click.option("--photos", type=click.Path(exists=True),
+              help="Folder with cameras and images/. Compare A and B with these photos.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout; infinite PSNR is null.")
 @timeout_option
 @requires_extra("render")
@@ -83,8 +84,8 @@ def compare(
 ) -> None:
     """Draw the scenes A and B from the same cameras and report PSNR (dB) and SSIM of B against A.
 
-    A and B are any scene files: .scar (path or URL), PLY, SPZ, SOG, .splat or anchor models. A places the cameras: two
-    files compared with the same A are seen from the same places.
+    A and B are any scene files: .scar (path or URL), PLY, SPZ, SOG, .splat or anchor models. A places the cameras, so
+    all files that are compared with the same A are seen from the same places.
 
     \b
     Examples:
@@ -98,11 +99,11 @@ def compare(
         raise click.UsageError("--all-layers and --layers-b exclude each other")
     options = ViewOptions(**views)
     if photos is not None and (options.cameras or options.views or options.size or options.kind):
-        raise click.UsageError("--photos brings its own cameras: leave out --cameras, --views, --from and --size")
+        raise click.UsageError("--photos has its own cameras: leave out --cameras, --views, --from and --size")
     from scarfmt.cli.scenes import scene_origin
 
     check_stdout()
-    with doubts_told(), progress(as_json) as report:
+    with warnings_on_stderr(), progress(as_json) as report:
         request = Request(options, listed_cameras(options), ssim, photos)
         first, second = scene_origin(a), scene_origin(b)
         if all_layers:
@@ -118,7 +119,7 @@ def compare(
 def _compare_pair(
     a: SceneOrigin, layers_a: int | None, b: SceneOrigin, layers_b: int | None, request: Request, report: Report
 ) -> dict[str, Quality]:
-    """Quality by title: of B against A, or of each against the photos."""
+    """Quality of B against A under ``b``; with photos, quality of each scene against them under ``a`` and ``b``."""
     from scarfmt.cli.scenes import load_subject
 
     first, second = load_subject(a, layers_a), load_subject(b, layers_b)
@@ -151,7 +152,7 @@ def _with_photos(subject: Subject, request: Request) -> Quality:
 def _compare_layers(
     a: SceneOrigin, layers_a: int | None, b: SceneOrigin, request: Request, report: Report
 ) -> list[dict[str, Any]]:
-    """One row per layer of B that has arrived: layer, bytes, also per Gaussian, PSNR, SSIM."""
+    """One row for each complete layer of B: its number, bytes, bytes per Gaussian, PSNR and SSIM."""
     from scarfmt.cli.scenes import layer_table, load_subject
 
     first = load_subject(a, layers_a).remembering()

@@ -1,4 +1,4 @@
-"""`scarfmt conformance`: its commands are in the distribution scarfmt-conformance, imported when they are asked for."""
+"""`scarfmt conformance`: imports its commands from the distribution scarfmt-conformance when they are first used."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ABSENT = (
 
 
 class _Elsewhere(click.Group):
-    """A group whose commands and help are those of the other distribution, if that is installed."""
+    """A command group that takes its commands and help from the other distribution, if that is installed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return _commands().list_commands(ctx)

@@ -1,4 +1,4 @@
-"""`scarfmt convert`: between the formats of others, without a .scar file in between."""
+"""`scarfmt convert`: from one scene format to another, without a .scar file in between."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from typing import Any
 
 import click
 
-from scarfmt.cli.failures import doubts_told, requires_extra
+from scarfmt.cli.failures import requires_extra, warnings_on_stderr
 from scarfmt.cli.inputs import FORMAT_IDS, read_scene
-from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, spz_options, tell_written
+from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, report_written, spz_options
 
 
 @click.command(short_help="Convert a scene between PLY, SPZ, glTF and others.")
@@ -35,8 +35,9 @@ def convert(
 ) -> None:
     """Convert the scene INPUT into OUTPUT. Either may be - (stdin, stdout).
 
-    INPUT is what 'encode' reads, but for anchor models, which have no fixed Gaussians. It is in memory whole. OUTPUT is
-    a .ply, .compressed.ply, .spz, .glb or .gltf; what its format cannot hold is reported. Of a .scar file use 'decode'.
+    INPUT is any format that 'encode' reads, except an anchor model, which has no fixed Gaussians. The whole scene is
+    read into memory. OUTPUT is a .ply, .compressed.ply, .spz, .glb or .gltf. The command reports what the format of
+    OUTPUT cannot hold. To convert a .scar file, use 'decode'.
 
     \b
     Examples:
@@ -49,11 +50,11 @@ def convert(
     from scarfmt.formats.output import Described
     from scarfmt.scene.gaussians import GaussianScene
 
-    with doubts_told(quiet), open_scene_output(output, format_id, options, force) as out:
+    with warnings_on_stderr(quiet), open_scene_output(output, format_id, options, force) as out:
         scene = read_scene(input_, from_, sh_degree, drop_invalid, quiet)
         if not isinstance(scene, GaussianScene):
             raise click.UsageError("an anchor model has no fixed Gaussians: encode it, then decode with --bake")
         written = out.write(Described(scene.sh_degree), [scene])
-        done = tell_written(written, quiet)
+        done = report_written(written, quiet)
     if not quiet:
         click.echo(done, err=True)

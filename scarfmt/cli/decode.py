@@ -10,9 +10,9 @@ import click
 
 from scarfmt.cli.decode_scene import VIEW_OPTIONS, write_part
 from scarfmt.cli.eye import eye_options
-from scarfmt.cli.failures import doubts_told, requires_extra
+from scarfmt.cli.failures import requires_extra, warnings_on_stderr
 from scarfmt.cli.files import STANDARD, open_input, opens_index, print_json, timeout_option
-from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, spz_options, tell_written
+from scarfmt.cli.outputs import SUFFIXES, open_scene_output, output_format, output_options, report_written, spz_options
 from scarfmt.cli.progress import progress
 from scarfmt.cli.stats import decode_stats, format_stats, whole_file
 from scarfmt.cli.views import CAMERAS_HELP
@@ -82,26 +82,27 @@ def parse_attributes(_ctx: click.Context, _parameter: click.Parameter, value: st
 @click.argument("output")
 @click.option("--format", "format_id", type=click.Choice(FORMATS), help="Format of OUTPUT [default: its name].")
 @click.option("--layers", type=click.IntRange(min=1), help="Layers to decode, from the first [default: all].")
-@click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", callback=parse_box, help="Decode only what lies in a box.")
+@click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", callback=parse_box, help="Decode only what lies in this box.")
 @click.option("--tiles", metavar="I,J,...", callback=parse_tiles, help="Decode only these tiles.")
 @eye_options
-@click.option("--budget", type=click.IntRange(min=1), metavar="N", help="Gaussians at most, where the view needs them.")
-@click.option("--outside", is_flag=True, help="Also the first layer of what is out of the picture.")
+@click.option("--budget", type=click.IntRange(min=1), metavar="N", help="Maximum number of Gaussians for the view.")
+@click.option("--outside", is_flag=True, help="Also decode the first layer of tiles outside the picture.")
 @click.option("--attributes", metavar="NAME,...", callback=parse_attributes, help=ATTRIBUTES_HELP)
-@click.option("--bake", is_flag=True, help="Turn an anchor model into fixed Gaussians; loses quality.")
+@click.option("--bake", is_flag=True, help="Convert an anchor model to fixed Gaussians. This loses quality.")
 @click.option("--cameras", type=click.Path(exists=True), help=f"Cameras to --bake for: {CAMERAS_HELP}.")
-@click.option("--bake-steps", type=click.IntRange(min=0), help="Pictures that --bake is refined by [default: 256].")
-@click.option("--allow-truncated", is_flag=True, help="Decode the complete layers of a truncated file.")
-@click.option("--threads", type=click.IntRange(1, 256), help="Tiles decoded at once [default: one a processor].")
+@click.option("--bake-steps", type=click.IntRange(min=0), help="Number of pictures that refine --bake [default: 256].")
+@click.option("--allow-truncated", is_flag=True,
+              help="Decode the complete layers of a truncated file instead of refusing it.")  # fmt: skip
+@click.option("--threads", type=click.IntRange(1, 256), help="Number of threads [default: one for each processor].")
 @click.option(
     "--backend",
     type=click.Choice(["auto", "kernel", "numpy", "torch", "cuda"]),
     default="auto",
     show_default=True,
-    help="The engine that computes; the result is the same.",
+    help="Engine that computes. Exact values do not depend on it.",
 )
 @spz_options
-@click.option("--stats", is_flag=True, help="Report what was read and computed, and the time, on stderr.")
+@click.option("--stats", is_flag=True, help="Report bytes read, work done and time on stderr.")
 @click.option("--json", "as_json", is_flag=True, help="Print the report of --stats as a JSON object on stdout.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
@@ -120,18 +121,19 @@ def decode(
     quiet: bool,
     **wanted: Any,
 ) -> None:
-    """Decode INPUT (a path, a URL or -) into OUTPUT, or - for stdout, a PLY unless --format says otherwise.
+    """Decode INPUT (a path, a URL or - for stdin) into OUTPUT (a path, or - for stdout).
 
-    INPUT may be a scene index: its files are then decoded one after the other, each where it is placed.
+    INPUT may be a scene index. Its files are then decoded one after the other, each at its place in the scene.
 
-    A .ply holds Gaussians as INRIA's trainer writes them, all but positions bit for bit. A .glb or .gltf (with its
-    .bin) holds them as floats with KHR_gaussian_splatting. A .spz and a .compressed.ply are quantised; what they cannot
-    hold is reported. An .npz holds the arrays of the scene; of an anchor model, an anchor model that 'encode' and
-    'compare' read. Of a URL the first 64 KiB are transferred, and what is needed beyond.
+    The name of OUTPUT says its format; standard output gets a PLY unless --format says otherwise. A .ply holds
+    Gaussians as INRIA's trainer writes them. A .glb or .gltf (with its .bin) holds floats with
+    KHR_gaussian_splatting. A .spz or .compressed.ply is quantised; the command reports what the format cannot hold. An
+    .npz holds the arrays of the scene. The .npz of an anchor model can be read by 'encode' and 'compare'. From a URL,
+    the command transfers the first 64 KiB, and then only the ranges it needs.
 
-    With --budget, or a view (--camera, --target, --up, --fov), each tile gets as many layers as it is worth in that
-    view: near ones more, far ones few, those out of the picture none. What is not said of the view is that of the file,
-    or one of all of it from outside.
+    With --budget or a view (--camera, --target, --up, --fov), the view decides how many layers of each tile are
+    decoded: many of near tiles, few of far tiles, none of tiles outside the picture. Options of the view that are left
+    out are taken from the file. A file without a view is seen whole, from outside.
 
     \b
     Examples:
@@ -155,7 +157,7 @@ def decode(
     request = DecodeRequest(**wanted)
     counters = Counters()
     start = time.perf_counter()
-    with doubts_told(quiet):
+    with warnings_on_stderr(quiet):
         baking = _baking(cameras, bake_steps) if bake else None
     with open_scene_output(output, format_id, options, force) as out, open_input(input_) as source:
         done, whole = _write(input_, source, out, baking, request, view, counters, quiet)
@@ -167,9 +169,9 @@ def decode(
 
 def _check_output(output: str, format_id: str, attributes: bool, as_json: bool) -> None:
     if attributes and format_id != "npz":
-        raise click.UsageError("--attributes needs an .npz output: other formats hold all of them")
+        raise click.UsageError("--attributes needs an .npz output: other formats hold all attributes")
     if as_json and output == STANDARD:
-        raise click.UsageError("--json needs standard output for itself: give OUTPUT a name")
+        raise click.UsageError("--json prints on standard output: give OUTPUT a file name")
 
 
 def _engine(request: DecodeRequest) -> str:
@@ -195,14 +197,18 @@ def _write(
     counters: Counters,
     quiet: bool,
 ) -> tuple[str, dict[str, int]]:
-    """Write a scene, a file or a part; returns what was written, for people, and what there was."""
+    """Write a scene, a file or a part of it.
+
+    Returns:
+        A sentence about what was written, and the totals of the whole scene.
+    """
     opened = source.bytes_read, source.reads
     scene = opens_index(source) or any(view.values())
     looked = source.bytes_read - opened[0], source.reads - opened[1]
     if scene:
         return write_part(name, source, out, request, view, baking, counters, quiet)
     done = _write_file(source, out, baking, request, counters, quiet)
-    # What it took to tell that this is a file is no part of decoding it.
+    # Reads that only found out whether this is a file or an index are not counted as decoding.
     counters.bytes_read, counters.reads = source.bytes_read - looked[0], source.reads - looked[1]
     return done, whole_file(source)
 
@@ -215,7 +221,7 @@ def _write_file(
     counters: Counters,
     quiet: bool,
 ) -> str:
-    """Write what a file holds; returns what was written, for people."""
+    """Write the contents of a file; returns a sentence about what was written."""
     if out.format_id == "npz":
         return _write_npz(source, out.target, request, counters)
     _check_gaussians(source, baking)
@@ -229,11 +235,11 @@ def _write_file(
             written = Written(export_ply(source, out.target, request, **how), ())
         else:
             written = out.write(*stream_gaussians(source, request, **how))
-    return tell_written(written, quiet)
+    return report_written(written, quiet)
 
 
 def _check_gaussians(source: ByteSource, baking: Baking | None) -> None:
-    """Refuse an anchor model that is not to be baked."""
+    """Refuse an anchor model when --bake is not given."""
     from scarfmt.container.file import read_header
     from scarfmt.container.schema import Profile
 
@@ -243,7 +249,7 @@ def _check_gaussians(source: ByteSource, baking: Baking | None) -> None:
 
 
 def _baking(cameras: str | None, steps: int | None) -> Baking:
-    """How to bake, for cameras of a list: those that are not held out for tests."""
+    """Settings of --bake. Cameras that the list holds out for tests are not used, unless it has no others."""
     from reference_decoder.stream_ply import BAKE_STEPS, Baking
     from scarfmt.render.capture import load_cameras
 
@@ -253,7 +259,7 @@ def _baking(cameras: str | None, steps: int | None) -> Baking:
 
 
 def _write_npz(source: ByteSource, target: BinaryIO, request: DecodeRequest, counters: Counters) -> str:
-    """Write the arrays of a scene, or of some attributes; returns what was written, for people."""
+    """Write the arrays of a scene, or of some attributes; returns a sentence about what was written."""
     import numpy as np
 
     from reference_decoder.decode import decode, decode_scene

@@ -1,4 +1,4 @@
-"""`scarfmt decode` of a scene index, and of what one view needs."""
+"""`scarfmt decode` for a scene index, and for the part of a scene that one view needs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import click
 
 from scarfmt.cli.eye import camera_of
 from scarfmt.cli.files import open_input
-from scarfmt.cli.outputs import SceneOutput, tell_written
+from scarfmt.cli.outputs import SceneOutput, report_written
 
 if TYPE_CHECKING:
     from reference_decoder.request import DecodeRequest
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from scarfmt.scene.gaussians import GaussianScene
 
 VIEW_OPTIONS = ("camera", "target", "up", "fov", "size", "budget", "outside")
-"""Any of them asks for what one view needs."""
+"""Options that select a view. If any of them is given, only what the view needs is decoded."""
 
 
 def write_part(
@@ -34,17 +34,20 @@ def write_part(
     counters: Counters,
     quiet: bool,
 ) -> tuple[str, dict[str, int]]:
-    """Write a scene, or what a view needs of it; returns what was written, for people, and what there was.
+    """Write a scene, or the part of it that a view needs.
 
     Args:
-        name: of the scene, as typed.
-        source: what was opened for it.
-        out: where to, and in which format.
+        name: name of the scene, as typed.
+        source: the file that was opened under this name.
+        out: target and its format.
         request: what to decode.
         view: values of `VIEW_OPTIONS`.
-        baking: of anchor models, or None.
-        counters: of the work.
+        baking: how to bake anchor models, or None to refuse them.
+        counters: receive the work that was done.
         quiet: show no progress.
+
+    Returns:
+        A sentence about what was written, and the totals of the whole scene.
 
     Raises:
         click.UsageError: options that do not go together.
@@ -76,7 +79,7 @@ def write_part(
                 written = out.write(stream.described, stream.parts)
         if scene.holds(source):
             counters.bytes_read, counters.reads = source.bytes_read, source.reads
-    return tell_written(written, quiet), whole
+    return report_written(written, quiet), whole
 
 
 def _alone(scene: GaussianScene, _notes: tuple[str, ...]) -> GaussianScene:
@@ -101,7 +104,7 @@ def _detail(scene: SceneSet, said: dict[str, Any]) -> LevelOfDetail:
 
 
 def _view(scene: SceneSet) -> View | None:
-    """The view that a scene of one file begins with, if the file tells one."""
+    """The first view of a scene of one file, if the file names one."""
     from scarfmt.blocks.streaming import read_streaming
     from scarfmt.container.file import Container
 

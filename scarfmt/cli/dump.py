@@ -24,23 +24,24 @@ _HEAD = f"{'offset':>10} {'length':>8}  {'field':<56} {'SPEC':<5} value"
 @click.command(short_help="Annotate every byte of a file.")
 @click.argument("file")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout: rows and refusals.")
-@click.option("--full", is_flag=True, help="Print every item and number, not only the first of many.")
+@click.option("--full", is_flag=True, help="Print all items of long lists, not only the first ones.")
 @click.option(
     "--block",
     "blocks",
     multiple=True,
     type=click.Choice(_KINDS, case_sensitive=False),
-    help="Only blocks of this kind; may be given more than once.",
+    help="List only blocks of this kind; repeatable.",
 )
 @timeout_option
 @click.pass_context
 def dump(ctx: click.Context, file: str, as_json: bool, full: bool, blocks: tuple[str, ...]) -> None:
-    """List the bytes of FILE (a path, a URL or -) with what they are, what they say and which section describes them.
+    """List all bytes of FILE (a path, a URL or -): the field, its value, and the section of SPEC.md that defines it.
 
-    Every byte has one row. Offsets count from the start of the file; after the rows of a Zstandard frame those of its
-    content follow, whose offsets, marked +, count in the content. Symbols inside sub-streams are not decoded.
+    Every byte belongs to one row. Offsets count from the start of the file. The rows of a Zstandard frame are followed
+    by the rows of its content; their offsets are marked + and count from the start of the content. Symbols inside
+    sub-streams are not decoded.
 
-    A damaged file is listed as far as it can be read; what was refused comes last, on stderr, and the exit code is 1.
+    A damaged file is listed as far as it can be read. The faults come last, on stderr, and the exit code is 1.
 
     \b
     Examples:
@@ -73,7 +74,7 @@ def _line(row: Row) -> str:
 
 
 def _printable(text: str) -> str:
-    """Text without characters that a terminal acts on."""
+    """Text in which control characters of a terminal are replaced."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 

@@ -20,7 +20,7 @@ from reference_encoder.options import (
     MIN_TILE_ANCHORS,
     EncodeOptions,
 )
-from scarfmt.cli.failures import doubts_told, requires_extra
+from scarfmt.cli.failures import requires_extra, warnings_on_stderr
 from scarfmt.cli.files import open_output
 from scarfmt.cli.inputs import FORMAT_IDS, read_scene
 from scarfmt.cli.out_of_core import OutOfCore, Reading, advise, out_of_core_options
@@ -38,11 +38,11 @@ DEFAULTS = EncodeOptions()
 
 
 def parse_metadata(_ctx: click.Context, _parameter: click.Parameter, pairs: tuple[str, ...]) -> dict[str, Any]:
-    """The JSON object of `KEY=VALUE` arguments: a value that is JSON is taken as such, any other as text.
+    """The JSON object of `KEY=VALUE` arguments. A value that is JSON is parsed; any other value is text.
 
     Raises:
         click.BadParameter: an argument without `=`, or a key given twice.
-        InvalidInput: ``input-options``: a value no file can hold: nested too deeply, or a number beyond binary64.
+        InvalidInput: ``input-options``: a value is nested too deeply, or is a number beyond binary64.
     """
     values: dict[str, Any] = {}
     for pair in pairs:
@@ -66,7 +66,7 @@ def _refuse_constant(name: str) -> Any:
 
 
 def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
-    """The frame, if it can be read; None where the encoder is to decide.
+    """The frame as typed; None if the encoder is to detect it.
 
     Raises:
         InvalidInput: ``input-frame``.
@@ -85,20 +85,21 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
 @click.option(
     "--quality",
     type=click.FloatRange(MIN_QUALITY, MAX_QUALITY),
-    help="Target PSNR of the complete file against the input, in dB: the mean over views from outside, near and inside,"
-    f" with --cameras mostly close to these, none of which played a part in encoding [default: {DEFAULTS.quality:g}].",
+    help="Target PSNR of the complete file against the input, in dB. It is the mean over views from outside, near and"
+    " inside. With --cameras, most of the views are close to the cameras. The encoder makes no decision from these"
+    f" views [default: {DEFAULTS.quality:g}].",
 )
 @click.option(
     "--worst",
     type=click.FloatRange(MIN_QUALITY, MAX_QUALITY),
     metavar="DB",
-    help="Target in place of --quality: a floor, in dB, that 19 of 20 of the views have which the encoder judges its"
-    " result by (their 5th percentile).",
+    help="Target in place of --quality: the PSNR in dB that 19 of 20 views reach (the 5th percentile), over the views"
+    " by which the encoder judges its result.",
 )
 @click.option(
     "--effort",
     type=click.IntRange(min(EFFORTS), max(EFFORTS)),
-    help=f"1: fast, without networks; 3: slow [default: {DEFAULTS.effort}].",
+    help=f"Time spent on a smaller file. 1: fast, without networks. 3: slow [default: {DEFAULTS.effort}].",
 )
 @click.option(
     "--corrections",
@@ -115,9 +116,9 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
 @click.option(
     "--cameras",
     type=click.Path(exists=True),
-    help=f"Cameras of the capture, which matter most, all of them: {CAMERAS_HELP}.",
+    help=f"All cameras of the capture, close to which quality matters most: {CAMERAS_HELP}.",
 )
-@click.option("--only-cameras", is_flag=True, help="Nothing but --cameras matters: the rest can look like anything.")
+@click.option("--only-cameras", is_flag=True, help="Quality matters at --cameras alone, not elsewhere.")
 @click.option("--frame", callback=parse_frame, help=f"{FRAME_HELP} [default: {DEFAULTS.frame}]")
 @click.option("--sh-degree", type=click.IntRange(0, 3), help="Drop spherical harmonics above this degree.")
 @click.option("--drop-invalid", is_flag=True, help="Leave out Gaussians with NaN or infinite values.")
@@ -125,8 +126,9 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
 @click.option(
     "--latent",
     type=click.Choice(LATENTS),
-    help="Basis of the latents: linear (Karhunen-Loève), or learned (an autoencoder with residual vector quantisation,"
-    f" trained by squared error after the scene is finished, unlike the paper's) [default: {DEFAULTS.latent}].",
+    help="Basis of the latents: linear (Karhunen-Loève), or learned (an autoencoder with residual vector quantisation)."
+    " Unlike that of the SCAR-GS paper, the autoencoder is trained by squared error, after the scene is finished"
+    f" [default: {DEFAULTS.latent}].",
 )
 @click.option(
     "--estimator",
@@ -137,16 +139,17 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
     "--mbit",
     type=click.FloatRange(MIN_MBIT, MAX_MBIT),
     metavar="MBIT",
-    help="Bandwidth the file is made for, in megabits per second: a network is used where transfer and"
-    f" decoding together get shorter. Less: smaller files that decode slower [default: {DEFAULT_MBIT:g}].",
+    help="Bandwidth for which the file is made, in megabits per second. The encoder uses a network where it shortens"
+    f" transfer and decoding together. A lower bandwidth gives a smaller file that decodes slower [default:"
+    f" {DEFAULT_MBIT:g}].",
 )
-@click.option("--archive", is_flag=True, help="The smallest file, whatever decoding takes. Excludes --mbit.")
+@click.option("--archive", is_flag=True, help="Make the smallest file, however long it decodes. Excludes --mbit.")
 @click.option(
     "--decode-budget",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Maximum multiply-adds of integer networks per Gaussian or anchor when decoding, whatever --mbit or --archive"
-    " would use. 0: static tables only [default: no bound].",
+    help="Maximum multiply-adds of integer networks per Gaussian or anchor when decoding. It bounds what --mbit and"
+    " --archive may use. 0: static tables only [default: no bound].",
 )
 @click.option(
     "--tile-size",
@@ -154,15 +157,16 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
     type=click.IntRange(MIN_TILE_ANCHORS, MAX_ANCHORS_PER_TILE),
     metavar="N",
     help=f"Maximum anchors per tile, {MIN_TILE_ANCHORS} to {MAX_ANCHORS_PER_TILE}. Smaller tiles make regions cheaper"
-    " to decode, and the whole larger and slower [default: 32768; 16384 in scenes of more than 262,144 Gaussians].",
+    " to decode, and the whole file larger and slower [default: 32768; 16384 in scenes of more than 262,144"
+    " Gaussians].",
 )
 @click.option(
     "--viewpoints",
     type=click.IntRange(0, MAX_VIEWPOINTS),
     metavar="N",
-    help="Number of places from which to tell streaming clients what each layer of a tile gains: they then fetch what"
-    " a view needs most. 0: tell nothing [default: 4 to 8, as many as take 0.5 % of the file. A single tile, of which"
-    " there is no choice, has none; with --cameras it is told where to begin looking].",
+    help="Number of viewpoints for which the file holds the gain of each layer of each tile. Streaming clients then"
+    " fetch what their view needs most. 0: no gains [default: 4 to 8, within 0.5 % of the file. A file of a single tile"
+    " has none, but with --cameras it has a first view].",
 )
 @click.option(
     "--seed",
@@ -171,7 +175,7 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str | N
     f" kind of processor, with any number of threads [default: {DEFAULTS.seed}].",
 )
 @click.option(
-    "--metadata", multiple=True, metavar="KEY=VALUE", callback=parse_metadata, help="Annotate the file; repeatable."
+    "--metadata", multiple=True, metavar="KEY=VALUE", callback=parse_metadata, help="Add an annotation; repeatable."
 )
 @out_of_core_options
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
@@ -183,8 +187,8 @@ def encode(
     """Compress the scene INPUT into the .scar file OUTPUT. Either may be - (stdin, stdout).
 
     INPUT is a 3DGS or compressed PLY, SPZ, glTF (.glb, .gltf), SOG, .splat, or an anchor model (.npz, or a folder of
-    Scaffold-GS). What is rarely seen is stored coarsely: --cameras or --frame say from where the scene will be looked
-    at.
+    Scaffold-GS). The encoder stores coarsely what is rarely seen. --cameras or --frame say from where the scene will be
+    seen.
 
     \b
     Examples:
@@ -212,7 +216,7 @@ def encode(
         if not quiet:
             _print_quality(quality, options.asked_db)
         return
-    with doubts_told(quiet), open_output(output, force) as target, progress(quiet) as report:
+    with warnings_on_stderr(quiet), open_output(output, force) as target, progress(quiet) as report:
         report("read", 0.0)
         options = _options(said)
         scene = read_scene(input_, format_id, sh_degree, drop_invalid, quiet)
@@ -270,7 +274,7 @@ def _print_quality(quality: Quality, asked_db: float) -> None:
 
 
 def _print_account(found: Any) -> None:
-    """How the scene was looked at and what is not in the file as it was, as METADATA has it if nobody overwrote it."""
+    """Print the survey of METADATA: the views of the encoder, and what it left out. Other contents are ignored."""
     if not isinstance(found, dict) or not {"up", "radius", "left_out"} <= found.keys():
         return
     how = "detected; --frame to override" if found["up_detected"] else "as given"

@@ -20,7 +20,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 _SIZE = (640, 480)
 _FIELD_DEG = 60.0
 _AWAY = 1.2
-"""Of a scene without a view to begin with: distance of the eye, in diagonals of its boxes."""
+"""Distance of the eye from a scene whose file names no first view, in diagonals of its boxes."""
 
 
 def parse_point(_ctx: click.Context, _parameter: click.Parameter, value: str | None) -> tuple[float, ...] | None:
@@ -43,14 +43,14 @@ def eye_options(command: Command) -> Command:
     options = (
         click.option("--size", callback=parse_size, metavar="WxH", help="Pixels of a picture [default: 640x480]."),
         click.option(
-            "--fov", type=click.FloatRange(1, 170), metavar="DEGREES", help="Vertical field [default: the file's]."
+            "--fov", type=click.FloatRange(1, 170), metavar="DEGREES", help="Vertical field of view [default: file's]."
         ),
-        click.option("--up", callback=parse_point, metavar="X,Y,Z", help="What is up [default: the file's]."),
+        click.option("--up", callback=parse_point, metavar="X,Y,Z", help="Direction that is up [default: the file's]."),
         click.option(
-            "--target", callback=parse_point, metavar="X,Y,Z", help="What to look at [default: the file's view]."
+            "--target", callback=parse_point, metavar="X,Y,Z", help="Point to look at [default: the file's view]."
         ),
         click.option(
-            "--camera", callback=parse_point, metavar="X,Y,Z", help="Where to look from [default: the file's view]."
+            "--camera", callback=parse_point, metavar="X,Y,Z", help="Point to look from [default: the file's view]."
         ),
     )
     for option in options:
@@ -59,15 +59,15 @@ def eye_options(command: Command) -> Command:
 
 
 def camera_of(said: Mapping[str, Any], boxes: tuple[F64, F64], view: View | None) -> Camera:
-    """The view that was asked for; what is not said is that of the file, or one of all of it from outside.
+    """The view that was asked for. What the user leaves out comes from the file's view, else from one of all of it.
 
     Args:
         said: values of :func:`eye_options`, and perhaps ``velocity``.
         boxes: lowest and highest corners (n, 3) of what there is.
-        view: that the file begins with, or None.
+        view: the first view that the file names, or None.
 
     Raises:
-        click.UsageError: this is no view.
+        click.UsageError: the direction of the view is zero, or parallel to up.
     """
     import numpy as np
 
@@ -82,6 +82,6 @@ def camera_of(said: Mapping[str, Any], boxes: tuple[F64, F64], view: View | None
     field = math.radians(said["fov"]) if said["fov"] else view.fov if view else math.radians(_FIELD_DEG)
     velocity = None if said.get("velocity") is None else np.array(said["velocity"])
     if not np.linalg.norm(np.cross(target - position, up)) > 0:
-        raise click.UsageError("--camera, --target and --up say no view: the eye looks along what is up, or nowhere")
+        raise click.UsageError("--camera, --target and --up give no view: its direction is zero, or parallel to --up")
     width, height = said["size"] or _SIZE
     return Camera(position, target - position, up, field, width, height, velocity)

@@ -50,11 +50,11 @@ T = TypeVar("T")
 
 
 def requires_extra(extra: str, torch: str = "neural") -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """A decorator: a package missing while the command runs is an error that names the pip extra to install.
+    """A decorator that turns a missing package into an error which names the pip extra to install.
 
     Args:
-        extra: that of the command.
-        torch: that which brings torch; one of its own, where much works without it, as it is larger than all the rest.
+        extra: the extra of the command.
+        torch: the extra that brings torch. It differs from `extra` where most of the command works without torch.
     """
 
     def decorate(command: Callable[P, T]) -> Callable[P, T]:
@@ -74,8 +74,8 @@ def requires_extra(extra: str, torch: str = "neural") -> Callable[[Callable[P, T
 
 
 @contextmanager
-def doubts_told(quiet: bool = False) -> Iterator[None]:
-    """Within, an :class:`InputWarning` is a line on stderr, and nothing if `quiet`."""
+def warnings_on_stderr(quiet: bool = False) -> Iterator[None]:
+    """While active, each :class:`InputWarning` is printed as a line on stderr, or not at all if `quiet`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore" if quiet else "always", InputWarning)
         others = warnings.showwarning

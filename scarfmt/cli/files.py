@@ -32,7 +32,7 @@ def timeout_option(command: Command) -> Command:
         metavar="SECONDS",
         expose_value=False,
         callback=_keep_timeout,
-        help="Maximum time of a request to a URL, besides one second for every 4 KiB asked for [default: 60].",
+        help="Maximum seconds for a request to a URL, plus one second for every 4 KiB requested [default: 60].",
     )(command)
 
 
@@ -42,7 +42,7 @@ def _keep_timeout(ctx: click.Context, _parameter: click.Parameter, value: float 
 
 
 def read_origin(name: str, limit: int | None = None) -> str | bytes:
-    """What `name` stands for: the bytes of standard input for `-` or of a pipe, else the path or URL itself.
+    """The bytes of standard input if `name` is `-`, the bytes of a pipe, else the path or URL as it is.
 
     Args:
         name: as typed.
@@ -142,10 +142,10 @@ class _Free(Exception):
 
 
 def check_output(name: str, force: bool) -> None:
-    """Refuse, before long work, what :func:`open_output` would refuse after it. Nothing is left behind.
+    """Refuse an output name before long work, by the rules of :func:`open_output`. No file is left behind.
 
     Raises:
-        As :func:`open_output`.
+        InvalidInput: ``output-exists``, ``output-path``, or ``output-stream`` when standard output is closed.
     """
     try:
         with open_output(name, force):
@@ -155,7 +155,7 @@ def check_output(name: str, force: bool) -> None:
 
 
 def check_stdout() -> None:
-    """Refuse to work for a standard output that is closed, where a result would vanish.
+    """Refuse to work if standard output is closed: the result would be lost.
 
     Raises:
         InvalidInput: ``output-stream``.

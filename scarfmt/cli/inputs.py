@@ -1,4 +1,4 @@
-"""Trained scenes as input of a command: which formats there are, and reading one."""
+"""Trained scenes that commands read: the list of formats, and how a scene is read."""
 
 from __future__ import annotations
 

@@ -12,25 +12,25 @@ if TYPE_CHECKING:
     from scarfmt.container.source import ByteSource
 
 _HEAD_BYTES = 4096
-"""First request to a URL: more than the longest header."""
+"""Size of the first request to a URL, in bytes: larger than the longest header."""
 
 
 @click.command(short_help="Report what a file holds.")
 @click.argument("file")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout.")
 @click.option("--metadata", is_flag=True, help="Also read and show the metadata the file carries.")
-@click.option("--models", is_flag=True, help="Also report what codes the symbols: tables, predictors, networks.")
-@click.option("--streaming", is_flag=True, help="Also report what tells a client which tiles to fetch first.")
+@click.option("--models", is_flag=True, help="Also report models of symbols: tables, predictors, networks.")
+@click.option("--streaming", is_flag=True, help="Also report the data by which clients choose tiles to fetch first.")
 @timeout_option
 def inspect(file: str, as_json: bool, metadata: bool, models: bool, streaming: bool) -> None:
-    """Report what FILE holds: counts, layers, and where the bytes go.
+    """Report what FILE holds: counts, layers, and bytes of each kind of data.
 
-    FILE is a path, a URL or - for stdin. Only the header is read, at most 2.3 KB. Of a URL that is one request of
-    4 KiB; with --metadata, --models or --streaming it is one of 64 KiB, and more where those blocks lie further back. A
-    file cut short is reported as such, which is no error here. The last line of what the header says is the engine that
-    decodes on this machine.
+    FILE is a path, a URL or - for stdin. The command reads only the header, at most 2.3 KB. From a URL that takes one
+    request of 4 KiB. With --metadata, --models or --streaming it takes one request of 64 KiB, and more requests if
+    those blocks lie further back. A truncated file is reported as truncated, which is not an error here. The last line
+    names the engine that decodes on this machine.
 
-    Of a scene index what it tells of its files is reported: they are not opened.
+    FILE may be a scene index. The command then reports what the index lists, and does not open the files.
 
     \b
     Examples:

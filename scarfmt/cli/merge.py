@@ -1,4 +1,4 @@
-"""`scarfmt merge`: one file of several that show parts of one scene."""
+"""`scarfmt merge`: joins files that hold parts of one scene."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from scarfmt.cli.files import open_input, open_output, timeout_option
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @timeout_option
 def merge(inputs: tuple[str, ...], output: str, force: bool, quiet: bool) -> None:
-    """Join files that show parts of one scene (paths or URLs), without decoding them.
+    """Join files that hold parts of one scene (paths or URLs), without decoding them.
 
-    They must have the same models and lattice, as files have that `scarfmt split` made, and no tile in common. Their
-    order does not matter.
+    The files must have the same models and lattice, and no tile in common. Files made by `scarfmt split` fit
+    together. The order of the files does not matter.
 
     \b
     Examples:

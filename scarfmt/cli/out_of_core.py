@@ -1,4 +1,4 @@
-"""What `scarfmt encode --work` does: scenes larger than memory, in ranges, by several workers."""
+"""`scarfmt encode --work`: encodes scenes larger than memory, in ranges, with several workers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import click
 
 from reference_encoder.options import DEFAULT_RANGE, MIN_RANGE
 from scarfmt import __version__
-from scarfmt.cli.failures import doubts_told
+from scarfmt.cli.failures import warnings_on_stderr
 from scarfmt.cli.files import STANDARD, open_output
 from scarfmt.cli.progress import progress
 from scarfmt.errors import InputWarning, InvalidInput
@@ -34,28 +34,30 @@ def out_of_core_options(command: Command) -> Command:
     """Add the options of which :class:`OutOfCore` is made."""
     for option in (
         click.option("--range-size", type=click.IntRange(MIN_RANGE), metavar="N",
-            help=f"With --work: Gaussians of a range; a worker needs memory for one [default: {DEFAULT_RANGE}]."),
-        click.option("--resume", is_flag=True, help="With --work: go on with what is in DIR; the result is the same."),
+            help="With --work: number of Gaussians in a range. A worker needs memory for one range"
+            f" [default: {DEFAULT_RANGE}]."),
+        click.option("--resume", is_flag=True,
+            help="With --work: continue an interrupted encode from DIR. The result is the same."),
         click.option("--cluster", metavar="ADDRESS",
-            help="With --work: work on the workers of the Dask scheduler there, which all reach INPUT and DIR."),
+            help="With --work: address of a Dask scheduler whose workers encode. All must reach INPUT and DIR."),
         click.option("--workers", type=click.IntRange(1), metavar="N",
             help="With --work: number of processes [default: 1]."),
         click.option("--work", metavar="DIR",
-            help="Encode in ranges of space, with memory for one, and keep what is done in DIR (a path or a URL). INPUT"
-            " may then be larger than memory, a URL, or a folder of scenes."),
+            help="Encode in ranges of space, and keep finished work in DIR (a path or a URL). Each worker needs memory"
+            " for one range. INPUT may be larger than memory, a URL, or a folder of scenes."),
     ):  # fmt: skip
         command = option(command)
     return command
 
 
 def advise(count: int) -> None:
-    """Say what would take less memory, where a scene is large.
+    """Warn about the memory that a large scene takes, and name the option that takes less.
 
     Warns:
         InputWarning: it has more than `LARGE_SCENE` Gaussians.
     """
     if count > LARGE_SCENE:
-        message = f"{count:,} Gaussians in memory take many gigabytes; with --work DIR they are encoded in ranges"
+        message = f"encoding {count:,} Gaussians in memory takes many gigabytes; --work DIR encodes them in ranges"
         warnings.warn(message, InputWarning, stacklevel=2)
 
 
@@ -64,8 +66,8 @@ class Reading:
     """How a source is read.
 
     Attributes:
-        format_id: of its format, None for what the content says.
-        sh_degree: bands above are dropped; None for none.
+        format_id: id of the format; None to detect it from the content.
+        sh_degree: spherical harmonics above this degree are dropped; None keeps all.
         drop_invalid: whether Gaussians that cannot be encoded are left out.
     """
 
@@ -76,7 +78,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class OutOfCore:
-    """Where and by whom a scene is encoded in ranges.
+    """The options of out-of-core encoding: the directory, and who works.
 
     Attributes:
         work: path or URL of the directory.
@@ -94,7 +96,7 @@ class OutOfCore:
 
     @classmethod
     def of(cls, said: dict[str, Any]) -> OutOfCore | None:
-        """What was asked for, taken out of `said`; None without --work.
+        """The options of out-of-core encoding, taken out of `said`; None without --work.
 
         Raises:
             click.UsageError: an option that needs --work, or two that exclude each other.
@@ -105,7 +107,7 @@ class OutOfCore:
                 raise click.UsageError("--workers, --cluster, --resume and --range-size need --work")
             return None
         if said["viewpoints"]:
-            raise click.UsageError("--viewpoints and --work exclude each other: files of ranges tell clients nothing")
+            raise click.UsageError("--viewpoints and --work exclude each other: --work writes no streaming gains")
         if workers and cluster:
             raise click.UsageError("--workers and --cluster exclude each other")
         return cls(work, workers or 1, cluster, resume, range_size or DEFAULT_RANGE)
@@ -113,10 +115,10 @@ class OutOfCore:
     def encode(
         self, name: str, output: str, reading: Reading, options: EncodeOptions, force: bool, quiet: bool
     ) -> Quality:
-        """Write the file, and say what it is; gives how good its pictures are.
+        """Write the file and report its size; returns the quality of its pictures.
 
         Raises:
-            InvalidInput: what the input, the options or the directory are refused for.
+            InvalidInput: the input, the options or the directory are refused.
         """
         if name == STANDARD:
             raise click.UsageError("--work needs an INPUT that can be read again, not -")
@@ -130,7 +132,7 @@ class OutOfCore:
             resume=self.resume,
         )  # fmt: skip
         with (
-            doubts_told(quiet),
+            warnings_on_stderr(quiet),
             _output(output, force) as target,
             progress(quiet) as report,
             _going_on(self.work),
@@ -152,17 +154,17 @@ def _teller(quiet: bool) -> Callable[[str], None]:
 
 @contextmanager
 def _going_on(work: str) -> Iterator[None]:
-    """Say how to go on, where a person or a machine ends the work before it is done."""
+    """If the work is interrupted, report how to continue it."""
     try:
         yield
     except (KeyboardInterrupt, SystemExit):
-        click.echo(f"what is done is kept in {work}: the same command with --resume goes on", err=True)
+        click.echo(f"finished work is kept in {work}: the same command with --resume continues", err=True)
         raise
 
 
 @contextmanager
 def _output(name: str, force: bool) -> Iterator[BinaryIO]:
-    """The file to write, also at a URL."""
+    """The file to write, at a path or a URL."""
     from reference_encoder.scale.places import exists, is_url
     from reference_encoder.scale.work import Work
 

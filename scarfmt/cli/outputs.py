@@ -1,4 +1,4 @@
-"""Scenes as output of a command: the formats to choose from, the options of some, and the files they need."""
+"""Scene files that commands write: the formats to choose from, their options, and how they are opened."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ def spz_options(command: Command) -> Command:
             type=click.IntRange(1, 8),
             nargs=2,
             metavar="A B",
-            help="Of an .spz: bits of spherical harmonics of degree 1, and of those above [default: 5 4].",
+            help="For .spz: bits of spherical harmonics, of degree 1 and of higher degrees [default: 5 4].",
         ),
         click.option(
             "--spz-fraction-bits",
             type=click.IntRange(0, 24),
             metavar="N",
-            help="Of an .spz: positions are multiples of 2^-N [default: the finest that reaches all Gaussians].",
+            help="For .spz: positions are multiples of 2^-N [default: the largest N that holds all positions].",
         ),
-        click.option("--spz-version", type=click.IntRange(3, 4), help="Of an .spz: 3 (gzip) or 4 (zstd) [default: 4]."),
+        click.option("--spz-version", type=click.IntRange(3, 4), help="For .spz: 3 (gzip) or 4 (zstd) [default: 4]."),
     ):
         command = option(command)
     return command
@@ -89,7 +89,7 @@ def output_format(name: str, chosen: str | None, others: tuple[str, ...] = ()) -
 
 @dataclass(frozen=True)
 class SceneOutput:
-    """Where a scene goes, and how.
+    """The target of a scene, and its format.
 
     Attributes:
         format_id: one of `SUFFIXES`, or ``npz``.
@@ -110,10 +110,10 @@ class SceneOutput:
 
 @contextmanager
 def open_scene_output(name: str, format_id: str, options: OutputOptions, force: bool) -> Iterator[SceneOutput]:
-    """A scene file that appears under its name only when complete; that of a .gltf has NAME.bin beside it.
+    """A scene file that appears under its name only when complete. A .gltf also has NAME.bin beside it.
 
     Raises:
-        As :func:`scarfmt.cli.files.open_output`.
+        InvalidInput: ``output-exists``, ``output-path`` or ``output-stream``.
     """
     if format_id != "gltf":
         with open_output(name, force) as target:
@@ -128,7 +128,7 @@ def open_scene_output(name: str, format_id: str, options: OutputOptions, force: 
         yield SceneOutput(format_id, target, replace(options, beside=Beside(quote(buffer.name), stream)))
 
 
-def tell_written(written: Written, quiet: bool) -> str:
+def report_written(written: Written, quiet: bool) -> str:
     """Report on stderr what the format could not hold; returns how many Gaussians were written, for people."""
     for note in () if quiet else written.notes:
         click.echo(f"scarfmt: warning: {note}", err=True)

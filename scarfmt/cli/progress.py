@@ -1,4 +1,4 @@
-"""Progress on stderr: nothing for work that is soon done, a bar for more, only where a person can see it."""
+"""A progress bar on stderr, on terminals only. Work that ends within two seconds shows none."""
 
 from __future__ import annotations
 

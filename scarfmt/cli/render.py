@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from scarfmt.cli.failures import doubts_told, requires_extra
+from scarfmt.cli.failures import requires_extra, warnings_on_stderr
 from scarfmt.cli.files import timeout_option
 from scarfmt.cli.progress import Report, progress
 from scarfmt.cli.views import RING, ViewOptions, listed_cameras, view_options, views_of
@@ -39,9 +39,10 @@ def parse_layers(_ctx: click.Context, _parameter: click.Parameter, value: str | 
 @click.argument("file")
 @click.argument("output")
 @view_options(RING)
-@click.option("--like", metavar="FILE", help="Place the cameras by this scene: two files show the same pictures.")
-@click.option("--layers", metavar="N|all", callback=parse_layers, help="Layers of a .scar to draw; all: each in turn.")
-@click.option("--sheet", is_flag=True, help=f"Also put all pictures on one sheet, {SHEET}.")
+@click.option("--like", metavar="FILE", help="Place the cameras by this scene, so that two files show the same views.")
+@click.option("--layers", metavar="N|all", callback=parse_layers,
+              help="Number of layers of a .scar file to draw. all: one picture for each number of layers.")  # fmt: skip
+@click.option("--sheet", is_flag=True, help=f"Also write one sheet of all pictures, {SHEET}.")
 @click.option("--force", is_flag=True, help="Overwrite pictures that exist.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @timeout_option
@@ -58,8 +59,8 @@ def render(
 ) -> None:
     """Draw the scene FILE (.scar, PLY, SPZ, SOG, .splat or anchor model) into PNG pictures.
 
-    OUTPUT is a folder, for one picture per view, or a name ending in .png, for one sheet of them all (one row per
-    layer with --layers all).
+    OUTPUT is a folder or a name that ends in .png. A folder gets one picture for each view. A .png is one sheet of all
+    pictures; with --layers all it has one row for each layer.
 
     \b
     Examples:
@@ -75,7 +76,7 @@ def render(
     from scarfmt.cli.scenes import scene_origin
 
     options = ViewOptions(**views)
-    with doubts_told(quiet), progress(quiet) as report:
+    with warnings_on_stderr(quiet), progress(quiet) as report:
         listed = listed_cameras(options)
         origin = scene_origin(file)
         placing = None if like is None else scene_origin(like)
@@ -98,7 +99,7 @@ def _cameras(placing: SceneOrigin | None, last: Subject, options: ViewOptions) -
 def _draw(
     file: SceneOrigin, layers: str | None, cameras_for: Callable[[Subject], list[Camera]], report: Report
 ) -> Pictures:
-    """Pictures, with their names, by layer ('' where there is but one set)."""
+    """Pictures with their names, by layer. The key is '' if only one number of layers is drawn."""
     from scarfmt.cli.scenes import load_subject
 
     chosen = _layer_numbers(file, layers)

@@ -1,4 +1,4 @@
-"""Scene files of any kind as something that can be drawn."""
+"""Scene files of any kind, made ready for drawing."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Subject:
 
     Attributes:
         view: explicit Gaussians, or a function from camera to picture.
-        placed: Gaussians of which only the positions count: where cameras are to look.
+        placed: Gaussians whose positions place the cameras; their other attributes are not used.
     """
 
     view: View
@@ -68,7 +68,7 @@ class Subject:
 
 
 def scene_origin(name: str) -> SceneOrigin:
-    """Where a scene comes from: a path or URL as it is, or the bytes of a pipe, which can be read only once.
+    """A path or URL as it is, or the bytes of a pipe, which can be read only once.
 
     Raises:
         click.UsageError: `-`.
@@ -80,7 +80,7 @@ def scene_origin(name: str) -> SceneOrigin:
 
 
 def is_scar(origin: SceneOrigin) -> bool:
-    """Whether a scene is a .scar file: by its signature, or, for a URL, taken for granted."""
+    """Whether a scene is a .scar file. The signature decides; a URL is assumed to name one."""
     if isinstance(origin, bytes):
         return origin.startswith(SIGNATURE)
     if "://" in origin:

@@ -1,4 +1,4 @@
-"""`scarfmt split`: several files of one, each of some of its tiles."""
+"""`scarfmt split`: cuts a file into several, each with some of its tiles."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ if TYPE_CHECKING:
 @click.command(short_help="Cut a file into files of parts of the scene.")
 @click.argument("input_", metavar="INPUT")
 @click.argument("output")
-@click.option("--files", type=click.IntRange(min=2), metavar="N", help="Number of files, of about equal size.")
-@click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", callback=parse_box, help="One file of the tiles that meet a box.")
-@click.option("--rest", metavar="FILE", help="With --box: a file of all other tiles.")
+@click.option("--files", type=click.IntRange(min=2), metavar="N", help="Write N files of about equal size.")
+@click.option("--box", metavar="X0,Y0,Z0,X1,Y1,Z1", callback=parse_box,
+              help="Write the tiles that meet this box into OUTPUT.")  # fmt: skip
+@click.option("--rest", metavar="FILE", help="With --box: write all other tiles into FILE.")
 @click.option("--force", is_flag=True, help="Overwrite files that exist.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing but errors.")
 @timeout_option
@@ -31,8 +32,9 @@ def split(
 ) -> None:
     """Cut INPUT (a path or a URL) into files of whole tiles, without decoding it.
 
-    With --files, OUTPUT is numbered: part.scar becomes part-1.scar, part-2.scar and so on, each a part of space. Every
-    file has all models and can be decoded by itself; `scarfmt merge` makes INPUT of them again, byte for byte.
+    With --files, the name OUTPUT is numbered: part.scar becomes part-1.scar, part-2.scar and so on. Each file covers a
+    part of space, has all models and can be decoded by itself. `scarfmt merge` joins the files to INPUT again, byte for
+    byte.
 
     \b
     Examples:
@@ -64,7 +66,7 @@ def _check(output: str, files: int | None, box: Box | None, rest: str | None) ->
     if rest is not None and box is None:
         raise click.UsageError("--rest needs --box")
     if files is not None and output == STANDARD:
-        raise click.UsageError("several files need a name")
+        raise click.UsageError("--files writes several files: give OUTPUT a file name, not -")
 
 
 def _numbered(name: str, files: int) -> list[str]:
@@ -92,5 +94,5 @@ def _inside_and_outside(container: Container, box: Box) -> list[I64]:
     meets = ((low <= corners[1]) & (high >= corners[0])).all(axis=1)
     if meets.all() or not meets.any():
         found = "no tile meets" if not meets.any() else "all tiles meet"
-        raise InvalidInput("input-box", f"{found} the box: there is nothing to split", field="box")
+        raise InvalidInput("input-box", f"{found} the box, so there is nothing to split", field="box")
     return [np.flatnonzero(meets), np.flatnonzero(~meets)]

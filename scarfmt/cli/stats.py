@@ -1,4 +1,4 @@
-"""What `decode --stats` reports: the work of a decode, beside what the whole file holds."""
+"""The report of `decode --stats`: the work of a decode, compared with the totals of the file."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ def decode_stats(counters: Counters, seconds: float, engine: str, whole: dict[st
     """A JSON-able description of a decode.
 
     Args:
-        counters: of the decode.
-        seconds: it took.
-        engine: that computed.
-        whole: what there was to decode.
+        counters: counts of the decode.
+        seconds: duration of the decode.
+        engine: name of the engine that computed.
+        whole: totals of the file or scene.
 
     Returns:
-        ``seconds``, ``engine``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`), and as ``file`` the whole.
+        ``seconds``, ``engine``, ``decoded`` (:meth:`scarfmt.counters.Counters.report`) and ``file``, which is `whole`.
     """
     return {"seconds": seconds, "engine": engine, "decoded": counters.report(), "file": whole}
 
 
 def whole_file(source: ByteSource) -> dict[str, int]:
-    """What the header tells that a file holds: ``bytes``, ``tiles``, ``anchors`` and ``layers``."""
+    """The totals of a file, from its header: ``bytes``, ``tiles``, ``anchors`` and ``layers``."""
     from scarfmt.container.file import read_header
 
     header = read_header(source, allow_truncated=True)
@@ -42,7 +42,7 @@ def whole_file(source: ByteSource) -> dict[str, int]:
 
 
 def whole_scene(index: Index) -> dict[str, int]:
-    """What all files of a scene hold, as its index tells: ``files``, ``bytes``, ``anchors`` and ``layers``."""
+    """The totals of a scene of several files, from its index: ``files``, ``bytes``, ``anchors`` and ``layers``."""
     last = index.layer(index.layer_count)
     return {"files": len(index.files), "bytes": last.end, "anchors": last.anchors, "layers": index.layer_count}
 
@@ -50,7 +50,7 @@ def whole_scene(index: Index) -> dict[str, int]:
 def format_stats(stats: dict[str, Any]) -> str:
     """The report of :func:`decode_stats` for people, a line for each count."""
     decoded, whole = stats["decoded"], stats["file"]
-    # How many blocks a file has its header does not tell.
+    # The header does not give the number of blocks.
     rows = [(name, decoded[key], _share(decoded[key], whole.get(name))) for name, key in _TOTALS]
     for name, key in _DETAILS.items():
         rows.append((name.replace("_", "-"), decoded[name], ""))

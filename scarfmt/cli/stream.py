@@ -1,4 +1,4 @@
-"""`scarfmt stream`: a file fetched for a view, what comes first, and what it looks like meanwhile."""
+"""`scarfmt stream`: fetches a file in the order a view needs it, and draws the view while bytes arrive."""
 
 from __future__ import annotations
 
@@ -20,24 +20,25 @@ if TYPE_CHECKING:
 _EVERY = 100_000
 
 
-@click.command(short_help="Fetch a file for a view, what it needs most first.")
+@click.command(short_help="Fetch a file in the order a view needs it.")
 @click.argument("file")
 @click.argument("output", required=False, type=click.Path(file_okay=False))
 @click.option("--plan", "plan_only", is_flag=True, help="Fetch nothing: print the order, with bytes and gains.")
 @eye_options
-@click.option("--velocity", callback=parse_point, metavar="X,Y,Z", help="World lengths a second that the eye moves.")
-@click.option("--budget", type=click.IntRange(min=1), metavar="BYTES", help="Tiles and models to fetch at most.")
-@click.option("--splats", type=click.IntRange(min=1), metavar="N", help="Gaussians to show at most.")
+@click.option("--velocity", callback=parse_point, metavar="X,Y,Z", help="Velocity of the eye, in world units a second.")
+@click.option("--budget", type=click.IntRange(min=1), metavar="BYTES", help="Maximum bytes of tiles and models.")
+@click.option("--splats", type=click.IntRange(min=1), metavar="N", help="Maximum number of Gaussians to show.")
 @click.option("--every", type=click.IntRange(min=1), default=_EVERY, show_default=True, metavar="BYTES",
-              help="Draw after so many bytes, again and again.")  # fmt: skip
+              help="Draw a picture each time this many bytes have arrived.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
 @timeout_option
 @requires_extra("render")
 def stream(file: str, output: str | None, plan_only: bool, as_json: bool, every: int, **said: Any) -> None:
-    """Fetch FILE (a path or a URL) in the order in which a view needs it, and draw what it shows meanwhile into OUTPUT.
+    """Fetch FILE (a path or a URL) in the order in which a view needs it, and draw pictures into the folder OUTPUT.
 
-    First come the front, the models and layer 1 of all tiles in the picture, then what takes away most error a byte: a
-    file that was encoded with --viewpoints tells that. Only explicit files are drawn.
+    First come the front of the file, the models, and layer 1 of all tiles in the picture. Then come the layers that
+    reduce the error most for each byte. A file that was encoded with --viewpoints holds these gains; for other files
+    they are estimated. Only files of plain Gaussians are drawn, not anchor models.
 
     \b
     Examples:
@@ -84,7 +85,7 @@ def _print_plan(client: StreamClient, camera: Camera, steps: Any, as_json: bool)
     if as_json:
         print_json({"told": client.told is not None, "front": client.transfer.size, "steps": rows})
         return
-    whose = "as the file tells" if client.told else "as is usual"
+    whose = "from the file" if client.told else "estimated"
     click.echo(f"{client.transfer.size:,} bytes before models and tiles; gains {whose}")
     click.echo(f"{'step':>6}  {'tile':>6}  {'layer':>5}  {'bytes':>10}  {'total':>12}  {'gain':>9}  in picture")
     for number, row in enumerate(rows, start=1):
@@ -95,7 +96,7 @@ def _print_plan(client: StreamClient, camera: Camera, steps: Any, as_json: bool)
 
 
 def _fetched(client: StreamClient, camera: Camera, steps: Any, every: int, folder: Path) -> Any:
-    """What has come after each picture: bytes, requests, tiles, Gaussians, name of the picture."""
+    """Fetch and draw; yields for each picture the bytes, requests, tiles and Gaussians so far, and its name."""
     from scarfmt.render.camera import look_at
     from scarfmt.render.images import write_png
     from scarfmt.render.rasterise import render
@@ -116,7 +117,7 @@ def _fetched(client: StreamClient, camera: Camera, steps: Any, every: int, folde
 
 
 def _scene(client: StreamClient) -> GaussianScene:
-    """All tiles, each after the layers that have come of it."""
+    """The Gaussians of all tiles, each decoded to the last layer that has arrived."""
     import numpy as np
 
     from reference_decoder.decode import decode
@@ -129,7 +130,7 @@ def _scene(client: StreamClient) -> GaussianScene:
         if tiles:
             found = decode(client.copy, layers=layer, tiles=tiles).scene
             if not isinstance(found, GaussianScene):
-                raise InvalidInput("input-attributes", "an anchor model: only explicit files are drawn here")
+                raise InvalidInput("input-attributes", "this file is an anchor model; only plain Gaussians are drawn")
             parts.append(found)
     names = ("positions", "log_scales", "rotations", "opacity_logits", "sh")
     return GaussianScene(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))

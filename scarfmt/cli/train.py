@@ -36,7 +36,7 @@ from reference_encoder.training.options import (
     TrainOptions,
     never,
 )
-from scarfmt.cli.failures import INTERRUPTED, UNFINISHED, doubts_told, requires_extra
+from scarfmt.cli.failures import INTERRUPTED, UNFINISHED, requires_extra, warnings_on_stderr
 from scarfmt.cli.files import STANDARD, check_output, open_output, print_json
 from scarfmt.cli.progress import Report, progress
 from scarfmt.limits import MAX_LAYERS
@@ -55,70 +55,71 @@ RUN_ENDING = ".run"
     "--minutes",
     type=click.FloatRange(0, MAX_MINUTES, min_open=True),
     metavar="M",
-    help=f"How long to train; reading the capture comes before [default: {DEFAULT_MINUTES:g}].",
+    help=f"Minutes to train, without the time for reading the capture [default: {DEFAULT_MINUTES:g}].",
 )
 @click.option(
     "--iterations",
     type=click.IntRange(1, MAX_ITERATIONS),
     metavar="N",
-    help=f"Train so many iterations instead [default with --preset paper: {PAPER_ITERATIONS:,}].",
+    help=f"Number of iterations to train, in place of --minutes [default with --preset paper: {PAPER_ITERATIONS:,}].",
 )
 @click.option(
     "--resolution",
     type=click.IntRange(min=LEAST_RESOLUTION),
     metavar="PIXELS",
-    help="Make photos smaller until their longest side has so many pixels [default: as they are].",
+    help="Maximum pixels of the longest side of a photo; larger photos are scaled down [default: no limit].",
 )
 @click.option(
-    "--layers", type=click.IntRange(1, MAX_LAYERS), help=f"Layers of the file [default: {DEFAULTS.layers}]."
+    "--layers", type=click.IntRange(1, MAX_LAYERS), help=f"Number of layers of the file [default: {DEFAULTS.layers}]."
 )
 @click.option(
     "--lambda",
     "lambda_",
     type=click.FloatRange(MIN_LAMBDA, MAX_LAMBDA),
     metavar="FACTOR",
-    help="Weight of the bytes against the picture, as a factor of what is usual: 2 makes a smaller and worse file"
+    help="Weight of bytes against quality, as a multiple of the usual weight. 2 makes a smaller and worse file"
     f" [default: {DEFAULTS.lambda_:g}].",
 )
 @click.option(
     "--lambda-ssim",
     type=click.FloatRange(0, 1),
     metavar="SHARE",
-    help="Share of structural dissimilarity in what a picture lacks; the rest is absolute difference"
+    help="Share of structural dissimilarity (1 - SSIM) in the loss of a picture; the rest is absolute difference"
     f" [default: {DEFAULTS.lambda_ssim:g}].",
 )
 @click.option(
     "--size",
     type=click.IntRange(min=MIN_SIZE),
     metavar="BYTES",
-    help="Bytes that the file shall have, about: the weight follows while training [default: what --lambda gives].",
+    help="Target size of the file in bytes. The weight of bytes is adjusted during training to come close to it"
+    " [default: none; --lambda decides].",
 )
 @click.option(
     "--preset",
     type=click.Choice(PRESETS),
-    help="What is trained: what pays in bytes, the same with codewords, or the configuration of the SCAR-GS paper"
-    f" [default: {DEFAULTS.preset}].",
+    help="Parts of the method to use. default: those that save bytes. rvq: these, with codewords for features. paper:"
+    f" the configuration of the SCAR-GS paper [default: {DEFAULTS.preset}].",
 )
 @click.option(
-    "--device", type=click.Choice(DEVICES), help=f"Where to train: cuda is an NVIDIA GPU [default: {DEFAULTS.device}]."
+    "--device", type=click.Choice(DEVICES), help=f"Device; cuda is an NVIDIA GPU [default: {DEFAULTS.device}]."
 )
 @click.option(
     "--context",
     type=click.Choice(CONTEXTS),
-    help="What the entropy model of the codewords knows of a place: decoded values of the anchor, a trained hash grid"
-    " in 2D and 3D or in 3D, waves, or nothing [default: set by --preset].",
+    help="Context of the entropy model of the codewords: decoded values of the anchor, a trained hash grid in 2D and 3D"
+    " or in 3D, sine waves of the position, or none [default: set by --preset].",
 )
 @click.option(
     "--entropy",
     type=click.Choice(ENTROPY_MODELS),
-    help="The entropy model of the codewords: tables, or a network [default: set by --preset].",
+    help="Entropy model of the codewords: static tables, or a kind of network [default: set by --preset].",
 )
 @click.option(
     "--hold-out",
     type=click.IntRange(min=0),
     metavar="N",
-    help="Learn nothing from every Nth photo by name, to measure with it. 0: learn from all. A capture that marks test"
-    f" cameras has its own [default: {HOLD_OUT}].",
+    help="Hold out every Nth photo by name: it is used to measure quality, not to train. 0: train on all photos. If the"
+    f" capture marks test cameras, those are held out instead [default: {HOLD_OUT}].",
 )
 @click.option(
     "--seed",
@@ -132,15 +133,15 @@ RUN_ENDING = ".run"
     "folder",
     metavar="DIR",
     type=click.Path(file_okay=False),
-    help="Folder for checkpoints, log and plot. If an interrupted run of the same capture and options is in it, it goes"
-    f" on [default: OUTPUT{RUN_ENDING}].",
+    help="Folder for checkpoints, log and plot. If it holds an interrupted run of the same capture and options, that"
+    f" run continues [default: OUTPUT{RUN_ENDING}].",
 )
 @click.option(
     "--slice-minutes",
     type=click.FloatRange(0, MAX_MINUTES, min_open=True),
     metavar="M",
-    help="Leave off after so many minutes of this call, with a checkpoint and exit code 75; the same command goes on"
-    " until OUTPUT is written [default: train to the end].",
+    help="Maximum minutes of this call. Training then stops with a checkpoint and exit code 75, and the same command"
+    " continues it [default: train to the end].",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print bytes, PSNR and SSIM of each layer as JSON on stdout.")
 @click.option("--force", is_flag=True, help="Overwrite OUTPUT if it exists.")
@@ -149,9 +150,10 @@ RUN_ENDING = ".run"
 def train(capture: str, output: str, folder: str | None, as_json: bool, force: bool, quiet: bool, **said: Any) -> None:
     """Train the .scar file OUTPUT from the photos CAPTURE.
 
-    CAPTURE is a folder: of COLMAP, with a transforms.json (Nerfstudio, Blender), with this project's cameras.json, or
-    of photos alone, whose poses are then found first. A checkpoint is written every few minutes: the same command goes
-    on after an interruption. Ctrl-C ends training early and writes the best file so far; a second one aborts.
+    CAPTURE is a folder: of COLMAP, with a transforms.json (Nerfstudio, Blender), with a cameras.json of this project,
+    or of photos alone. For photos alone, the command finds the poses first. Training writes a checkpoint every few
+    minutes, so that the same command continues after an interruption. Ctrl-C ends training early and writes the best
+    file so far. A second Ctrl-C aborts.
 
     \b
     Examples:
@@ -168,8 +170,8 @@ def train(capture: str, output: str, folder: str | None, as_json: bool, force: b
     check_output(output, force)
     run = _run_folder(output) if folder is None else Path(folder)
     if slice_minutes is not None and run is None:
-        raise click.UsageError("--slice-minutes needs a folder to go on from: give --run")
-    with doubts_told(quiet), progress(quiet) as report, _workspace(run) as workspace:
+        raise click.UsageError("--slice-minutes needs a folder for checkpoints: give --run")
+    with warnings_on_stderr(quiet), progress(quiet) as report, _workspace(run) as workspace:
         photos = _read(capture, resolution, HOLD_OUT if hold_out is None else hold_out, workspace, report)
         if not quiet:
             _print_capture(photos)
@@ -186,7 +188,7 @@ def train(capture: str, output: str, folder: str | None, as_json: bool, force: b
 
 
 def _run_folder(output: str) -> Path | None:
-    """Beside the output, where that is a file."""
+    """The default folder of a run, beside the output; None if the output is not a regular file."""
     if output == STANDARD or (Path(output).exists() and not Path(output).is_file()):
         return None
     return Path(output + RUN_ENDING)
@@ -194,7 +196,7 @@ def _run_folder(output: str) -> Path | None:
 
 @contextmanager
 def _workspace(run: Path | None) -> Iterator[Path]:
-    """A folder for photos that have to be made anew: that of the run, so that they are made once."""
+    """A folder for scaled or undistorted photos. The folder of the run is used, so that they are made only once."""
     if run is not None:
         yield run
         return
@@ -204,7 +206,7 @@ def _workspace(run: Path | None) -> Iterator[Path]:
 
 @contextmanager
 def _stoppable(quiet: bool) -> Iterator[Stop]:
-    """Within, Ctrl-C only makes the function given say so; a second one interrupts as always."""
+    """While active, the first Ctrl-C makes the function given return True; the second one interrupts."""
     asked: list[bool] = []
 
     def ask(_signal: int, _frame: FrameType | None) -> None:
@@ -224,7 +226,7 @@ def _stoppable(quiet: bool) -> Iterator[Stop]:
 
 
 def _after(minutes: float) -> Stop:
-    """A question that is answered with yes so many minutes from now."""
+    """A function that returns True from `minutes` after now."""
     end = time.monotonic() + 60 * minutes
     return lambda: time.monotonic() >= end
 
@@ -243,7 +245,7 @@ def _train(
 
     before = None if run is None else last_iteration(run)
     if before is not None and not quiet:
-        click.echo(f"going on from iteration {before:,}", err=True)
+        click.echo(f"continuing from iteration {before:,}", err=True)
 
     def tell(now: Progress) -> None:
         report(_described(now), now.iteration / max(now.iterations, 1))
@@ -256,14 +258,14 @@ def _train(
 
 
 def _leave_off(left: LeftOff, run: Path | None, quiet: bool) -> NoReturn:
-    """Say how to go on, and end."""
+    """Report how to continue, and exit with code 75."""
     if not quiet:
-        click.echo(f"scarfmt: {left}: the same command goes on, from {run}", err=True)
+        click.echo(f"scarfmt: {left}: the same command continues, from {run}", err=True)
     click.get_current_context().exit(UNFINISHED)
 
 
 def _end(run: Path | None, interrupted: bool, quiet: bool) -> None:
-    """What is left for another run: checkpoints of one that was interrupted, no other."""
+    """Remove the checkpoints, unless training was interrupted; then keep them, report so, and exit with code 130."""
     from reference_encoder.training.checkpoints import discard_checkpoints
 
     if not interrupted:
@@ -271,13 +273,13 @@ def _end(run: Path | None, interrupted: bool, quiet: bool) -> None:
             discard_checkpoints(run)
         return
     if not quiet:
-        more = f"; the same command with --force goes on, from {run}" if run is not None else ""
+        more = f"; the same command with --force continues, from {run}" if run is not None else ""
         click.echo(f"scarfmt: interrupted: the best file so far is written{more}", err=True)
     click.get_current_context().exit(INTERRUPTED)
 
 
 def _described(now: Progress) -> str:
-    """Where training stands, in a line."""
+    """The progress of training in one line."""
     words = [now.phase, f"{now.iteration:,}/{now.iterations:,}"]
     if now.psnr is not None:
         words.append(f"{now.psnr:.2f} dB")

@@ -1,4 +1,4 @@
-"""`scarfmt truncate`: a smaller file of the first layers."""
+"""`scarfmt truncate`: keeps the first layers of a file."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ if TYPE_CHECKING:
 def truncate(input_: str, output: str, layers: int, force: bool, quiet: bool) -> None:
     """Keep only the first layers of INPUT (a path, a URL or -), without decoding it.
 
-    OUTPUT is byte for byte the file an encoder would have written for those layers alone. INPUT may be a file whose
-    download broke off, if those layers had arrived.
+    OUTPUT is byte for byte the file an encoder would have written for those layers alone. INPUT may be an incomplete
+    download, if those layers have arrived.
 
-    Of a scene index all files are cut. OUTPUT is the new index, ending in .json, or a folder for it; the files lie
-    beside it as those of INPUT do. A file that has fewer layers keeps them all.
+    INPUT may be a scene index. All of its files are then cut. OUTPUT is the new index, whose name ends in .json, or a
+    folder for it. The new files lie beside the new index as the old files lie beside INPUT. A file that has fewer
+    layers keeps all of them.
 
     \b
     Examples:
@@ -50,7 +51,7 @@ def truncate(input_: str, output: str, layers: int, force: bool, quiet: bool) ->
 
 
 def _truncate_index(name: str, source: ByteSource, output: str, layers: int, force: bool) -> tuple[int, int]:
-    """Cut the files of an index; returns their bytes, and those there were."""
+    """Cut the files of an index; returns the bytes of the new files and of the old ones."""
     from scarfmt.scene_index.cutting import truncate_scene
 
     scene = open_index(name, source)

@@ -1,4 +1,4 @@
-"""`scarfmt validate`: every rule the file breaks."""
+"""`scarfmt validate`: lists every rule that a file breaks."""
 
 from __future__ import annotations
 
@@ -21,19 +21,20 @@ if TYPE_CHECKING:
 @click.command(short_help="List every rule a file breaks.")
 @click.argument("file")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object on stdout.")
-@click.option("--layers", type=click.IntRange(min=1), help="Check only the blocks of the first so many layers.")
-@click.option("--no-limits", is_flag=True, help="Check a file however large or slow it is: for files you trust.")
+@click.option("--layers", type=click.IntRange(min=1), help="Check only the first layers, this many.")
+@click.option("--no-limits", is_flag=True, help="Do not limit memory and work; for files you trust.")
 @click.option("--quiet", "-q", is_flag=True, help="Print nothing: the exit code is the answer.")
 @timeout_option
 @click.pass_context
 def validate(ctx: click.Context, file: str, as_json: bool, layers: int | None, no_limits: bool, quiet: bool) -> None:
     """Check FILE (a path, a URL or -) against every rule of the specification.
 
-    Of a scene index all files are checked, that they are those listed, and that they lie in their boxes.
+    FILE may be a scene index. The command then checks all of its files, that each is the one listed, and that each
+    lies in its box.
 
-    All tiles are decoded. Checking goes on past a fault where it can, so that all damage is listed, one line each:
-    'error: ID @ OFFSET: MESSAGE'. The last line says how many layers, from the first, decode in every tile. Exit code
-    0 if there is no error (a warning is none), else 1.
+    The command decodes all tiles. It continues after a fault where it can, and lists each fault in one line: 'error:
+    ID @ OFFSET: MESSAGE'. The last line gives the number of layers, from the first, that decode in every tile. The exit
+    code is 0 if there is no error, else 1. Warnings are not errors.
 
     \b
     Examples:
@@ -78,7 +79,7 @@ def _line(finding: Finding) -> str:
 def _checked_index(
     file: str, source: ByteSource, limits: Limits, layers: int | None, report: Report
 ) -> SceneValidation:
-    """What is found in an index and its files; an index that is refused has that for a finding."""
+    """Findings about an index and its files. If the index is refused, the refusal is the only finding."""
     from reference_decoder.scenes.checking import SceneValidation, validate_scene
     from reference_decoder.scenes.scene_set import open_scene
     from scarfmt.errors import InvalidInput, ScarError

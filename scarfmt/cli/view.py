@@ -21,11 +21,11 @@ _MOST_SCENES = 2
 @timeout_option
 @click.pass_context
 def view(ctx: click.Context, scenes: tuple[str, ...], port: int, host: str, no_browser: bool) -> None:
-    """Show FILE (a path or URL) in a browser, refined while it is read; with OTHER, both side by side.
+    """Show FILE (a path or URL) in a browser, and refine it while bytes arrive. OTHER is shown beside it.
 
-    A server on this machine sends the page and the bytes that the page asks for, until Ctrl-C. Nothing else is
-    contacted, but the servers of URLs. With a scene index its files are served. Without FILE, the page waits for a file
-    to be dropped on it.
+    A server on this machine sends the page, and the bytes that the page asks for, until Ctrl-C. It contacts nothing
+    but the servers of the URLs given. FILE may be a scene index; its files are then served. Without FILE, the page
+    waits for a file to be dropped on it.
 
     \b
     Examples:

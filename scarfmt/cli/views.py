@@ -1,4 +1,4 @@
-"""The options of commands that draw: from where a scene is looked at."""
+"""Options of commands that draw: the places from which a scene is seen."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ KINDS = ("orbit", "near", "inside")
 EVERYWHERE = "all"
 LISTED = "cameras"
 SEED = 1_000_003
-"""Of the views of `KINDS`: the encoder looks from those of other seeds."""
+"""Seed of the views of `KINDS`. The encoder uses views of other seeds."""
 FRAME_HELP = (
     "Up axis (x, -x, y, -y, z or -z), optionally with the arc of viewing directions in degrees: UP[:CENTRE:SPAN], "
     "e.g. -y:125:70."
 )
-SIZE_HELP = "Pixels of each picture [default: 640x480, or the cameras' own]."
+SIZE_HELP = "Size of each picture in pixels [default: 640x480, or the cameras' own]."
 CAMERAS_HELP = (
-    "a JSON list of ours, INRIA's cameras.json, a transforms.json (Nerfstudio, Blender), or a folder of COLMAP"
+    "a cameras.json of this project or INRIA's, a transforms.json (Nerfstudio, Blender), or a COLMAP folder"
 )
 FROM_HELP = (
-    "Where eyes are: orbit (all round, at many distances), near, inside (looking outwards), all of these, or survey (a"
-    " level ring)"
+    "Where the views are: orbit (all round, at many distances), near, inside (looking outwards), all of these three,"
+    " or survey (a level ring)"
 )
 
 
@@ -52,7 +52,7 @@ def parse_size(_ctx: click.Context, _parameter: click.Parameter, value: str | No
 
 
 def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str) -> str:
-    """The text as it is: what cannot be read is told before any scene is.
+    """The text as it is. A frame that cannot be read is refused before any scene is read.
 
     Raises:
         InvalidInput: ``input-frame``.
@@ -65,7 +65,7 @@ def parse_frame(_ctx: click.Context, _parameter: click.Parameter, value: str) ->
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """What the user said about the views; None where nothing.
+    """The user's choice of views; None for each option that was not given.
 
     Attributes:
         views: number of views, of each kind.
@@ -85,7 +85,7 @@ class ViewOptions:
 def view_options(default_kind: str) -> Callable[[Command], Command]:
     """A decorator that adds --views, --frame, --from, --cameras and --size to a command."""
     kinds = click.Choice((RING, *KINDS, EVERYWHERE))
-    number = f"Number of views, of each kind [default: {DEFAULT_VIEWS}, or all cameras]."
+    number = f"Number of views of each kind [default: {DEFAULT_VIEWS}, or all cameras]."
     options = (
         click.option("--size", metavar="WxH", callback=parse_size, help=SIZE_HELP),
         click.option("--cameras", type=click.Path(exists=True), help=f"Look from these cameras: {CAMERAS_HELP}."),
@@ -103,12 +103,12 @@ def view_options(default_kind: str) -> Callable[[Command], Command]:
 
 
 def listed_cameras(options: ViewOptions) -> list[Camera] | None:
-    """The cameras of --cameras, those held out for tests if it marks any; None without the option.
+    """The cameras of --cameras; None without the option. If some are marked as held out for tests, only those.
 
-    To be called before any scene is read: reading cameras takes no time.
+    Call this before any scene is read: it is quick, and refuses bad cameras early.
 
     Raises:
-        click.UsageError: cameras and a kind of views.
+        click.UsageError: both --cameras and --from are given.
         InvalidInput: ``input-cameras``.
     """
     if options.cameras is None:
@@ -126,12 +126,12 @@ def listed_cameras(options: ViewOptions) -> list[Camera] | None:
 
 
 def views_of(scene: GaussianScene, options: ViewOptions, default_kind: str) -> dict[str, list[Camera]]:
-    """From where to look at a scene, by kind: the same for the same positions and options.
+    """The cameras that look at a scene, by kind. Equal positions and options give equal cameras.
 
     Args:
         scene: only its positions are used.
-        options: what the user said.
-        default_kind: for who said none.
+        options: the user's choice.
+        default_kind: kind of views if the user chose none.
 
     Raises:
         InvalidInput: ``input-empty``.

@@ -32,7 +32,7 @@ _ATTRIBUTE_SHIFT = 6
 
 @dataclass(frozen=True)
 class IndexCoder:
-    """What codes the indices of a file in entropy mode 1.
+    """The coder of the indices of a file in entropy mode 1.
 
     Attributes:
         network: the index network.
@@ -64,7 +64,7 @@ ReadSymbols = Callable[[SymbolReader, "IndexCoder", int, Any, int], I64]
 
 @dataclass(frozen=True)
 class Around:
-    """What the embedding reads of a tile-layer.
+    """The inputs of the embedding in a tile-layer.
 
     Attributes:
         context: of the tile-layer.

@@ -1,4 +1,4 @@
-"""What the networks of a file must be like for its profile to be reconstructed (SPEC §9.5): sizes that must agree."""
+"""Sizes that must agree in the networks of a file, so that its profile can be reconstructed (SPEC §9.5)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scarfmt.scene.codebooks import Codebooks
 from scarfmt.scene.model import SceneModel
 
 OUTPUTS_PER_SLOT = (1, 7, 3)
-"""Of the networks of a SCENE_MLP block, in their order: opacity, covariance, colour."""
+"""Outputs for each slot of the networks of a SCENE_MLP block, in their order: opacity, covariance, colour."""
 
 
 def check_networks(

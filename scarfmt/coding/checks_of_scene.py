@@ -1,4 +1,4 @@
-"""What a quantised scene must keep to for its file to be readable: the fault of an encoder shows when it writes.
+"""Rules that a quantised scene must keep for its file to be readable. They expose faults of an encoder when it writes.
 
 Rules of blocks that are small are not repeated here: the writer reads its own model blocks back.
 """

@@ -1,4 +1,4 @@
-"""What a decoder takes for what a file makes it do: the one place that says how long, for encoder and reports.
+"""The time that a decoder takes for the work of a file. Encoder and reports use this one model.
 
 Nanoseconds of one thread with the compiled engine, arrays in memory. ``python -m benchmarks.decoder_costs`` measures
 and prints them; they are constants here so that the same scene and options give the same file on every machine.
@@ -35,11 +35,12 @@ class DecoderModel:
     index_multiply_add: float
 
     def predictors_ns(self, multiply_adds: int, anchors: int) -> float:
-        """Of predictors: `anchors` for which a step's context is found, each counted for every component."""
+        """Time of predictors. `anchors` are those for which the context of a step is computed, counted once per
+        component."""
         return self.predictor_multiply_add * multiply_adds + self.predicted * anchors
 
     def index_network_ns(self, multiply_adds: int, anchors: int) -> float:
-        """Of an index network: `anchors` whose inputs are made, each as often as that happens."""
+        """Time of an index network. `anchors` are those whose inputs are computed, counted as often as that happens."""
         return self.index_multiply_add * multiply_adds + self.index_row * anchors
 
 
@@ -57,7 +58,7 @@ DECODER = DecoderModel(
 """The decoder that the encoder decides for (decisions 0030, 0037)."""
 
 MECHANISMS = "mechanisms"
-"""Member of METADATA in which an encoder tells what the networks it kept save and make a decoder do.
+"""Member of METADATA in which an encoder states what its networks save, and what decoding them takes.
 
 An object with ``index_network`` and ``predictors`` by channel, each present only if kept, with the integers ``saved``
 (bytes, its own blocks taken off), ``multiply_adds`` and ``anchors``, as for :class:`DecoderModel`.

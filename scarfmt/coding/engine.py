@@ -1,4 +1,4 @@
-"""What computes a file's symbols and values: the protocol of engines, and the one that is the definition.
+"""Engines, which compute the symbols and values of a file: their protocol, and the engine that is the definition.
 
 A reader or writer is given an engine once and asks it for all that can be done in more ways than one. All engines give
 equal integers and bytes; they differ in speed. :class:`NumpyEngine` runs the codecs and networks of this package as
@@ -93,11 +93,14 @@ class Engine(ContextOperations, Protocol):
     def tables_read(self, tables: StaticTables) -> set[TableKey]:
         """Keys of tables that readers of this engine have used without looking them up one by one."""
 
+    def put_positions(self, emitter: Emitter, codes: U64, bits: int) -> None:
+        """Emit Morton codes: :func:`scarfmt.codecs.positions.put_positions` (SPEC §7.2)."""
+
     def get_positions(self, reader: SymbolReader, total: int, bits: int) -> U64:
         """Read Morton codes: :func:`scarfmt.codecs.positions.get_positions` (SPEC §7.2)."""
 
     def whole_tiles(self, models: SceneModels, neural: Sequence[NeuralModels]) -> WholeTiles | None:
-        """What reads all layers of a tile at once; None where they are read one after the other."""
+        """The function that reads all layers of a tile at once; None if layers are read one after the other."""
 
     def put_channel(
         self,
@@ -147,7 +150,8 @@ class Engine(ContextOperations, Protocol):
         """
 
     def activation(self, models: SceneModels) -> Activation | None:
-        """What makes Gaussians of the exact values of explicit anchors; None where the decoder does it itself."""
+        """The function that turns exact values of explicit anchors into Gaussians; None if the decoder does so
+        itself."""
 
 
 class NumpyEngine(NumpyContext):
@@ -173,6 +177,9 @@ class NumpyEngine(NumpyContext):
 
     def tables_read(self, tables: StaticTables) -> set[TableKey]:
         return set()
+
+    def put_positions(self, emitter: Emitter, codes: U64, bits: int) -> None:
+        positions.put_positions(emitter, codes, bits)
 
     def get_positions(self, reader: SymbolReader, total: int, bits: int) -> U64:
         return positions.get_positions(reader, total, bits)

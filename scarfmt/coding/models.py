@@ -64,7 +64,7 @@ class ModelBlocks:
         return len(self._blocks)
 
     def parsed(self, kind: BlockKind, layer: int, opening: Opening = NOTHING_OPENED) -> Any:
-        """What a block holds; None where a file without it is sound.
+        """The parsed content of a block; None if there is no such block and the file is valid without it.
 
         Raises:
             Malformed: ``missing-block``, or a block that breaks its rules.
@@ -126,12 +126,12 @@ class SceneModels(Keeper):
 
     @property
     def work(self) -> DeclaredWork:
-        """What decoding with these models takes."""
+        """The work of decoding with these models."""
         networks = (*(() if self.decoder is None else (self.decoder,)), *self.scene_mlps)
         return DeclaredWork(self.model, self.tables, self.predictors, self.network, self.codebooks, self.grid, networks)
 
     def neural(self, engine: Engine = NUMPY_ENGINE, *, indices: bool = True) -> tuple[NeuralModels, ...]:
-        """What codes symbols beside static tables, per layer, prepared for an engine.
+        """The models that code symbols beside static tables, for each layer, prepared for an engine.
 
         Without `indices`, the index network is not prepared: none can be decoded.
         """

@@ -51,7 +51,7 @@ TileBlocks = Sequence[tuple[Entry | None, bytes | None]]
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What is read of a file: arguments of :meth:`SceneReader.tiles`."""
+    """The part of a file that is read: the arguments of :meth:`SceneReader.tiles`."""
 
     models: SceneModels
     tiles: list[int]
@@ -96,7 +96,7 @@ class SceneReader:
         _ = self.container.root
 
     def twin(self) -> SceneReader:
-        """Another reader of the same opened file: what it prepares for its models does not push out what is here."""
+        """A second reader of the same opened file. It prepares its models in a cache of its own."""
         other = copy(self)
         other._prepared = other._whole = None
         return other
@@ -118,7 +118,7 @@ class SceneReader:
         if layers is None:
             return self.layers
         if not 1 <= layers <= self.layers:
-            raise InvalidInput("input-layers", f"layer {layers} asked for, the file has 1..{self.layers}")
+            raise InvalidInput("input-layers", f"layer {layers} is not in 1..{self.layers}, the layers of the file")
         return layers
 
     def _model_blocks(self, layers: int) -> ModelBlocks:
@@ -157,7 +157,7 @@ class SceneReader:
         return models
 
     def extent(self, layers: int, tiles: I64) -> Extent:
-        """What the directory declares of some tiles in the first layers; reads their pages."""
+        """The totals that the directory declares for some tiles in the first layers. Reads their pages."""
         counts, rows = self.container.tile_counts(layers, tiles), self.container.tile_rows(tiles)
         return extent(counts, rows, self.header.fields.lattice_bits)
 
@@ -195,7 +195,8 @@ class SceneReader:
         threads: int = 1,
         counters: Counters | None = None,
     ) -> Iterator[tuple[int, T]]:
-        """What `act` makes of each tile, in the thread that decoded it; the rest as for :meth:`tiles`.
+        """The result of `act` for each tile, computed in the thread that decoded the tile. For the arguments see
+        :meth:`tiles`.
 
         Args:
             act: is given the tile's index, its content and the counters of its work, if there are any. The content
@@ -274,7 +275,7 @@ class SceneReader:
         return neural
 
     def _whole_tiles(self, models: SceneModels, neural: tuple[NeuralModels, ...]) -> WholeTiles | None:
-        """What reads whole tiles; kept for whoever decodes tile after tile."""
+        """The function that reads whole tiles. It is kept for callers that decode tile after tile."""
         if self._whole is None or self._whole[0] is not neural:
             self._whole = neural, self.engine.whole_tiles(models, neural)
         return self._whole[1]
@@ -282,7 +283,7 @@ class SceneReader:
     def _whole_tile(
         self, whole: WholeTiles, tile: int, blocks: TileBlocks, counters: Counters | None, brief: bool
     ) -> TileContent | None:
-        """A tile read at once; None where something is wrong with it, which reading layer by layer will tell."""
+        """A tile read at once; None if it has a fault, which reading layer by layer then reports."""
         if any(entry and (payload is None or zlib.crc32(payload) != entry.crc32) for entry, payload in blocks):
             return None
         frame = tile_frame(self.header.fields, self.container.tile(tile))

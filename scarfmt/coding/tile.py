@@ -20,7 +20,6 @@ from scarfmt.codecs.classes import get_classes, put_classes
 from scarfmt.codecs.indices import get_indices, put_indices
 from scarfmt.codecs.masks import get_masks, get_offsets, put_masks, put_offsets
 from scarfmt.codecs.neural_indices import IndexCoder
-from scarfmt.codecs.positions import put_positions
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.container.directory import TileFrame
 from scarfmt.container.schema import Profile, Stream
@@ -38,7 +37,7 @@ OpenStream = Callable[[Stream], SymbolReader]
 
 @dataclass(frozen=True)
 class NeuralModels:
-    """What codes symbols beside static tables (SPEC §10).
+    """The models that code symbols beside static tables (SPEC §10).
 
     Attributes:
         predictors: in force, by key.
@@ -54,7 +53,7 @@ class NeuralModels:
         return PredictorSet(self.predictors)
 
     def coder(self, model: SceneModel, layer: int) -> IndexCoder | None:
-        """What codes the indices of a layer, None for static tables."""
+        """The coder of the indices of a layer; None for static tables."""
         return self.indices if model.layers[layer - 1].neural else None
 
 
@@ -156,7 +155,7 @@ def put_layer(
     content = content.head(int((content.classes < past).sum()))
     classes = content.classes
     new = np.flatnonzero(classes >= known)
-    put_positions(emitters(Stream.POSITIONS), content.codes[new], frame.bits)
+    engine.put_positions(emitters(Stream.POSITIONS), content.codes[new], frame.bits)
     put_classes(emitters(Stream.CLASSES), classes[new], known, past)
     if model.profile == Profile.ANCHOR:
         slot_layers = content.slot_layers

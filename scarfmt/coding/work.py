@@ -1,4 +1,4 @@
-"""How much work a file asks for, told before a tile is decoded (SPEC §13.2).
+"""The work that a file asks for, known before a tile is decoded (SPEC §13.2).
 
 A symbol can cost no byte, and a network may look at much for each: the bytes of a file do not bound the time it takes.
 What its header, directory and models declare does. Work is counted in multiply-adds; other things count as many as
@@ -68,7 +68,7 @@ def _by_step(tables: Sequence[Mapping[TableKey, SymbolTable]]) -> Iterator[Count
 
 @dataclass(frozen=True)
 class Extent:
-    """What a directory declares of the first layers.
+    """The totals that a directory declares for the first layers.
 
     Attributes:
         tiles: (layers,) tiles that have anchors after each layer.
@@ -203,7 +203,7 @@ class DeclaredWork:
 
 
 class Contents:
-    """What the Zstandard frames of one file's tables may unfold to together (SPEC §13.2).
+    """The bytes to which all Zstandard frames of the tables of a file may unfold together (SPEC §13.2).
 
     Args:
         file_length: of the file.

@@ -30,8 +30,9 @@ from scarfmt.container.file import Block, HeaderFields, Tile, write_container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import pack_substreams
-from scarfmt.entropy.emitters import SymbolCounter, SymbolRecorder, SymbolWriter
+from scarfmt.entropy.emitters import SymbolCounter
 from scarfmt.entropy.keys import TableKey
+from scarfmt.entropy.recorded import RecordedSymbols, SymbolRecorder
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable
 from scarfmt.errors import InvalidInput, ScarError
 from scarfmt.limits import FORMAT_LIMITS
@@ -82,7 +83,7 @@ class QuantisedScene:
     streaming: Streaming | None = None
 
     def neural(self, layer: int) -> NeuralModels:
-        """What codes symbols beside static tables in a layer."""
+        """The models that code symbols beside static tables in a layer."""
         found = {p.key: p for number, group in self.predictors.items() if number <= layer for p in group}
         return NeuralModels(found, self._coder)
 
@@ -123,47 +124,20 @@ class RecordedTile:
     """One layer of one tile before it is coded: how many anchors are new, and the symbols of every stream."""
 
     new: int
-    streams: dict[Stream, SymbolRecorder]
+    streams: dict[Stream, RecordedSymbols]
 
-    def block(self, layer: int, tile: int, tables: Mapping[TableKey, SymbolTable]) -> Block | None:
-        """The TILE block, None where there is nothing to say."""
-        streams = {stream: recorder.code(tables) for stream, recorder in self.streams.items()}
-        return _tile_block(layer, tile, self.new, streams)
+    def block(self, layer: int, tile: int, tables: Mapping[TableKey, SymbolTable], engine: Engine) -> Block | None:
+        """The TILE block, None where there is nothing to say.
 
-
-def _tile_block(layer: int, tile: int, new: int, streams: dict[Stream, bytes]) -> Block | None:
-    """The TILE block of coded streams, of which so many anchors are new; None where there is nothing to say."""
-    if not new and not any(streams.values()):
-        return None
-    sizes = {int(stream): len(data) for stream, data in streams.items()}
-    return Block(BlockKind.TILE, layer, pack_substreams(streams), tile=tile, count=new, stream_bytes=sizes)
-
-
-def coded_tile(
-    scene: QuantisedScene,
-    layer: int,
-    tile: int,
-    neural: NeuralModels,
-    tables: Mapping[TableKey, SymbolTable],
-    engine: Engine,
-) -> Block | None:
-    """The block of one layer of one tile where the tables are known; None where there is nothing to say.
-
-    Args:
-        neural: of the scene and the layer.
-        tables: in force in the layer.
-        engine: what computes.
-    """
-    writers: dict[Stream, SymbolWriter] = {}
-
-    def writer(stream: Stream) -> SymbolWriter:
-        if stream not in writers:
-            writers[stream] = engine.symbol_writer(tables)
-        return writers[stream]
-
-    frame = tile_frame(scene.fields, scene.tiles[tile])
-    new = put_layer(scene.model, layer, frame, scene.contents[tile], writer, neural, engine)
-    return _tile_block(layer, tile, new, {stream: each.finish() for stream, each in writers.items()})
+        Args:
+            tables: in force in the layer.
+            engine: what computes.
+        """
+        streams = {stream: symbols.code(tables, engine.symbol_writer) for stream, symbols in self.streams.items()}
+        if not self.new and not any(streams.values()):
+            return None
+        sizes = {int(stream): len(data) for stream, data in streams.items()}
+        return Block(BlockKind.TILE, layer, pack_substreams(streams), tile=tile, count=self.new, stream_bytes=sizes)
 
 
 def record_tile(
@@ -182,9 +156,7 @@ def record_tile(
 
     frame = tile_frame(scene.fields, scene.tiles[tile])
     new = put_layer(scene.model, layer, frame, scene.contents[tile], recorder, neural, engine)
-    for one in recorders.values():
-        one.settle()
-    return RecordedTile(new, recorders)
+    return RecordedTile(new, {stream: one.settled() for stream, one in recorders.items()})
 
 
 def _check(scene: QuantisedScene) -> None:
@@ -232,7 +204,7 @@ def write_scene(scene: QuantisedScene, report: Report = silent, engine: Engine =
         sent = fitted_tables(counter.histograms(), known)
         known = StaticTables({**known, **sent})
         blocks += model_blocks(scene, layer, sent)
-        coded = (each.block(layer, tile, known) for tile, each in enumerate(recorded))
+        coded = (each.block(layer, tile, known, engine) for tile, each in enumerate(recorded))
         blocks += [block for block in coded if block is not None]
     data = write_container(scene.fields, scene.tiles, blocks, layer_counts(scene))
     _check_models(data, engine)

@@ -49,7 +49,7 @@ def local_bits(fields: HeaderFields, tile: Tile) -> int:
 
 @dataclass(frozen=True)
 class TileFrame:
-    """Where the local coordinates of a tile lie in the lattice (SPEC §6.2).
+    """The place of a tile's local coordinates in the lattice (SPEC §6.2).
 
     Attributes:
         bits: local bits per axis.

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from construct import ConstructError
 
-from scarfmt.arrays import I64
+from scarfmt.arrays import I64, Bools
 from scarfmt.container.directory import (
     Entry,
     Table,
@@ -60,7 +60,7 @@ __all__ = [
 ]
 
 PAGE_BITS = 10
-"""What a writer takes: row pages of about 7 KB, of which a region needs one or two a layer (R-5.4-18)."""
+"""The default of a writer: row pages of about 7 KB, of which a region needs one or two a layer (R-5.4-18)."""
 
 
 @dataclass(frozen=True)
@@ -333,6 +333,13 @@ class Container:
     def tile_rows(self, tiles: I64) -> Table:
         """(n,) TILE_DTYPE of n tiles; reads their pages."""
         return self._paged.tile_rows(tiles)
+
+    def have_blocks(self, layers: int, tiles: I64) -> Bools:
+        """(n,) bool: of n tiles, those of which any of the first layers has a block; reads their pages.
+
+        A directory of a MiB can list hundreds of thousands of others.
+        """
+        return self._paged.have_blocks(layers, tiles)
 
     def tile_counts(self, layers: int, tiles: I64) -> I64:
         """(n, layers) int64 anchors that first appear in each of the first layers of n tiles; reads their pages."""

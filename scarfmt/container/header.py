@@ -1,4 +1,4 @@
-"""The header: signature, fixed fields, layer summaries and their checksum (SPEC §5.1, §5.2).
+"""The header: signature, fixed fields, layer summaries and their checksum (SPEC §5.1 to §5.3).
 
 Its rules are applied in the order of :func:`read_header`, so that two readers refuse one file for the same reason.
 """
@@ -44,7 +44,7 @@ from scarfmt.limits import (
 
 @dataclass(frozen=True)
 class HeaderFields:
-    """What an encoder says about the whole scene; truncation keeps it unchanged.
+    """The statements of an encoder about the whole scene. Truncation does not change them.
 
     Attributes:
         profile: explicit or anchor.
@@ -71,7 +71,7 @@ class HeaderFields:
 
 @dataclass(frozen=True)
 class LayerSummary:
-    """What one layer holds; `anchor_count` and `gaussian_count` are cumulative, `byte_count` is not."""
+    """The totals of one layer. `anchor_count` and `gaussian_count` are cumulative, `byte_count` is not."""
 
     anchor_count: int
     gaussian_count: int

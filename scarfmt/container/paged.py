@@ -36,7 +36,7 @@ class _Part(NamedTuple):
 
 
 class PagedDirectory:
-    """What a file says of its tiles and blocks. Whatever is given was checked when it was read.
+    """The tiles and blocks of a file. Everything it returns was checked when it was read.
 
     Args:
         source: the file.
@@ -211,6 +211,15 @@ class PagedDirectory:
         within = tiles - (pages[index] << self._header.page_bits)
         rows: Table = np.concatenate([np.zeros(0, TILE_DTYPE), *tables])[starts[index] + within]
         return rows
+
+    def have_blocks(self, layers: int, tiles: I64) -> Bools:
+        """(n,) bool: of n tiles, those of which any of the first layers has a block."""
+        self.load(layers, self.pages_of(tiles))
+        out = np.zeros(self._header.tile_count, bool)
+        for (layer, _), (_, found) in self._rows.items():
+            if layer <= layers:
+                out[found] = True
+        return out[tiles]
 
     def tile_counts(self, layers: int, tiles: I64) -> I64:
         """(n, layers) int64 anchors that first appear in each of the first layers of n tiles."""

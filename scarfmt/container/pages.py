@@ -56,7 +56,7 @@ def _free(depth: int) -> int:
 
 
 def _gaps(page: Table, past: int, start: int) -> tuple[list[int], int]:
-    """What lies between each cube of a page and the one before, in cubes of its size, and where the last ends."""
+    """The gap before each cube of a page, in cubes of its size, and the end of the last cube."""
     gaps = []
     for number, (depth, _, prefix) in enumerate(page.tolist(), start=start):
         free = _free(depth)
@@ -100,7 +100,7 @@ def unpack_tile_pages(found: Sequence[tuple[int, bytes]], pages: Table, header: 
 
 
 def _each_before_the_next(unpack: Callable[[Sequence[Item]], list[Table]], found: Sequence[Item]) -> list[Table]:
-    """Unpack pages all at once; where something is wrong, one by one, so that the first fault is told."""
+    """Unpack pages all at once. If one has a fault, unpack them one by one, so that the first fault is reported."""
     try:
         return unpack(found)
     except ScarError:
@@ -140,7 +140,7 @@ def _tile_pages(found: Sequence[tuple[int, bytes]], pages: Table, header: Header
 
 
 class _Place(NamedTuple):
-    """Where a page of tiles lies.
+    """The place of a page of tiles.
 
     Attributes:
         base, following: Morton codes at which it and the next page begin.

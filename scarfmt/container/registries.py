@@ -9,7 +9,7 @@ from enum import IntEnum, IntFlag
 
 
 class Profile(IntEnum):
-    """What an anchor stands for (SPEC §6)."""
+    """The meaning of an anchor (SPEC §6)."""
 
     EXPLICIT = 0
     """One Gaussian per anchor; decodes to view-independent 3D Gaussians."""
@@ -18,7 +18,7 @@ class Profile(IntEnum):
 
 
 class CoordinateFrame(IntEnum):
-    """Which world directions +x, +y, +z are."""
+    """The world directions of +x, +y and +z."""
 
     UNSPECIFIED = 0
     RDF = 1
@@ -28,7 +28,7 @@ class CoordinateFrame(IntEnum):
 
 
 class ColourSpace(IntEnum):
-    """What the decoded colours measure."""
+    """The quantity that decoded colours measure."""
 
     UNSPECIFIED = 0
     SRGB = 1
@@ -70,7 +70,7 @@ class BlockKind(IntEnum):
 
 READABLE_KINDS = frozenset(BlockKind) - {BlockKind.STREAMING}
 """Kinds that every reader of this version understands. A critical block of any other kind refuses the file, and who
-cuts a file keeps one only if it is safe to copy (R-5.5-13, SPEC §14)."""
+cuts a file keeps one only if it is safe to copy (R-5.4-16, SPEC §14)."""
 
 
 class BlockFlag(IntFlag):
@@ -83,10 +83,10 @@ class BlockFlag(IntFlag):
 
 
 class Stream(IntEnum):
-    """What the bytes of a block are spent on, as counted in the layer summaries."""
+    """The kinds of data in a block, by which layer summaries count its bytes."""
 
     MODELS = 0
-    """All of every block that is not a TILE block."""
+    """All bytes of every block that is not a TILE block."""
     POSITIONS = 1
     CLASSES = 2
     MASKS = 3
@@ -99,4 +99,4 @@ class Stream(IntEnum):
     LATENT = 10
     OFFSETS = 11
     FRAMING = 12
-    """What else a TILE block holds: its sub-stream table and anything not listed."""
+    """All else in a TILE block: its sub-stream table, and anything not listed."""

@@ -263,7 +263,7 @@ class _Http:
             if _size_of(response) != self._size or response.status != _PARTIAL:
                 raise ValueError("the file changed while it was read")
             if _first_of(response) != offset:
-                raise ValueError("the server sent another part of the file than asked for")
+                raise ValueError("the server sent another part of the file than was requested")
             return await _body(response, length)
         finally:
             response.close()  # which keeps the connection where the answer ended here

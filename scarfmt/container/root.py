@@ -53,7 +53,7 @@ ROW_PAGE_DTYPE = np.dtype(
 _TILE_BYTES = range(3, 12)
 """Bytes of a tile in a tile page."""
 _LEAST_ROWS, _ROW_BYTES = 5, 17
-"""What a row page has beside a byte a tile, where one tile has a block; and most bytes of a tile in it."""
+"""Bytes of a row page beyond one a tile, if a single tile has a block; and maximum bytes of each tile in it."""
 
 
 class PackedPage(NamedTuple):
@@ -78,7 +78,7 @@ class PackedRows(NamedTuple):
 
 @dataclass(frozen=True)
 class Root:
-    """What ROOT says.
+    """The values of ROOT.
 
     Attributes:
         models: (E,) ENTRY_DTYPE of the blocks that belong to no tile, by layer and kind.
@@ -160,7 +160,7 @@ class _Read:
 
 
 def _read(data: bytes, header: Header) -> _Read:
-    """All of ROOT, its structure alone checked."""
+    """Read ROOT and check its structure, but not its values."""
     reader, out = ByteReader(data, "root"), _Read()
     for layer in range(1, header.layer_count + 1):
         for _ in range(reader.unsigned(8)):
@@ -187,7 +187,7 @@ def _read(data: bytes, header: Header) -> _Read:
 
 
 def unpack_root(data: bytes, header: Header, limits: Limits, readable: frozenset[int]) -> Root:
-    """What ROOT says.
+    """Parse and check ROOT.
 
     Args:
         data: its bytes.

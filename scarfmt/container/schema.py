@@ -40,7 +40,7 @@ VERSION = (0, 2)
 """(major, minor) this package reads and writes. While major is 0, every minor version is its own format."""
 
 NO_TILE = 0xFFFFFFFF
-"""What ENTRY_DTYPE has as `tile` of a block that belongs to no tile."""
+"""The value of `tile` in ENTRY_DTYPE for a block that belongs to no tile."""
 
 
 STREAM_COUNT = len(Stream)
@@ -55,7 +55,7 @@ FILE_HEADER: Any = Struct(
     "profile" / Int8ul * "Profile: 0 explicit, 1 anchor",
     "sh_degree" / Int8ul * "Degree of the decoded spherical harmonics, 0..3; 0 in the anchor profile",
     "layer_count" / Int8ul * "Layers in this file, 1..16",
-    "slots" / Int8ul * "K, Gaussian slots per anchor, 1..32; 1 in the explicit profile",
+    "slots" / Int8ul * "Gaussian slots of an anchor, 1..32; 1 in the explicit profile",
     "lattice_bits" / Int8ul * "Bits per axis of the position lattice, 1..32",
     "coordinate_frame" / Int8ul * "0 unspecified, 1 RDF (x right, y down, z forward), 2 RUB (x right, y up, z back)",
     "colour_space" / Int8ul * "0 unspecified, 1 sRGB display-referred, 2 linear",
@@ -114,7 +114,7 @@ class Field(NamedTuple):
 
 
 def scalar_type(field: Any) -> tuple[str, str]:
-    """What SPEC and numpy call a scalar of construct."""
+    """The names that SPEC and numpy have for a scalar of construct."""
     return _SCALARS[field.fmtstr]
 
 

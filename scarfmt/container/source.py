@@ -1,4 +1,4 @@
-"""Where file bytes come from: memory, a local file or pipe; URLs are in :mod:`scarfmt.container.remote`.
+"""Sources of file bytes: memory, a local file or a pipe. URLs are in :mod:`scarfmt.container.remote`.
 
 A reader asks a :class:`ByteSource` for exact ranges and trusts only its `size`. The counters say what was really
 transferred, so tests and users can see that a partial read is partial.
@@ -138,7 +138,7 @@ class FileSource(RangeSource):
         super().__init__(status.st_size)
 
     def drained(self) -> BytesSource:
-        """What a pipe or a device holds, up to its end; closes it.
+        """All bytes of a pipe or a device; closes it.
 
         Raises:
             LimitExceeded: ``input-limit`` beyond `MAX_STREAM_BYTES`.
@@ -180,7 +180,7 @@ def read_bounded(stream: BinaryIO, name: str, limit: int = MAX_STREAM_BYTES) -> 
 
 
 Origin = str | os.PathLike[str] | bytes | bytearray | memoryview | ByteSource
-"""What a file can be read from: a path, a URL, its bytes, or a source that is open already."""
+"""Anything that a file can be read from: a path, a URL, its bytes, or a source that is already open."""
 
 
 def open_source(origin: Origin, *, timeout: float = TIMEOUT_SECONDS, head_bytes: int = HEAD_BYTES) -> ByteSource:

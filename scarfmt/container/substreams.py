@@ -23,7 +23,7 @@ MAX_TABLE_SIZE = 1 + RECORD_SIZE * len(_KINDS) + 4
 
 @dataclass(frozen=True)
 class Substream:
-    """Where a sub-stream lies in its block, and its checksum."""
+    """The place of a sub-stream in its block, and its checksum."""
 
     start: int
     length: int

@@ -18,7 +18,7 @@ _BLOCK_KINDS = ("raw", "repeated", "compressed", "reserved")
 
 
 class FrameHeader(NamedTuple):
-    """What a frame says of itself.
+    """The header of a frame.
 
     Attributes:
         content_size: bytes of its content; 0 also where it does not say.

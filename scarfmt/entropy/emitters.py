@@ -2,23 +2,29 @@
 
 A group is a run of values that share one static table, named by a :class:`TableKey`. The encoder runs each codec over
 one interface: with a :class:`SymbolCounter` to learn the tables, with a :class:`SymbolWriter` to code, or with a
-:class:`SymbolRecorder` for both in one run.
+:class:`scarfmt.entropy.recorded.SymbolRecorder` for both in one run.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from scarfmt.arrays import F32, F64, I64, Ints
+from scarfmt.arrays import F32, F64, I32, I64, U16, Ints
 from scarfmt.entropy.grouping import by_context
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.rans import PRECISION, RansEncoder, SymbolSink, cached_uniform
 from scarfmt.entropy.symbol_tables import SymbolTable
 from scarfmt.errors import InvalidInput
+
+Group = tuple[StepKey | int, int]
+"""Symbols side by side: what names their static tables, or the size of their uniform alphabet; how many they are."""
 
 
 class Emitter(ABC):
@@ -43,6 +49,23 @@ class Emitter(ABC):
         for kind, start, past in runs:
             self.emit(key.table(kind), arranged[start:past])
 
+    def emit_groups(self, groups: Sequence[Group], kinds: U16, values: Ints) -> None:
+        """Several groups, one after the other.
+
+        Args:
+            kinds: of the symbols that have static tables, those of all groups in their order.
+            values: of all symbols.
+        """
+        start = place = 0
+        for name, count in groups:
+            part = values[start : start + count]
+            start += count
+            if isinstance(name, int):
+                self.emit_uniform(name, part)
+            else:
+                self.emit_grouped(name, kinds[place : place + count], part)
+                place += count
+
     def emit_by_context(self, key: TableKey, contexts: I64, values: Ints) -> None:
         """(n,) `values` of one component grouped by (n,) ascending context (0..255), order kept within each group.
 
@@ -62,12 +85,11 @@ class Emitter(ABC):
 
 
 class SymbolCounter(Emitter):
-    """An emitter that only counts, per table key."""
+    """An emitter that only counts, per table key. What it is given must not be changed afterwards."""
 
     def __init__(self) -> None:
         self._values: dict[TableKey, list[Ints]] = {}
-        # Per step: (m,) joint numbers of kind and value, and how often each came.
-        self._joint: dict[StepKey, list[tuple[I64, I64]]] = {}
+        self._pools: dict[StepKey, _Pool] = {}
         self.uniform_bits = 0.0
         self.modelled_bits = 0.0
 
@@ -77,10 +99,13 @@ class SymbolCounter(Emitter):
 
     def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
         if len(values):
-            self._joint.setdefault(key, []).append(_joint_counts(kinds, values))
+            check_values(values)
+            if key not in self._pools:
+                self._pools[key] = _Pool()
+            self._pools[key].add(kinds, values)
 
     def emit_uniform(self, size: int, values: Ints) -> None:
-        self.uniform_bits += len(values) * float(np.log2(size))
+        self.uniform_bits += len(values) * math.log2(size)
 
     def emit_rows(self, weights: F64, values: Ints) -> None:
         frequencies = weights[np.arange(len(values)), values] + 1
@@ -92,8 +117,8 @@ class SymbolCounter(Emitter):
         for key, groups in self._values.items():
             alphabet, counts = np.unique(np.concatenate(groups), return_counts=True)
             found[key] = [(alphabet.astype(np.int64), counts)]
-        for step, parts in self._joint.items():
-            joint, counts = _added([part[0] for part in parts], [part[1] for part in parts])
+        for step, pool in self._pools.items():
+            joint, counts = pool.counted()
             kinds = joint >> _VALUE_BITS
             starts = np.flatnonzero(np.diff(kinds, prepend=-1)).tolist()
             for first, past in itertools.pairwise([*starts, len(kinds)]):
@@ -106,24 +131,69 @@ class SymbolCounter(Emitter):
 _VALUE_BITS = 33
 _VALUE_ZERO = 1 << 32
 _VALUE_MASK = (1 << _VALUE_BITS) - 1
-# So many cells are counted without sorting.
-_DENSE = 1 << 16
+# So many symbols of a step wait to be counted together: one by one, small groups take longer to look at than to count.
+_POOLED = 1 << 19
+# So many cells are counted without sorting, or so many times as there are symbols.
+_DENSE, _CELLS_EACH = 1 << 16, 8
+# Values beyond are few, and counted apart.
+_NEAR = 1 << 11
 
 
-def _joint_counts(kinds: Ints, values: Ints) -> tuple[I64, I64]:
-    """Joint numbers of kind and value that occur, ascending, and how often.
+class _Pool:
+    """Symbols of one step that are counted many at once."""
+
+    def __init__(self) -> None:
+        self._kinds: list[Ints] = []
+        self._values: list[Ints] = []
+        self._waiting = 0
+        self._found: list[tuple[I64, I64]] = []
+
+    def add(self, kinds: Ints, values: Ints) -> None:
+        self._kinds.append(kinds)
+        self._values.append(values)
+        self._waiting += len(values)
+        if self._waiting >= _POOLED:
+            self._count()
+
+    def _count(self) -> None:
+        values = np.concatenate(self._values).astype(np.int32, copy=False)
+        self._found.append(_joint_counts(np.concatenate(self._kinds), values))
+        self._kinds, self._values, self._waiting = [], [], 0
+
+    def counted(self) -> tuple[I64, I64]:
+        """Joint numbers of kind and value that occur, ascending, and how often."""
+        if self._waiting:
+            self._count()
+        return _added(*zip(*self._found, strict=True))
+
+
+def check_values(values: Ints) -> None:
+    """Check that symbols, at least one, are of 32 bits.
 
     Raises:
-        InvalidInput: ``input-symbol`` for a value beyond 32 bits.
+        InvalidInput: ``input-symbol``.
     """
-    low, high = int(values.min()), int(values.max())
-    if low < -(1 << 31) or high >= 1 << 31:
+    if values.dtype.itemsize > 4 and (int(values.min()) < -(1 << 31) or int(values.max()) >= 1 << 31):
         raise InvalidInput("input-symbol", "a value beyond 32 bits", field="symbols")
+
+
+def _joint_counts(kinds: Ints, values: I32) -> tuple[I64, I64]:
+    """Joint numbers of kind and value that occur, ascending, and how often."""
+    low, high = int(values.min()), int(values.max())
     wide = high - low + 1
-    if (int(kinds.max()) + 1) * wide <= _DENSE:
-        counts = np.bincount(kinds.astype(np.int64) * wide + values - low)
+    dense = (int(kinds.max()) + 1) * wide
+    if dense <= max(_DENSE, _CELLS_EACH * len(values)):
+        short: type[np.integer[Any]] = np.uint16 if dense < _DENSE else np.int64
+        places: NDArray[Any] = kinds.astype(short)
+        places *= wide
+        places += (values - low).astype(short)
+        counts = np.bincount(places)
         cells = np.flatnonzero(counts)
         return ((cells // wide) << _VALUE_BITS) + cells % wide + low + _VALUE_ZERO, counts[cells]
+    near = (values >= -_NEAR) & (values < _NEAR)
+    if near.any() and not near.all():
+        parts = [_joint_counts(kinds[here], values[here]) for here in (near, ~near)]
+        return _added(*zip(*parts, strict=True))
     joint = (kinds.astype(np.int64) << _VALUE_BITS) + values + _VALUE_ZERO
     found, counts = np.unique(joint, return_counts=True)
     return found, counts
@@ -169,58 +239,3 @@ class SymbolWriter(Emitter):
 
 OpenWriter = Callable[[Mapping[TableKey, SymbolTable]], SymbolWriter]
 """Gives a writer of a sub-stream under static tables."""
-
-
-class SymbolRecorder(Emitter):
-    """An emitter that keeps what it is given, to be coded once the tables are known.
-
-    Args:
-        counter: counts every group that needs a table.
-        open_writer: gives the writers that code.
-    """
-
-    def __init__(self, counter: SymbolCounter, open_writer: OpenWriter = SymbolWriter) -> None:
-        self._counter, self._open = counter, open_writer
-        self._groups: list[tuple[TableKey | int, Ints] | tuple[StepKey, Ints, Ints]] = []
-        self._modelled = open_writer({})
-        self._coded = b""
-
-    def emit(self, key: TableKey, values: Ints) -> None:
-        self._counter.emit(key, values)
-        self._groups.append((key, values))
-
-    def emit_uniform(self, size: int, values: Ints) -> None:
-        self._groups.append((size, values))
-
-    def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
-        if len(values):
-            self._counter.emit_grouped(key, kinds, values)
-            self._groups.append((key, kinds.astype(np.uint16), values.astype(np.int32)))
-
-    def emit_rows(self, weights: F64, values: Ints) -> None:
-        self._modelled.emit_rows(weights, values)
-
-    def emit_logits(self, logits: F32 | None, weights: Callable[[], F64], values: Ints) -> None:
-        self._modelled.emit_logits(logits, weights, values)
-
-    def settle(self) -> None:
-        """Code symbols that came with their own frequencies: those take much memory, and wait for no table.
-
-        Raises:
-            InvalidInput: ``input-symbol`` when the stream has others, too.
-        """
-        self._coded, self._modelled = self._modelled.finish(), self._open({})
-        if self._coded and self._groups:
-            raise InvalidInput("input-symbol", "a sub-stream mixes static tables and rows", field="symbols")
-
-    def code(self, tables: Mapping[TableKey, SymbolTable]) -> bytes:
-        """The sealed rANS stream."""
-        writer = self._open(tables)
-        for key, *arrays in self._groups:
-            if isinstance(key, StepKey):
-                writer.emit_grouped(key, *arrays)
-            elif isinstance(key, TableKey):
-                writer.emit(key, *arrays)
-            else:
-                writer.emit_uniform(key, *arrays)
-        return self._coded or writer.finish()

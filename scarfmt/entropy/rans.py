@@ -112,7 +112,7 @@ def cached_uniform(size: int) -> FrequencyTable:
 
 
 class SymbolSource(Protocol):
-    """What a sub-stream codec reads from: either decoder."""
+    """The interface from which a sub-stream codec reads; both decoders implement it."""
 
     def decode(self, table: FrequencyTable, count: int) -> I32: ...
 
@@ -122,7 +122,7 @@ class SymbolSource(Protocol):
 
 
 class SymbolSink(Protocol):
-    """What a sub-stream codec writes to."""
+    """The interface to which a sub-stream codec writes."""
 
     def encode(self, symbols: NDArray[np.integer[Any]], table: FrequencyTable) -> None: ...
 

@@ -14,7 +14,7 @@ from scarfmt.errors import Malformed
 
 MAX_PARAMETER = 31
 MAX_QUOTIENT = 255
-"""It bounds what an array can make a reader unpack."""
+"""Limit of a quotient, which bounds the memory that a short array can make a reader unpack."""
 
 
 def pack_rice(values: Ints) -> bytes:

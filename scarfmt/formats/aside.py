@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _MEMORY_BYTES = 1 << 22
-"""Of each stream; the rest is on disk."""
+"""Maximum bytes of each stream in memory; the rest is on disk."""
 _COPY_BYTES = 1 << 20
 
 
@@ -41,7 +41,7 @@ class Aside:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the streams, in the order given."""
+        """Names of the streams, in the order given."""
         return tuple(self._streams)
 
     def add(self, name: str, values: NDArray[np.generic]) -> None:

@@ -60,7 +60,7 @@ def clean(scene: GaussianScene | AnchorModel, drop_invalid: bool = False) -> tup
 
 @dataclass(frozen=True)
 class Faults:
-    """What of some Gaussians cannot be encoded.
+    """The Gaussians of a scene that cannot be encoded, by kind of fault.
 
     Attributes:
         count: Gaussians looked at.
@@ -76,7 +76,7 @@ class Faults:
 
     @classmethod
     def of(cls, scene: GaussianScene, numbers: I64 | None = None, file: str = "") -> Faults:
-        """Those of a scene.
+        """Find the faults of a scene.
 
         Args:
             scene: some Gaussians.

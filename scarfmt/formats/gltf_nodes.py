@@ -1,4 +1,4 @@
-"""Where the nodes of a glTF scene put its meshes, and Gaussians moved, turned and scaled by them."""
+"""The nodes of a glTF scene: where they put its meshes, and how they move, turn and scale Gaussians."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def load(source: Source) -> GaussianScene:
 
 @dataclass(frozen=True)
 class Columns:
-    """Where the attributes of Gaussians are in the rows of a file.
+    """The columns of the attributes of Gaussians in the rows of a file.
 
     Attributes:
         scales: names of the two or three scales.
@@ -60,7 +60,7 @@ class Columns:
 
     @classmethod
     def of(cls, source: Source, header: ply.Header) -> Columns:
-        """Those of a file, once it is clear that all are there.
+        """The columns of a file, after a check that none is missing.
 
         Raises:
             InvalidInput: ``input-not-gaussians``, ``input-sh-degree``.

@@ -1,4 +1,4 @@
-"""What all writers of other formats share: what they are told of a scene, what they report, and what they refuse."""
+"""Shared parts of the writers of other formats: the description of a scene, the report, and the refusals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Parts = Iterable[GaussianScene]
 
 @dataclass(frozen=True)
 class Described:
-    """What holds for a whole scene.
+    """The properties of a whole scene.
 
     Attributes:
         sh_degree: of all its parts, 0..3.
@@ -33,7 +33,7 @@ class Described:
 
 @dataclass(frozen=True)
 class Written:
-    """What a writer did.
+    """The report of a writer.
 
     Attributes:
         count: Gaussians written.
@@ -91,4 +91,4 @@ def finite(parts: Parts, title: str) -> Iterator[GaussianScene]:
         if len(part):
             yield part
     if not count:
-        raise InvalidInput("output-empty", f"there are no Gaussians to write, and no {title} of none is valid")
+        raise InvalidInput("output-empty", f"there are no Gaussians to write: an empty {title} is not valid")

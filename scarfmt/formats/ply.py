@@ -16,7 +16,7 @@ _MAX_HEADER = 1 << 16
 _FIRST_LINE = re.compile(rb"ply[ \t]*(\r\n|\n|\r)")
 
 LIST = "list"
-"""What `Element.properties` says of a list."""
+"""The value of `Element.properties` for a list."""
 
 TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -60,7 +60,7 @@ class Element:
 
 @dataclass(frozen=True)
 class Header:
-    """What a PLY header declares.
+    """The contents of a PLY header.
 
     Attributes:
         byte_order: ``"<"``, ``">"``, or empty for text.

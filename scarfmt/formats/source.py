@@ -1,4 +1,4 @@
-"""Where a scene's bytes come from (a file or memory), and the errors and limits all importers share."""
+"""Sources of the bytes of a scene (a file or memory), and the errors and limits that all importers share."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ FREE_GAUSSIANS = 1 << 16
 """Any compressed file may declare so many: what it may declare beyond grows with its bytes."""
 
 GAUSSIANS_PER_BYTE = 1
-"""Of a compressed file, beyond `FREE_GAUSSIANS`. Real scenes stay below 0.1; it is the default of
-:class:`scarfmt.limits.Limits` too. SPZ's own reader allows 1024 / 9: 850 bytes of memory for each of them."""
+"""Maximum Gaussians for each byte of a compressed file, beyond `FREE_GAUSSIANS`. Real scenes stay below 0.1. It is also
+the default of :class:`scarfmt.limits.Limits`. SPZ's own reader allows 1024 / 9, which costs 850 bytes of memory for
+each byte."""
 
 _NO_WAITING = getattr(os, "O_NONBLOCK", 0)
 
@@ -36,7 +37,7 @@ class Source:
 
     @property
     def name(self) -> str:
-        """What messages call this input."""
+        """The name of this input in messages."""
         return "<bytes>" if self.path is None else str(self.path)
 
     @property

@@ -186,7 +186,7 @@ class _Machine:
                 raise ValueError(f"opcode {name}")
 
     def _since_mark(self) -> list[Any]:
-        """What lies above the last mark, taken off the stack with it."""
+        """The values above the last mark of the stack, which are removed together with the mark."""
         start = len(self._stack) - 1
         while self._stack[start] is not _MARK:
             start -= 1
@@ -198,7 +198,7 @@ class _Machine:
 
 
 def _called(function: _Global, arguments: tuple[Any, ...]) -> object:
-    """What a call of the pickle stands for; no code of its name is looked up."""
+    """The value that a call of the pickle stands for. No code is looked up by name."""
     if function.name == _TENSOR:
         return _tensor(*arguments)
     if function.name == _PARAMETER:

@@ -63,7 +63,7 @@ class CellNames:
 
 
 def _side_by_side(name: str, sizes: Sequence[int]) -> list[int]:
-    """Where scratch memory of so many bytes each lies."""
+    """Addresses in scratch memory of blocks of these sizes."""
     ends = list(itertools.accumulate(sizes, initial=0))
     start = SCRATCH.at(name, ends[-1])
     return [start + end for end in ends[:-1]]

@@ -391,7 +391,7 @@ static void look_around(Channel *s) {
 among the anchors.
 
 Returns ALL_READ, BAD_TRIT, VALUE_RANGE, or a kind (component * 256 + context) without a table. */
-EXPORT int64_t scar_channel_step(Rans *rans, Channel *s, const int64_t *anchors, const int64_t *ends, int64_t passes) {
+static int64_t channel_step(Rans *rans, Channel *s, const int64_t *anchors, const int64_t *ends, int64_t passes) {
     if (s->predictors) look_around(s);
     for (int64_t pass = 0, start = 0; pass < passes; start = ends[pass++]) {
         const int64_t *here = anchors + start;
@@ -438,15 +438,34 @@ WIDE static int other_anchors(const Channel *s, const ChannelLayer *l) {
     return other != 0;
 }
 
-/* Reads all steps of a layer; the rest as for scar_channel_step. What is wrong is wrong in step `s->step`. */
+/* A value without so many ternary digits, rounded to nearest (SPEC 7.5); `power`: 3 to that. */
+INLINE int32_t coarser(int32_t value, int64_t power) {
+    const int64_t sum = value + (power - 1) / 2;
+    return (int32_t)(sum / power - (sum % power < 0));
+}
+
+/* Values of n anchors at `steps` of them, from those at the end of all steps. */
+static void coarsen_to(const Channel *s, const ChannelLayer *l, const int64_t *anchors, int64_t n, const int64_t *steps,
+                       int64_t step, int32_t *out) {
+    static const int64_t powers[] = {1, 3, 9, 27, 81, 243, 729, 2187, 6561, 19683, 59049, 177147, 531441, 1594323, 4782969,
+                                     14348907, 43046721, 129140163, 387420489, 1162261467, 3486784401};
+    for (int64_t k = 0; k < n; k++) {
+        const int64_t i = anchors ? anchors[k] : k, at = steps ? steps[i] : step;
+        for (int64_t c = i * s->components; c < (i + 1) * s->components; c++)
+            out[c] = at ? coarser(l->last[c], powers[l->at[i] - at]) : 0;
+    }
+}
+
+/* Reads or writes all steps of a layer; the rest as for channel_step. What is wrong is wrong in step `s->step`. */
 EXPORT int64_t scar_channel_layer(Rans *rans, Channel *s, const ChannelLayer *l) {
     int64_t chosen = 0;
     int by_code = 0;
     for (int64_t i = 0; i < s->count; i++) s->steps[i] = l->before[i];
+    if (l->last) coarsen_to(s, l, NULL, s->count, l->before, 0, s->values), s->given = l->given;
     for (s->step = l->start; s->step < l->stop; s->step++) {
         const int64_t place = s->step - l->start;
         int64_t ends[MOST_PASSES], passes = 1;
-        s->tables = l->tables[place], s->predictors = l->predictors[place];
+        s->tables = l->tables ? l->tables[place] : NULL, s->predictors = l->predictors[place];
         const int64_t *anchors = l->chosen;
         if (s->step == l->start || by_code != (s->predictors != NULL) || other_anchors(s, l))
             chosen = choose_anchors(s, l, l->chosen);
@@ -458,7 +477,11 @@ EXPORT int64_t scar_channel_layer(Rans *rans, Channel *s, const ChannelLayer *l)
             anchors = l->anchors;
         }
         l->read[place] = chosen;
-        const int64_t read = scar_channel_step(rans, s, anchors, ends, passes);
+        if (l->last) {
+            coarsen_to(s, l, l->chosen, chosen, NULL, s->step, l->given);
+            memcpy(l->ends + place * MOST_PASSES, ends, (size_t)passes * sizeof *ends);
+        }
+        const int64_t read = channel_step(rans, s, anchors, ends, passes);
         if (read != ALL_READ) return read;
     }
     return ALL_READ;

@@ -1,21 +1,22 @@
-"""Compiled reading and writing of channels (SPEC §7.5, §10.3): a call reads all steps of a layer, or writes one."""
+"""Compiled reading and writing of channels (SPEC §7.5, §10.3): a call reads or writes all steps of a layer."""
 
 from __future__ import annotations
 
 import ctypes
+import itertools
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from scarfmt.arrays import I32, I64, U16
+from scarfmt.arrays import I32, I64, U16, Ints
 from scarfmt.entropy.keys import CONTEXTS
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel import structs
 from scarfmt.kernel.cells import words_of_rows
 from scarfmt.kernel.memory import address, check_symbols
-from scarfmt.kernel.packed_predictors import PackedPredictors, PackedPredictorSteps, Surroundings
+from scarfmt.kernel.packed_predictors import PackedPredictorSteps, Surroundings
 from scarfmt.kernel.packed_tables import PackedSteps
 from scarfmt.kernel.scratch import SCRATCH
 from scarfmt.kernel.stream_decoder import ALL_READ, KernelRansDecoder
@@ -23,6 +24,8 @@ from scarfmt.scene.model import NO_SOURCE, Channel, ContextRule
 
 BAD_TRIT = -2
 VALUE_RANGE = -3
+MOST_PASSES = 4
+"""As the library has it: where passes end is told for so many."""
 # Anchors whose inputs lie side by side.
 _BLOCK = 16
 
@@ -101,53 +104,73 @@ class KernelChannel:
             ALL_READ, BAD_TRIT, VALUE_RANGE, or a kind that has no table; the step in which that is so, or the one
             after all; and how many anchors received each step.
         """
-        count, symbols = self._count, self._count * self._channel.components
-        before, after = (np.ascontiguousarray(steps, np.int64) for steps in moves)
+        symbols = self._count * self._channel.components
         self._struct.symbols, self._struct.order = SCRATCH.at("symbols", 4 * symbols), SCRATCH.at("order", 4 * symbols)
         self._struct.counts = SCRATCH.at("counts", 8 * (self._channel.components * CONTEXTS + 1))
-        self._look_around(around, predictors is not None and coded.start == 1 and predictors.first)
-        received = (ctypes.c_int64 * len(coded))()
-        none = (ctypes.c_void_p * len(coded))()
-        layer = structs.ChannelLayer(coded.start, coded.stop, before.ctypes.data, after.ctypes.data)
+        layer, received = self._layer(coded, moves, around, predictors)
         layer.tables = ctypes.addressof(tables.array)
-        layer.predictors = ctypes.addressof(none if predictors is None else predictors.array)
-        layer.chosen, layer.anchors = SCRATCH.at("chosen", 8 * count), SCRATCH.at("anchors", 8 * count)
-        layer.read = ctypes.addressof(received)
-        if around is not None:
-            layer.by_code, layer.passes_log2 = address(around.by_code, np.int64), around.passes_log2
         found = self._library.scar_channel_layer(rans.pointer, ctypes.byref(self._struct), ctypes.byref(layer))
         return int(found), int(self._struct.step), list(received)
 
     def write(
         self,
-        step: int,
-        parts: Sequence[I64],
-        given: I32,
+        coded: range,
+        moves: tuple[I64, I64],
+        final: tuple[Ints, I64],
         around: Surroundings | None = None,
-        predictors: PackedPredictors | None = None,
-    ) -> list[tuple[U16, I32]]:
-        """Kinds and symbols of a step of the anchors of each part, in the groups in which they travel.
+        predictors: PackedPredictorSteps | None = None,
+    ) -> tuple[list[tuple[int, int]], U16, I32]:
+        """The steps `coded` of the anchors that receive each, as the groups in which they travel.
 
         Args:
-            given: (n, components) int32 values after the step; those of other anchors do not matter.
+            moves, around, predictors: as of :meth:`read`.
+            final: (n, components) 32-bit values after all steps, and (n,) how many those are.
+
+        Returns:
+            Step of each group and how many symbols it has; the kinds of all, and the symbols.
+
+        Raises:
+            InvalidInput: ``input-symbol``: a value leaves 32 bits.
         """
-        components = self._channel.components
-        total = sum(map(len, parts)) * components
+        components, (before, after) = self._channel.components, moves
+        total = int((after - before).sum()) * components
         kinds, symbols = np.empty(total, np.uint16), np.empty(total, np.int32)
-        anchors, ends = np.concatenate(parts), np.cumsum([len(part) for part in parts])
-        struct = self._struct
-        struct.step, struct.given, struct.kinds_out = step, address(given, np.int32), kinds.ctypes.data
-        struct.symbols_out = symbols.ctypes.data
-        self._look_around(around, predictors is not None and step == 1)
-        struct.predictors = None if predictors is None else ctypes.addressof(predictors.array)
-        arrays = anchors.ctypes.data, ends.ctypes.data, len(parts)
-        if self._library.scar_channel_step(None, ctypes.byref(struct), *arrays) != ALL_READ:
-            raise InvalidInput("input-symbol", "a step of more than one trit", field=self._channel.stream.name)
-        # The components of a first step travel one after the other, those of a later one together.
-        groups = components if step == 1 else 1
-        sizes = [len(part) * components // groups for part in parts for _ in range(groups)]
-        splits = np.cumsum(sizes)[:-1]
-        return list(zip(np.split(kinds, splits), np.split(symbols, splits), strict=True))
+        ends = np.zeros((len(coded), MOST_PASSES), np.int64)
+        layer, received = self._layer(coded, moves, around, predictors)
+        values, at = np.ascontiguousarray(final[0], np.int32), np.ascontiguousarray(final[1], np.int64)
+        layer.last, layer.at, layer.ends = values.ctypes.data, at.ctypes.data, ends.ctypes.data
+        layer.given = SCRATCH.at("given", 4 * self._count * components)
+        self._struct.kinds_out, self._struct.symbols_out = kinds.ctypes.data, symbols.ctypes.data
+        if self._library.scar_channel_layer(None, ctypes.byref(self._struct), ctypes.byref(layer)) != ALL_READ:
+            raise InvalidInput("input-symbol", "a value leaves 32 bits", field=self._channel.stream.name)
+        groups = []
+        for step, here, passes in zip(coded, received, ends.tolist(), strict=True):
+            # The components of a first step travel one after the other, those of a later one together.
+            times, wide = (components, 1) if step == 1 else (1, components)
+            sizes = [past - start for start, past in itertools.pairwise([0, *passes]) if past > start] if here else []
+            groups += [(step, size * wide) for size in sizes for _ in range(times)]
+        return groups, kinds, symbols
+
+    def _layer(
+        self,
+        coded: range,
+        moves: tuple[I64, I64],
+        around: Surroundings | None,
+        predictors: PackedPredictorSteps | None,
+    ) -> tuple[structs.ChannelLayer, Any]:
+        """The content of the layer, and the array that will hold how many anchors receive each step."""
+        self._look_around(around, predictors is not None and coded.start == 1 and predictors.first)
+        received = (ctypes.c_int64 * len(coded))()
+        none = (ctypes.c_void_p * len(coded))()
+        before, after = (np.ascontiguousarray(steps, np.int64) for steps in moves)
+        layer = structs.ChannelLayer(coded.start, coded.stop, before.ctypes.data, after.ctypes.data)
+        layer.predictors = ctypes.addressof(none if predictors is None else predictors.array)
+        layer.chosen, layer.anchors = SCRATCH.at("chosen", 8 * self._count), SCRATCH.at("anchors", 8 * self._count)
+        layer.read = ctypes.addressof(received)
+        if around is not None:
+            layer.by_code, layer.passes_log2 = address(around.by_code, np.int64), around.passes_log2
+        self._kept += [before, after, none]
+        return layer, received
 
     def _look_around(self, around: Surroundings | None, whole: bool) -> None:
         """Lend the library what predictors look at, and memory: for the inputs of a `whole` pass, or one block."""

@@ -70,6 +70,9 @@ class KernelEngine(NumpyEngine):
     def tables_read(self, tables: StaticTables) -> set[TableKey]:
         return tables.kept(PackedStaticTables).used
 
+    def put_positions(self, emitter: Emitter, codes: U64, bits: int) -> None:
+        position_tree.put_positions(self._library, emitter, codes, bits)
+
     def get_positions(self, reader: SymbolReader, total: int, bits: int) -> U64:
         if total and isinstance(reader, KernelSymbolReader):
             return position_tree.get_positions(reader, total, bits)

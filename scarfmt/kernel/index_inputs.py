@@ -61,7 +61,7 @@ def kernel_embedding_inputs(
 
 
 def embedding_inputs(coder: IndexCoder, known: Around, part: I64) -> F32:
-    """What :func:`scarfmt.codecs.neural_indices.embedding_inputs` gives, of sums of this library."""
+    """The version of :func:`scarfmt.codecs.neural_indices.embedding_inputs` for cell sums that the library computed."""
     assert isinstance(known.means, KernelCellSums)
     context, chosen = known.context, (part, known.context.rows(part))
     return kernel_embedding_inputs(coder.network, known.means, context.classes, known.settled, known.grid, chosen)

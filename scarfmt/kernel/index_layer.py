@@ -26,7 +26,7 @@ BAD_INDEX = -2
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of the n anchors of a tile-layer.
+    """The known values of the n anchors of a tile-layer.
 
     Attributes:
         classes: (n,) int64.
@@ -61,7 +61,7 @@ def read_indices(
     count, inputs = len(indices), packed.network.inputs
     stages = int(after.max(initial=0))
     if stages > indices.shape[1] or not packed.codes(stages):
-        raise InvalidInput("input-stage", f"{stages} stages, more than there is room for", field="stage")
+        raise InvalidInput("input-stage", f"{stages} stages do not fit the array", field="stage")
     struct = Indices(
         count,
         indices.shape[1],
@@ -89,7 +89,7 @@ def get_indices(
     indices: I16,
     stages: tuple[I64, I64],
 ) -> None:
-    """What :func:`scarfmt.codecs.neural_indices.get_neural_indices` reads: one call of the library.
+    """The version of :func:`scarfmt.codecs.neural_indices.get_neural_indices` that calls the library once.
 
     Args:
         packed: the coder's network, with a head for every stage.
@@ -107,7 +107,8 @@ def get_indices(
 
 
 def read_symbols(reader: SymbolReader, coder: IndexCoder, stage: int, mixed: Any, count: int) -> I64:
-    """What :func:`scarfmt.codecs.neural_indices.read_symbols` reads: all members in one call.
+    """The version of :func:`scarfmt.codecs.neural_indices.read_symbols` that reads all members in one call of the
+    library.
 
     Left to that function where something else than NumPy's float32 holds (count, Y) `mixed`.
     """

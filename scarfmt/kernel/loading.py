@@ -26,9 +26,10 @@ from scarfmt.kernel.structs import (
     Tables,
     Tile,
     TileModel,
+    WrittenPositions,
 )
 
-INTERFACE = 4
+INTERFACE = 5
 """The number of the interface in kernel.h. It stands for the arguments of the functions below; structs are
 compared field by field."""
 
@@ -41,6 +42,7 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_rans_rows": (None, [POINTER(Rans), c_void_p, c_int64, c_int64, c_void_p]),
     "scar_rans_logits": (None, [POINTER(Rans), c_void_p, c_int64, c_int64, *[c_void_p] * 3]),
     "scar_spans_grouped": (c_int64, [POINTER(Tables), c_void_p, c_void_p, c_int64, *[c_void_p] * 4]),
+    "scar_spans_groups": (c_int64, [*[c_void_p] * 3, c_int64, *[c_void_p] * 6]),
     "scar_spans_rows": (None, [c_void_p, c_void_p, c_int64, c_int64, c_void_p, c_void_p]),
     "scar_spans_logits": (None, [c_void_p, c_void_p, c_int64, c_int64, *[c_void_p] * 4]),
     "scar_rans_encode": (c_int64, [c_void_p, c_void_p, c_int64, c_void_p]),
@@ -50,12 +52,12 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_cells_add": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p]),
     "scar_cells_around": (None, [POINTER(Cells), c_void_p, c_int64, c_void_p, c_void_p]),
     "scar_positions": (c_int64, [POINTER(Rans), POINTER(Positions), POINTER(Tables)]),
+    "scar_positions_groups": (None, [POINTER(WrittenPositions)]),
     "scar_grid": (None, [POINTER(Grid), c_void_p, c_int64, c_void_p]),
     "scar_embedding_inputs": (None, [POINTER(Embedding), POINTER(Cells), c_void_p, c_void_p, c_int64, c_void_p]),
     "scar_indices": (c_int64, [POINTER(Rans), POINTER(Network), POINTER(Indices)]),
     "scar_products": (c_char_p, [c_int64]),
     "scar_layer": (None, [POINTER(Layer), c_void_p, c_int64, c_void_p]),
-    "scar_channel_step": (c_int64, [POINTER(Rans), POINTER(Channel), c_void_p, c_void_p, c_int64]),
     "scar_world_positions": (None, [POINTER(Frame), c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_void_p]),
     "scar_values": (None, [c_void_p, c_int64, *[c_void_p] * 2, c_int64, c_int64, c_void_p]),
     "scar_activate": (None, [POINTER(Activation), c_void_p]),
@@ -70,7 +72,7 @@ FAILURE = Path(__file__).with_name("native.failed.txt")
 
 
 class Absent(Exception):
-    """There is no compiled library to use; the message says why."""
+    """No compiled library can be used; the message gives the reason."""
 
 
 @cache

@@ -1,4 +1,4 @@
-"""What the compiled library may be given: arrays of the right type, and not too many symbols at once."""
+"""Checks of what is passed to the compiled library: arrays of the right type, and a bounded number of symbols."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from numpy.typing import DTypeLike, NDArray
 from scarfmt.errors import LimitExceeded
 
 MOST_SYMBOLS = (1 << 31) - 1
-"""Of one call: their places are 32-bit numbers. Tiles ask for 2^26 at most, 64 components of 2^20 anchors."""
+"""Maximum symbols in one call: their places are 32-bit numbers. Tiles need at most 2^26, 64 components of 2^20
+anchors."""
 
 
 def address(array: NDArray[Any], dtype: DTypeLike) -> int:
-    """Where the numbers of an array lie. The library relies on their type and order, and changes some in place.
+    """Address of the numbers of an array. The library relies on their type and order, and changes some arrays in place.
 
     Raises:
         TypeError: they are not of `dtype`, or not in one piece in C order.

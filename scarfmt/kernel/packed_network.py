@@ -64,7 +64,8 @@ class PackedNetwork:
         return self._memory.layer(layer.weights, layer.biases, layer.shift, low, self.network.amax)
 
     def _fill_mixer(self, mixer: Linear, start: I64) -> None:
-        """Its halves, of which one sum is rounded: the embedding's with biases, and the state's."""
+        """Fill in both halves of the mixer: that of the embedding, with biases, and that of the state. One sum is
+        rounded."""
         struct, hidden = self.struct, self.network.hidden
         none, state = np.zeros(mixer.outputs, np.int64), mixer.weights[:, hidden:]
         rounded = mixer.biases + half_step(mixer.shift)

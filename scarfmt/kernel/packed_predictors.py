@@ -91,7 +91,7 @@ class PackedPredictorSteps:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What predictors look at.
+    """The values that predictors read.
 
     Attributes:
         settled: (n, a) int32 fine values of the attribute channels before; leading columns of a wider array.

@@ -123,7 +123,7 @@ class PackedStaticTables:
     def __init__(self, tables: StaticTables) -> None:
         # Not the tables themselves: they keep this, and what holds itself is in memory until the collector comes.
         self._arrays = TableArrays(tables.values())
-        """All of them: packing some at a time would take longer."""
+        """The arrays of all tables: packing some of them at a time would take longer."""
         self._places = _places(tables)
         self._packed: dict[StepKey, PackedTables] = {}
         self._steps: dict[tuple[int, int, range], PackedSteps] = {}

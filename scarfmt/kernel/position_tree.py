@@ -1,4 +1,4 @@
-"""Compiled reading of positions: the tree of splits in one call (SPEC §7.2)."""
+"""Compiled reading and writing of positions: the tree of splits in one call (SPEC §7.2)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import U64
 from scarfmt.codecs.positions import KEY, bad_bin, bad_rest, too_many_below
+from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.symbol_tables import missing_table
-from scarfmt.kernel.memory import check_symbols
+from scarfmt.kernel.memory import address, check_symbols
 from scarfmt.kernel.packed_tables import PackedTables
+from scarfmt.kernel.scratch import SCRATCH
 from scarfmt.kernel.stream_decoder import ALL_READ, KernelRansDecoder
-from scarfmt.kernel.structs import Nodes, Positions
+from scarfmt.kernel.structs import Nodes, Positions, WrittenPositions
 from scarfmt.kernel.symbols import KernelSymbolReader
 
 BAD_BIN, BAD_REST, BAD_SPLIT = -2, -3, -4
@@ -50,7 +52,7 @@ class KernelPositions:
 
 
 def get_positions(reader: KernelSymbolReader, total: int, bits: int) -> U64:
-    """What :func:`scarfmt.codecs.positions.get_positions` reads, of one anchor or more.
+    """The version of :func:`scarfmt.codecs.positions.get_positions` that calls the library, for one anchor or more.
 
     Raises:
         Malformed: ``bad-split``, ``missing-table``.
@@ -63,3 +65,30 @@ def get_positions(reader: KernelSymbolReader, total: int, bits: int) -> U64:
     reader.static += found.static
     reader.uniform += found.uniform
     return found.codes
+
+
+def put_positions(library: ctypes.CDLL, emitter: Emitter, codes: U64, bits: int) -> None:
+    """Emit what :func:`scarfmt.codecs.positions.put_positions` emits.
+
+    Args:
+        codes: (n,) uint64, ascending, each below 2^(3 * bits).
+        bits: local bits per axis, 0..21.
+    """
+    total = len(codes)
+    if not total:
+        return
+    check_symbols(total)
+    nodes = [SCRATCH.at(f"nodes-{place}", 8 * total) for place in range(7)]
+    struct = WrittenPositions(total, bits, address(codes, np.uint64), SCRATCH.at("open", total))
+    struct.here, struct.below = Nodes(*nodes[:2]), Nodes(*nodes[2:4])
+    struct.lower, struct.rest, struct.width = nodes[4:]
+    # Once to count, once to write.
+    library.scar_positions_groups(ctypes.byref(struct))
+    # A group that turns out to be empty is begun where the next one will be.
+    sizes, lengths = np.empty((2, struct.groups + 1), np.int64)
+    kinds, values = np.empty(struct.statics, np.uint16), np.empty(struct.symbols, np.int32)
+    struct.sizes, struct.lengths, struct.kinds = sizes.ctypes.data, lengths.ctypes.data, kinds.ctypes.data
+    struct.values = values.ctypes.data
+    library.scar_positions_groups(ctypes.byref(struct))
+    told = zip(sizes.tolist(), lengths[: struct.groups].tolist(), strict=False)
+    emitter.emit_groups([(size or KEY, length) for size, length in told], kinds, values)

@@ -186,6 +186,36 @@ EXPORT int64_t scar_spans_grouped(const Tables *tables, const uint16_t *kind, co
     return ALL_READ;
 }
 
+/* Spans of n symbols of the uniform table of `size` >= 1 symbols: ALL_READ or NO_SYMBOL. */
+static int64_t uniform_spans(uint32_t size, const int32_t *value, int64_t n, uint32_t *first, uint32_t *past) {
+    const uint64_t spare = TOTAL - size;
+    for (int64_t i = 0; i < n; i++) {
+        const uint32_t s = (uint32_t)value[i];
+        if (s >= size) return NO_SYMBOL;
+        first[i] = edge(s, spare, size, s), past[i] = edge(s + 1, spare, size, s + 1);
+    }
+    return ALL_READ;
+}
+
+/* Spans of the symbols of groups, one after the other. A group of lengths[g] symbols has the uniform alphabet of sizes[g],
+or where that is 0 static tables: tables[g], and a kind for each.
+
+counts: kinds + 1 numbers of scratch, of the tables of most kinds; order: as many as the longest group. Returns ALL_READ,
+or what is wrong as scar_spans_grouped does. */
+EXPORT int64_t scar_spans_groups(const int64_t *sizes, const Tables *const *tables, const int64_t *lengths, int64_t groups,
+                                 const uint16_t *kind, const int32_t *value, int64_t *counts, int32_t *order,
+                                 uint32_t *first, uint32_t *past) {
+    for (int64_t g = 0; g < groups; g++) {
+        const int64_t n = lengths[g];
+        const int64_t found = sizes[g] ? uniform_spans((uint32_t)sizes[g], value, n, first, past)
+                                       : scar_spans_grouped(tables[g], kind, value, n, counts, order, first, past);
+        if (found != ALL_READ) return found;
+        if (!sizes[g]) kind += n;
+        value += n, first += n, past += n;
+    }
+    return ALL_READ;
+}
+
 /* Spans of n symbols, each of a table of its own: row i of (n, size) `weights` holds frequencies - 1. */
 EXPORT void scar_spans_rows(const double *weights, const int32_t *symbol, int64_t n, int64_t size, uint32_t *first,
                             uint32_t *past) {

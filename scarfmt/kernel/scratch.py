@@ -17,7 +17,7 @@ class Scratch(threading.local):
         self._held: dict[str, tuple[NDArray[np.uint8], int]] = {}
 
     def at(self, name: str, size: int) -> int:
-        """Where `size` bytes lie, with anything in them, valid until the next of this name."""
+        """Address of `size` bytes with any content, valid until the next call with this name."""
         held = self._held.get(name)
         if held is None or len(held[0]) < size:
             fresh = np.empty(size + size // 8 + 64, np.uint8)

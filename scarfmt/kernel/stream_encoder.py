@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scarfmt.arrays import F32, F64, U32, Ints
+from scarfmt.arrays import F32, F64, U16, U32, Ints
 from scarfmt.entropy.rans import PRECISION, FrequencyTable, check_rows
 from scarfmt.errors import InvalidInput
 from scarfmt.kernel.members import EXP2_WEIGHTS, LANES
@@ -90,6 +91,38 @@ class KernelRansEncoder:
         first, past = self._room(len(chosen))
         arrays = short.ctypes.data, chosen.ctypes.data, len(chosen), counts.ctypes.data, order.ctypes.data
         if self._library.scar_spans_grouped(tables.pointer, *arrays, first, past) != ALL_READ:
+            self._spans.pop()
+            raise InvalidInput("input-symbol", "a value that no table holds", field="symbols")
+
+    def encode_groups(
+        self, coders: Sequence[int | PackedTables], lengths: Sequence[int], kinds: U16, values: Ints
+    ) -> None:
+        """Append groups of values, one after the other.
+
+        Args:
+            coders: of each group, the size of its uniform alphabet, or its tables.
+            lengths: of each group.
+            kinds: of the values that have tables.
+            values: of all groups.
+
+        Raises:
+            InvalidInput: ``input-symbol`` for a value or a kind that no table holds.
+        """
+        if not len(values):
+            return
+        sizes = [coder if isinstance(coder, int) else 0 for coder in coders]
+        tables = [None if isinstance(coder, int) else ctypes.addressof(coder.pointer.contents) for coder in coders]
+        counted = sum(length for length, size in zip(lengths, sizes, strict=True) if not size)
+        chosen = _narrowed(values, np.int32)
+        if sum(lengths) != len(chosen) or counted != len(kinds):
+            raise InvalidInput("input-symbol", f"{len(kinds)} kinds of {len(chosen)} values", field="symbols")
+        told, short = np.array([sizes, lengths], np.int64), np.ascontiguousarray(kinds, np.uint16)
+        most = max((coder.kinds for coder in coders if not isinstance(coder, int)), default=0)
+        scratch = np.empty(most + 1, np.int64), np.empty(max(lengths), np.int32)
+        first, past = self._room(len(chosen))
+        arrays = told[0].ctypes.data, (ctypes.c_void_p * len(tables))(*tables), told[1].ctypes.data, len(tables)
+        lent = short.ctypes.data, chosen.ctypes.data, *(array.ctypes.data for array in scratch)
+        if self._library.scar_spans_groups(*arrays, *lent, first, past) != ALL_READ:
             self._spans.pop()
             raise InvalidInput("input-symbol", "a value that no table holds", field="symbols")
 

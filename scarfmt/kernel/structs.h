@@ -123,6 +123,11 @@ typedef struct {
     const Predictor *const *predictors;  /* a step, or NULL for static contexts */
     int64_t *chosen, *anchors;           /* scratch: (n) each */
     int64_t *read;                       /* a step: anchors that received it */
+    /* Writing; NULL where the layer is read: */
+    const int32_t *last;                 /* (n, components) values after the steps `at` */
+    const int64_t *at;                   /* (n), each at least what `after` has */
+    int32_t *given;                      /* scratch: (n, components) */
+    int64_t *ends;                       /* a step: MOST_PASSES places where each pass ends among its anchors */
 } ChannelLayer;
 
 /* Nodes of one level, each with its first anchor, its anchors and the bits of their codes known so far. */
@@ -142,6 +147,20 @@ typedef struct {
     uint16_t *kind;
     int64_t static_read, uniform_read;
 } Positions;
+
+/* The positions of one tile-layer as they are written: groups of symbols, one after the other. */
+typedef struct {
+    int64_t total, bits;
+    const uint64_t *codes; /* (total), ascending */
+    uint8_t *open;         /* scratch: (total) bits left of anchors that are alone */
+    Nodes here, below;     /* scratch, total each; no prefixes */
+    int64_t *lower, *rest, *width; /* scratch, total each */
+    /* What is written. NULL to count how much it is: */
+    int64_t *sizes, *lengths; /* a group: size of the uniform alphabet of its symbols, or 0; how many they are */
+    uint16_t *kinds;       /* of the symbols of groups of size 0 */
+    int32_t *values;       /* of all symbols */
+    int64_t groups, statics, symbols; /* how many of each */
+} WrittenPositions;
 
 /* One level of a hash grid. */
 typedef struct {

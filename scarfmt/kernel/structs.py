@@ -97,7 +97,7 @@ class Channel(Structure):
 
 
 class ChannelLayer(Structure):
-    """What a layer brings of a channel."""
+    """The part of a channel that a layer brings."""
 
     _fields_ = (
         ("start", c_int64),
@@ -105,6 +105,7 @@ class ChannelLayer(Structure):
         *((name, c_void_p) for name in ("before", "after", "by_code")),
         ("passes_log2", c_int64),
         *((name, c_void_p) for name in ("tables", "predictors", "chosen", "anchors", "read")),
+        *((name, c_void_p) for name in ("last", "at", "given", "ends")),
     )
 
 
@@ -127,6 +128,21 @@ class Positions(Structure):
         *((name, c_void_p) for name in ("lower", "rest", "counts", "symbols", "order", "kind")),
         ("static_read", c_int64),
         ("uniform_read", c_int64),
+    )
+
+
+class WrittenPositions(Structure):
+    """The positions of one tile-layer as they are written."""
+
+    _fields_ = (
+        ("total", c_int64),
+        ("bits", c_int64),
+        ("codes", c_void_p),
+        ("open", c_void_p),
+        ("here", Nodes),
+        ("below", Nodes),
+        *((name, c_void_p) for name in ("lower", "rest", "width", "sizes", "lengths", "kinds", "values")),
+        *((name, c_int64) for name in ("groups", "statics", "symbols")),
     )
 
 
@@ -154,7 +170,7 @@ class Grid(Structure):
 
 
 class Embedding(Structure):
-    """What the embedding of the index network reads."""
+    """The inputs of the embedding of the index network."""
 
     _fields_ = (
         *((name, c_int64) for name in ("classes", "own", "attributes", "latents", "latent_shift", "grid", "amax")),
@@ -234,7 +250,7 @@ class TileChannel(Structure):
 
 
 class TileLayer(Structure):
-    """What a layer brings, and the tables and predictors in force in it."""
+    """The content of a tile in a layer, with the tables and predictors in force."""
 
     _fields_ = (
         *((name, c_int64) for name in ("first_class", "past_class", "predicted")),
@@ -285,7 +301,7 @@ class Tile(Structure):
 
 
 class Frame(Structure):
-    """Where the codes of a tile lie in the world."""
+    """The place of the codes of a tile in the world."""
 
     _fields_ = (
         ("origin", c_double * 3),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from scarfmt.arrays import F32, F64, I32, I64, Ints
-from scarfmt.entropy.emitters import SymbolWriter
+from scarfmt.arrays import F32, F64, I32, I64, U16, Ints
+from scarfmt.entropy.emitters import Group, SymbolWriter
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.entropy.symbol_tables import StaticTables, SymbolTable, missing_table
@@ -80,6 +80,11 @@ class KernelSymbolWriter(SymbolWriter):
 
     def emit_grouped(self, key: StepKey, kinds: Ints, values: Ints) -> None:
         self._compiled.encode_grouped(self._static.kept(PackedStaticTables).step(key), kinds, values)
+
+    def emit_groups(self, groups: Sequence[Group], kinds: U16, values: Ints) -> None:
+        packed = self._static.kept(PackedStaticTables)
+        coders = [name if isinstance(name, int) else packed.step(name) for name, _ in groups]
+        self._compiled.encode_groups(coders, [length for _, length in groups], kinds, values)
 
     def emit_logits(self, logits: F32 | None, weights: Callable[[], F64], values: Ints) -> None:
         if logits is None:

@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from scarfmt.coding.models import SceneModels
 
 TILE_READ = 0
-"""What the library says of a tile that it has read. Of any other the definition finds out what is wrong."""
+"""The library's answer for a tile that it has read. After any other answer the definition reads the tile, to find the
+fault."""
 
 Blocks = Sequence[tuple[int, bytes | None]]
 """Per layer: anchors of a tile that appear in it, and its block, if it has one."""

@@ -39,6 +39,6 @@ class PackedLayers:
         return Layer(*words.shape, self.words(words), self.words(rounded), shift, low, high)
 
     def words(self, numbers: Ints) -> int:
-        """Where a copy of these integers, of 32 bits each, lies."""
+        """Address of a copy of these integers, of 32 bits each."""
         self._kept.append(np.ascontiguousarray(numbers, np.int32))
         return int(self._kept[-1].ctypes.data)

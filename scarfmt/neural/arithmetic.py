@@ -32,7 +32,7 @@ def amplitude(activation_bits: int) -> int:
 
 
 def half_step(shift: int) -> int:
-    """What round_shift adds before it shifts: 2^(shift-1), or 0 for no shift."""
+    """The number that round_shift adds before it shifts: 2^(shift-1), or 0 for no shift."""
     return 1 << shift >> 1
 
 

@@ -12,7 +12,7 @@ from scarfmt.neural.grid import HashGrid
 
 
 class ContextOperations(Protocol):
-    """What decoded context is computed with. Every implementation gives the same integers."""
+    """The operations that compute decoded context. Every implementation gives the same integers."""
 
     def put_fine(self, values: Ints, steps: Ints, out: I32) -> None:
         """Put fine values into `out`: arguments as of :func:`scarfmt.neural.context.put_fine`."""

@@ -24,7 +24,7 @@ from scarfmt.scene.codebooks import Codebooks
 
 @dataclass(frozen=True)
 class State:
-    """What the network remembers of the indices of `count` anchors.
+    """The state of the network after some indices of `count` anchors.
 
     Attributes:
         count: anchors.
@@ -125,7 +125,7 @@ class Evaluator(Keeper):
         return (slice(first, min(first + step, count)) for first in range(0, count, step))
 
     def embed(self, x: Numbers, observe: Callable[[F32], None] | None = None) -> Array:
-        """What the network keeps of the decoded context of n anchors: (n, Y), or (n, Y + H) with attention.
+        """The embedding of the decoded context of n anchors: (n, Y), or (n, Y + H) with attention.
 
         The columns are h's share of the mixer and the query; rows may be selected by indexing.
 

@@ -184,7 +184,7 @@ class HashGrid(Keeper):
 
     @property
     def box(self) -> GridBox:
-        """What the cells divide."""
+        """The box that the cells divide."""
         return GridBox(self.origin, self.extent_bits)
 
     @property

@@ -1,4 +1,4 @@
-"""What the coders of one tile-layer may look at: values already decoded (SPEC §10.2).
+"""The decoded values that the coders of one tile-layer may use (SPEC §10.2).
 
 Encoder and decoder fill it in alike, channel by channel.
 """

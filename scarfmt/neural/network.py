@@ -44,7 +44,7 @@ MIX_BITS = 8
 
 @dataclass(frozen=True)
 class Inputs:
-    """Which columns the embedding reads, in this order: classes, own, per depth (means, count), grid (SPEC §10.5).
+    """The columns that the embedding reads, in this order: classes, own, per depth (means, count), grid (SPEC §10.5).
 
     Attributes:
         classes: columns of the class one-hot, at most 15.
@@ -189,7 +189,7 @@ class IndexNetwork:
 
     @property
     def codeword_columns(self) -> int:
-        """What the network sees of a codeword: R dimensions and the magnitude."""
+        """The columns of a codeword that the network reads: R dimensions and the magnitude."""
         return self.codeword_dims + 1
 
     def check_structure(self) -> None:

@@ -24,7 +24,7 @@ _TRIANGLE = np.triu(np.ones((_SUMMED_TOGETHER, _SUMMED_TOGETHER), np.float32))
 
 
 class Operations(Protocol):
-    """What an array library has to offer. Arrays index, slice, add and multiply as in NumPy.
+    """The operations that an array library must offer. Arrays index, slice, add and multiply as in NumPy.
 
     Where a table `exp2` is wanted it is that of :func:`scarfmt.neural.tables.exp2_table`.
     """

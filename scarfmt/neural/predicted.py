@@ -18,7 +18,7 @@ from scarfmt.neural.predictors import PassInputs, Predictor, StepContext
 
 
 class Contexts(Protocol):
-    """What a predictor does; an encoder that only wants to see inputs gives something else that does it."""
+    """The interface of a predictor. An encoder can pass its own implementation to see the inputs."""
 
     def contexts(self, x: F32) -> I64: ...
 

@@ -149,7 +149,7 @@ def check_predictors(model: SceneModel, layer: int, predictors: Sequence[Predict
 
 
 class StepContext:
-    """What is known around the anchors that receive one step of one channel in one tile-layer (SPEC §10.3).
+    """The known values around the anchors that receive one step of one channel in one tile-layer (SPEC §10.3).
 
     Encoder and decoder add the anchors that have the step already, then, for every pass, take its inputs, code its
     symbols and add its anchors.

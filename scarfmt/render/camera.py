@@ -67,7 +67,7 @@ class Camera:
         return -rotation.T @ translation
 
     def scaled(self, factor: float) -> Camera:
-        """This view in a picture `factor` times as wide and high (rounded to whole pixels)."""
+        """A copy of this view for a picture `factor` times as wide and high, rounded to whole pixels."""
         width, height = max(1, round(self.width * factor)), max(1, round(self.height * factor))
         sx, sy = width / self.width, height / self.height
         return Camera(
@@ -101,7 +101,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Arc:
-    """Which way is up, and the azimuths an orbit covers.
+    """The direction that is up, and the azimuths that an orbit covers.
 
     Attributes:
         up: ``"x"``, ``"-x"``, ``"y"``, ``"-y"``, ``"z"`` or ``"-z"``.

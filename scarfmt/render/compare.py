@@ -51,7 +51,7 @@ class Comparison:
         return min(self.psnr_db)
 
     def part(self, first: int, count: int) -> Comparison:
-        """That of `count` views, the first of which is number `first`, from 0."""
+        """The comparison of `count` of the views, from number `first` on, counted from 0."""
         rows = slice(first, first + count)
         return Comparison(self.names[rows], self.psnr_db[rows], self.ssim[rows])
 

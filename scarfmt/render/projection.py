@@ -206,7 +206,7 @@ def _near_picture(
 
 @device
 def _joined(found: NDArray[np.int32], counts: NDArray[np.int64]) -> NDArray[np.int32]:
-    """What lies at the start of each block of `found`, one after another."""
+    """The values at the start of each block of `found`, one after another."""
     joined = np.empty(counts.sum(), np.int32)
     fill = 0
     for block in range(len(counts)):
@@ -274,7 +274,7 @@ class Drawable:
 
     @staticmethod
     def of(scene: GaussianScene | Drawable) -> Drawable:
-        """Of a scene; one that is ready is returned as it is."""
+        """The projection's input for a scene. An input that is ready is returned as it is."""
         if isinstance(scene, Drawable):
             return scene
         ready = GaussianScene(

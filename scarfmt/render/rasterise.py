@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import prange
@@ -51,6 +52,8 @@ STATE = 8 * PIXELS + 4 * TILE
 _SPAN = TILE // 2
 # Splats of at most so many columns are drawn pixel by pixel.
 _NARROW = 3
+# In place of where the hits of a splat of more columns end.
+_WIDE = -1
 # Splats between two looks at whether any pixel of the tile is still open.
 _CHECK_EVERY = 16
 # Splats of a tile are sorted by digits of their depths, few of them by comparison.
@@ -58,9 +61,14 @@ _FEW, _DIGIT_BITS = 512, 11
 _DIGIT_MASK, _NUMBER_MASK, _KEY_SHIFT = np.uint64((1 << _DIGIT_BITS) - 1), np.uint64((1 << 32) - 1), np.uint64(32)
 
 
+Hits = tuple[NDArray[np.int32], F64, NDArray[np.int64]]
+"""Pixels of a tile that splats hit, one splat's behind another's; alphas there; where those of each splat end, or
+`_WIDE`."""
+
+
 @dataclass(frozen=True)
 class Contributions:
-    """What each of N Gaussians contributed to a set of pictures; w = alpha * transmittance at a pixel.
+    """The contribution of each of N Gaussians to a set of pictures; w = alpha * transmittance at a pixel.
 
     Attributes:
         weight_sum: (N,) float64, sum of w over all pixels of all views.
@@ -111,7 +119,7 @@ def bin_splats(splats: F64, depths: F32, columns: int, rows: int) -> tuple[NDArr
 
 
 @device
-def gathered_splats(splats: F64, members: NDArray[np.int32]) -> F64:
+def gathered_splats(splats: F64, members: NDArray[np.integer[Any]]) -> F64:
     """Copies of the splats of a tile side by side: what is drawn in order of depth is better not far apart."""
     gathered = np.empty((len(members), SPLAT_COLUMNS))
     for k in range(len(members)):
@@ -123,7 +131,7 @@ def gathered_splats(splats: F64, members: NDArray[np.int32]) -> F64:
 
 @device
 def nearest_first(depths: F32, members: NDArray[np.int32]) -> NDArray[np.uint64]:
-    """Which of the `members` of a tile is nearest, which is next, and so on; of two as near, the first.
+    """Order of the `members` of a tile by depth, nearest first. Of two at equal depth the first comes first.
 
     Sorted by the bits of depths, which for positive floats order like their values: those of many members by digits,
     three times as fast.
@@ -242,7 +250,7 @@ def shade(planes: F64, pixel: int, alpha: float, red: float, green: float, blue:
 
 @device
 def colour_behind(planes: F64, place: int) -> float:
-    """What lies behind the splats blended so far, in one colour of a pixel: the finished picture less what is there."""
+    """One colour of a pixel behind the splats blended so far: the finished picture minus what is blended."""
     behind: float = planes[FINAL + place] - planes[COLOUR + place]
     return behind
 
@@ -276,7 +284,18 @@ def _blend(state: F64, splat: F64, left: float, top: float) -> None:
                 alpha = alpha_at(opacity, power) if power > faintest else 0.0
                 if alpha > 0.0:
                     shade(state, row * TILE + column, alpha, red, green, blue)
-        return
+    else:
+        _blend_wide(state, splat, left, top)
+
+
+@device
+def _blend_wide(state: F64, splat: F64, left: float, top: float) -> None:
+    """Blend a splat of many columns."""
+    a, b, c = -0.5 * splat[CONIC_A], -splat[CONIC_B], -0.5 * splat[CONIC_C]
+    opacity, red, green, blue = splat[OPACITY], splat[RED], splat[GREEN], splat[BLUE]
+    dx0 = left + 0.5 - splat[MEAN_X]
+    first_row, last_row = first_row_of(splat, top), last_row_of(splat, top)
+    first, last = columns_of(splat, left)
     # Constant loop bounds let LLVM see that no index is negative, without which it does not vectorise.
     begin, end = _spans(first, last)
     for first_column in range(begin, end, _SPAN):
@@ -333,8 +352,80 @@ def _render_tiles(
 
 
 @device
-def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
-    """Blend one splat as :func:`_blend` does; fill `out` with its sums of w, w^2 and contrast, and its largest w.
+def _room(splats: F64, left: float, top: float) -> int:
+    """Pixels of a tile that its narrow splats can reach, each as often as there are splats that do."""
+    room = 0
+    for k in range(len(splats)):
+        first, last = columns_of(splats[k], left)
+        if last - first < _NARROW:
+            room += max(0, last - first + 1) * max(0, last_row_of(splats[k], top) - first_row_of(splats[k], top) + 1)
+    return room
+
+
+@device
+def _find_hits(state: F64, splat: F64, left: float, top: float, hits: Hits, filled: int) -> int:
+    """Add to `hits` the open pixels where a narrow splat shows; how many there are then."""
+    pixels, alphas, _ = hits
+    a, b, c = -0.5 * splat[CONIC_A], -splat[CONIC_B], -0.5 * splat[CONIC_C]
+    opacity, faintest = splat[OPACITY], splat[FAINTEST]
+    dx0 = left + 0.5 - splat[MEAN_X]
+    first, last = columns_of(splat, left)
+    for row in range(first_row_of(splat, top), last_row_of(splat, top) + 1):
+        dy = top + row + 0.5 - splat[MEAN_Y]
+        for column in range(first, last + 1):
+            if state[OPEN + row * TILE + column] > 0.0:
+                dx = dx0 + column
+                power = a * dx * dx + b * dx * dy + c * dy * dy
+                alpha = alpha_at(opacity, power) if power > faintest else 0.0
+                if alpha > 0.0:
+                    pixels[filled], alphas[filled] = row * TILE + column, alpha
+                    filled += 1
+    return filled
+
+
+@device
+def _composite_hits(state: F64, splats: F64, left: float, top: float, wide: int, high: int, hits: Hits) -> int:
+    """Blend splats as :func:`composite_tile` does, in their order, and note what narrow ones hit.
+
+    Finding hits takes longer than blending them.
+    """
+    pixels, alphas, ends = hits
+    filled = 0
+    open_tile(state, wide, high)
+    for k in range(len(splats)):
+        if k % _CHECK_EVERY == 0 and not _tile_is_open(state):
+            return k
+        splat = splats[k]
+        first, last = columns_of(splat, left)
+        if last - first < _NARROW:
+            past = _find_hits(state, splat, left, top, hits, filled)
+            for hit in range(filled, past):
+                shade(state, pixels[hit], alphas[hit], splat[RED], splat[GREEN], splat[BLUE])
+            ends[k] = filled = past
+        else:
+            _blend_wide(state, splat, left, top)
+            ends[k] = _WIDE
+    return len(splats)
+
+
+@device
+def _measure_hits(state: F64, splat: F64, hits: Hits, start: int, past: int, out: F64) -> None:
+    """Blend a narrow splat anew where it hits; fill `out` as :func:`_measure_wide` does."""
+    pixels, alphas, _ = hits
+    red, green, blue = splat[RED], splat[GREEN], splat[BLUE]
+    weight_sum, weight_sq, contrast_sq, weight_max = 0.0, 0.0, 0.0, 0.0
+    for hit in range(start, past):
+        weight, contrast = _contrast(state, pixels[hit], alphas[hit], red, green, blue)
+        weight_sum += weight
+        weight_sq += weight * weight
+        contrast_sq += weight * weight * contrast
+        weight_max = max(weight_max, weight)
+    out[0], out[1], out[2], out[3] = weight_sum, weight_sq, contrast_sq, weight_max
+
+
+@device
+def _measure_wide(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
+    """Blend a splat of many columns; fill `out` with its sums of w, w^2 and contrast, and its largest w.
 
     Needs the finished picture in the `FINAL` planes: what lies behind is what is finished less what is in front.
     """
@@ -343,23 +434,6 @@ def _measure(state: F64, splat: F64, left: float, top: float, out: F64) -> None:
     dx0 = left + 0.5 - splat[MEAN_X]
     first_row, last_row = first_row_of(splat, top), last_row_of(splat, top)
     first, last = columns_of(splat, left)
-    if last - first < _NARROW:
-        faintest = splat[FAINTEST]
-        weight_sum, weight_sq, contrast_sq, weight_max = 0.0, 0.0, 0.0, 0.0
-        for row in range(first_row, last_row + 1):
-            dy = top + row + 0.5 - splat[MEAN_Y]
-            for column in range(first, last + 1):
-                dx = dx0 + column
-                power = a * dx * dx + b * dx * dy + c * dy * dy
-                alpha = alpha_at(opacity, power) if power > faintest else 0.0
-                if alpha > 0.0:
-                    weight, contrast = _contrast(state, row * TILE + column, alpha, red, green, blue)
-                    weight_sum += weight
-                    weight_sq += weight * weight
-                    contrast_sq += weight * weight * contrast
-                    weight_max = max(weight_max, weight)
-        out[0], out[1], out[2], out[3] = weight_sum, weight_sq, contrast_sq, weight_max
-        return
     for lane in range(4 * TILE):
         state[LANES + lane] = 0.0
     begin, end = _spans(first, last)
@@ -408,17 +482,25 @@ def _measure_tiles(
         wide, high = min(TILE, size[0] - column * TILE), min(TILE, size[1] - row * TILE)
         first, last = offsets[tile], offsets[tile + 1]
         here, state = members[first:last], np.empty(STATE)
-        order, gathered = nearest_first(depths, here), gathered_splats(splats, here)
-        seen = composite_tile(state, gathered, order, left, top, wide, high)
+        order = nearest_first(depths, here)
+        # Read twice, and so once put in the order in which they are drawn.
+        near = gathered_splats(gathered_splats(splats, here), order)
+        room = _room(near, left, top)
+        hits = np.empty(room, np.int32), np.empty(room), np.zeros(len(order), np.int64)
+        seen = _composite_hits(state, near, left, top, wide, high, hits)
         for channel in range(3):
             for pixel in range(PIXELS):
                 colour = state[COLOUR + channel * PIXELS + pixel]
                 state[FINAL + channel * PIXELS + pixel] = colour + state[TRANSMITTANCE + pixel] * background[channel]
         open_tile(state, wide, high)
+        measures[first:last] = 0.0
+        start, ends = 0, hits[2]
         for k in range(seen):
-            _measure(state, gathered[order[k]], left, top, measures[first + order[k]])
-        for k in range(seen, len(order)):
-            measures[first + order[k]] = 0.0
+            if ends[k] == _WIDE:
+                _measure_wide(state, near[k], left, top, measures[first + order[k]])
+            elif ends[k] > start:
+                _measure_hits(state, near[k], hits, start, ends[k], measures[first + order[k]])
+                start = ends[k]
 
 
 @device
@@ -479,7 +561,7 @@ def render(
 
 @dataclass(frozen=True)
 class ViewContributions:
-    """What V Gaussians contribute to one picture; all others nothing.
+    """The contributions of V Gaussians to one picture; all other Gaussians contribute nothing.
 
     Attributes:
         index: (V,) int64 rising, which Gaussians.
@@ -500,7 +582,7 @@ def contributions_by_view(
     sh_degree: int | None = None,
     colours: NDArray[np.floating] | None = None,
 ) -> Iterator[ViewContributions]:
-    """As :func:`contributions`, view after view.
+    """The contributions of :func:`contributions` for each view on its own.
 
     Raises:
         InvalidInput: `colours` has the wrong shape.

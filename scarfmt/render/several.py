@@ -19,7 +19,7 @@ _AHEAD = 2
 
 
 def each_view(draw: Callable[[Camera], T], cameras: Iterable[Camera]) -> Iterator[T]:
-    """What `draw` gives for each camera, in their order; as many at once as numba has threads.
+    """The result of `draw` for each camera, in order. Numba's threads draw several views at once.
 
     Args:
         draw: may be called by several threads at once; what it calls of :mod:`scarfmt.render` runs on one thread each.

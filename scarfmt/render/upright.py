@@ -1,4 +1,4 @@
-"""Which way is up in a scene that does not say: from its own Gaussians.
+"""The up direction of a scene that does not state it, found from its Gaussians.
 
 Most scenes are upright along -y, as capture software leaves them, so another axis needs strong evidence: floors, tables
 and paving are large flat Gaussians that all face up, the core is wide and low, and what is flat lies below its middle.
@@ -19,7 +19,7 @@ USUAL = "-y"
 _SAMPLE = 50_000
 _Y = 1
 _FLAT = 0.3
-"""Of the middle axis, the shortest of a Gaussian that has a face."""
+"""Maximum of the shortest axis, as a share of the middle axis, of a Gaussian that has a face."""
 _FACING = 0.9
 """Cosine between the normal of a face and the axis it counts for."""
 _CLEARLY, _HARDLY = 6.0, 1.5
@@ -32,7 +32,7 @@ _UPSIDE_DOWN, _DOUBTFUL = 0.5, 0.25
 
 @dataclass(frozen=True)
 class Upright:
-    """Which way is up.
+    """The up direction of a scene.
 
     Attributes:
         up: a frame (:class:`Arc`).
@@ -46,12 +46,12 @@ class Upright:
 
 
 def resolved(scene: GaussianScene, frame: str) -> Upright:
-    """Which way up a scene is: as `frame` says, or where that is :data:`AUTO`, as the scene does."""
+    """The up direction that `frame` names; for :data:`AUTO`, the one found in the scene."""
     return upright(scene) if frame == AUTO else Upright(frame, given=True)
 
 
 def upright(scene: GaussianScene) -> Upright:
-    """Which way up a scene probably is."""
+    """The probable up direction of a scene."""
     faces = _Faces.of(scene)
     if faces is None:
         return Upright(USUAL)
@@ -72,7 +72,7 @@ def upright(scene: GaussianScene) -> Upright:
 
 @dataclass(frozen=True)
 class _Faces:
-    """What speaks for an axis; each (3,) float64.
+    """The evidence for an axis; each array is (3,) float64.
 
     Attributes:
         share: of the area that shows, what faces along it.
@@ -87,7 +87,7 @@ class _Faces:
 
     @staticmethod
     def of(scene: GaussianScene) -> _Faces | None:
-        """Of every so many-th Gaussian about the core; None if nothing there shows."""
+        """The evidence of a sample of the Gaussians around the core; None if none of them is visible."""
         part = scene.take(np.arange(0, len(scene), max(1, -(-len(scene) // _SAMPLE))))
         part = part.take(np.flatnonzero(np.isfinite(part.positions).all(axis=1)))
         if not len(part):

@@ -32,7 +32,7 @@ _AIM = 0.5
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What is known of a scene before it is looked at.
+    """The known properties of a scene before any view is drawn.
 
     Attributes:
         middle: (3,) float64, of the core.
@@ -50,7 +50,7 @@ class Surroundings:
 
     @staticmethod
     def of(scene: GaussianScene, frame: str) -> Surroundings:
-        """Of a scene with the up axis, and perhaps the arc, of `frame`; of :data:`AUTO`, those it seems to have.
+        """The properties of a scene, with the up axis and arc of `frame`; for :data:`AUTO`, those found in the scene.
 
         Raises:
             InvalidInput: ``input-frame``; ``input-empty`` if no position is finite.

@@ -1,4 +1,4 @@
-"""What a file describes, as plain values: no bytes, no networks (SPEC §6, §9).
+"""The content of a file as plain values: no bytes, no networks (SPEC §6, §9).
 
 gaussians   a scene of 3D Gaussians, or an anchor model, in float arrays: what users give and get
 model       channels, classes, layer table: what a file says of its integers (SPEC §6.4, §6.5)

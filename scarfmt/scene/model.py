@@ -1,4 +1,4 @@
-"""What a file says about a scene before any anchor: channels, classes, layers, lattice (SPEC §6).
+"""The properties of a scene that a file states before any anchor: channels, classes, layers, lattice (SPEC §6).
 
 A *class* is a set of anchors of like importance. Every anchor belongs to one; the layer table says, per
 class, how many RVQ stages and how many ternary steps of each channel it has after each layer. That one
@@ -37,7 +37,7 @@ MAX_FIRST_WIDTH = 2.0**96
 
 @dataclass(frozen=True)
 class ContextRule:
-    """Which table codes a component's symbols (SPEC §8.4).
+    """The choice of the table that codes the symbols of a component (SPEC §8.4).
 
     Attributes:
         by_class: whether the anchor's class takes part.
@@ -102,7 +102,7 @@ class LayerRow:
 
 @dataclass(frozen=True)
 class Lattice:
-    """Where integer positions lie in the world (SPEC §6.2).
+    """The place of integer positions in the world (SPEC §6.2).
 
     Attributes:
         origin: (3,) world position of lattice point 0.

@@ -1,4 +1,4 @@
-"""What each stream kind is: who codes it, in which profiles, of how many components (SPEC §6.4, §7, §16.6).
+"""The stream kinds: for each its codec, profiles and number of components (SPEC §6.4, §7, §16.6).
 
 Adding a stream starts here; `docs/changing-the-format.md` says what follows.
 """
@@ -13,7 +13,7 @@ from scarfmt.container.registries import Profile, Stream
 
 
 class Codec(Enum):
-    """Who codes the symbols of a sub-stream."""
+    """The coder of the symbols of a sub-stream."""
 
     POSITIONS = auto()
     """:mod:`scarfmt.codecs.positions`, of the anchors that are new (SPEC §7.2)."""

@@ -1,4 +1,4 @@
-"""Where an index is, and hence the files that it names (R-17-7): in its folder or below, and nowhere else."""
+"""The address of an index and of the files that it names (R-17-7), which lie in its folder or below."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a scene index says: read with every rule of SPEC §17, and written."""
+"""The scene index: parsing it with every rule of SPEC §17, and writing it."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ MOST_URI_BYTES = 1024
 _SEGMENT = re.compile(r"""[^\x00-\x1f\x7f\\:?#%*<>|"/]*[^\x00-\x1f\x7f\\:?#%*<>|"/. ]""")
 _SPACE = b" \t\r\n"
 HEAD_BYTES = 64
-"""Of a document, what is looked at to tell an index from a .scar file."""
+"""Number of bytes at the start of a document that tell an index from a .scar file."""
 
 Named = TypeVar("Named", bound=IntEnum)
 
 
 @dataclass(frozen=True)
 class ListedLayer:
-    """What a file holds after a layer.
+    """The totals of a file after a layer.
 
     Attributes:
         end: bytes from the start of the file to the end of the layer.
@@ -51,7 +51,7 @@ class ListedLayer:
 
 @dataclass(frozen=True)
 class ListedFile:
-    """What an index says of one file.
+    """The entry of one file in an index.
 
     Attributes:
         uri: where it is, relative to the index.
@@ -76,7 +76,7 @@ class ListedFile:
 
     @cached_property
     def placement(self) -> Placement | None:
-        """Where it is placed; None where its coordinates are those of the scene."""
+        """The placement of the file; None if its coordinates are those of the scene."""
         return None if self.transform is None else Placement.of(self.transform)
 
     @property
@@ -90,7 +90,7 @@ class ListedFile:
         return self.layers[min(number, len(self.layers)) - 1]
 
     def difference(self, header: Header, crc32: int) -> str | None:
-        """Which number of a file's header is another than here; None if they all agree (R-17-8).
+        """The name of a number that differs between this entry and the header of its file; None if all agree (R-17-8).
 
         Args:
             header: of the file.
@@ -129,7 +129,7 @@ class ListedFile:
 
 @dataclass(frozen=True)
 class Index:
-    """What an index says.
+    """The content of an index.
 
     Attributes:
         files: one at least.
@@ -146,7 +146,7 @@ class Index:
         return max(len(file.layers) for file in self.files)
 
     def layer(self, number: int) -> ListedLayer:
-        """What all files hold together after `number` layers, from 1."""
+        """The totals of all files after `number` layers, from 1."""
         found = [file.layer(number) for file in self.files]
         return ListedLayer(*(sum(getattr(one, name) for one in found) for name in ("end", "anchors", "gaussians")))
 
@@ -168,7 +168,7 @@ def is_index(head: bytes) -> bool:
 
 
 def parse_index(data: bytes, *, files: int = MOST_FILES) -> Index:
-    """What an index says.
+    """Parse an index.
 
     Args:
         data: all of it.

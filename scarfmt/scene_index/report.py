@@ -1,4 +1,4 @@
-"""What `scarfmt inspect` says of a scene index, from the index alone."""
+"""The report of `scarfmt inspect` about a scene index, from the index alone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where tiles are, and how large they look."""
+"""The places of tiles, and how large they look."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def cubes(fields: HeaderFields, tiles: Table) -> F64:
 
 
 def tight_boxes(cubes: F64, streaming: Streaming | None) -> Boxes:
-    """What a file says of where the content of its tiles shows; the cubes where it has no STREAMING block.
+    """Boxes around the visible content of tiles; the cubes of the tiles if the file has no STREAMING block.
 
     Args:
         cubes: (T, 6) of the tiles.

@@ -15,13 +15,13 @@ from scarfmt.streaming.plan import SceneIndex, Step, plan
 from scarfmt.streaming.view import Camera
 
 GAP_BYTES = 4 << 10
-"""What is read over between two blocks that are wanted, rather than asking twice."""
+"""Maximum gap between two wanted blocks that one request reads across."""
 REQUEST_BYTES = 256 << 10
-"""What one request asks for at most, unless a single block is larger."""
+"""Maximum bytes of a request, unless a single block is larger."""
 
 
 class PartialCopy(RangeSource):
-    """What has come of a file; reading anything else is refused as if the file ended before.
+    """The part of a file that has arrived. Reads beyond it are refused, as if the file ended before.
 
     Args:
         size: of the whole file, bytes.
@@ -56,7 +56,7 @@ class PartialCopy(RangeSource):
 
 @dataclass
 class Transfer:
-    """What was asked of a source.
+    """The requests that were made to a source.
 
     Attributes:
         requests, size: how many, and their bytes together.
@@ -98,7 +98,7 @@ class StreamClient:
             self.told = read_streaming(container)
 
     def plan(self, camera: Camera | None) -> list[Step]:
-        """What is missing, in the order to fetch."""
+        """The missing tile-layers, in the order to fetch them."""
         return plan(self.index, self.told, camera, self.have)
 
     def fetch(self, steps: Sequence[Step], size: int) -> int:
@@ -148,7 +148,7 @@ class StreamClient:
 
 
 def ranges(entries: Iterable[Entry]) -> list[tuple[int, int]]:
-    """What to ask for to get some blocks: first byte, and past the last, of each request."""
+    """The requests for some blocks: first byte of each, and the byte after its last."""
     out: list[tuple[int, int]] = []
     for start, past in sorted((entry.offset, entry.end) for entry in entries):
         near = bool(out) and start - out[-1][1] <= GAP_BYTES and past - out[-1][0] <= REQUEST_BYTES

@@ -1,4 +1,4 @@
-"""What a layer of a tile is worth, seen from anywhere."""
+"""The gain of a layer of a tile, seen from any place."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from scarfmt.streaming.boxes import Boxes, coverage, octaves
 MOST_RATIO = 100.0
 """How much larger or smaller than from a viewpoint a tile counts at most."""
 USUAL_FALL = 0.5
-"""What a byte of a layer is worth of what one of the layer before was, as is usual."""
+"""The usual gain of a byte of a layer, relative to a byte of the layer before."""
 
 USUAL_WEIGHT = 3.0
-"""What is usual weighs as much as this many viewpoints that are as far from the eye as the tile is."""
+"""The weight of the usual gain, in viewpoints at the distance of the tile."""
 
 _GAINS = octaves(-GAIN_OF_ONE - 1, 257)[1:]
 
@@ -43,7 +43,7 @@ def gains_from(eye: F64, boxes: Boxes, streaming: Streaming | None, costs: F64) 
 
 
 def trust(eye: F64, boxes: Boxes, viewpoints: F64) -> F64:
-    """(T,) float64 part of a gain that is what viewpoints tell; the rest is what is usual.
+    """Part of a gain that comes from viewpoints, (T,) float64; the rest is the usual gain.
 
     Args:
         eye: (3,) world units.
@@ -70,7 +70,7 @@ def _total(gains: F64) -> float:
 
 
 def told_gains(eye: F64, boxes: Boxes, streaming: Streaming, layers: int) -> F64:
-    """(L, T) float64 what the file tells of it.
+    """The gains in the file, (L, T) float64.
 
     A mean of what is told from all viewpoints, of which there is one at least: the nearer ones count more, by the
     square of their distance; and a tile counts more where it looks larger from `eye` than from there.
@@ -110,7 +110,7 @@ def usual_gains(eye: F64, boxes: Boxes, costs: F64) -> F64:
 
 
 def _weights(eye: F64, viewpoints: F64) -> list[float]:
-    """What each viewpoint counts; where the eye is at one of them, that one alone."""
+    """The weight of each viewpoint. If the eye is at a viewpoint, that one alone counts."""
     away = viewpoints - eye
     squared = away[:, 0] * away[:, 0] + away[:, 1] * away[:, 1] + away[:, 2] * away[:, 2]
     least = float(squared.min())

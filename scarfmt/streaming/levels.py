@@ -42,7 +42,7 @@ class Parts:
 
     @classmethod
     def joined(cls, parts: Sequence[Parts]) -> Parts:
-        """Those of all files, in the order to take them; equals by layer, file, tile."""
+        """The parts of all files, in the order to take them; equal parts by layer, file, tile."""
         if not parts:
             none = np.zeros(0, np.int64)
             return cls(none, none, none, none, none, np.zeros(0), none)
@@ -78,7 +78,7 @@ def parts_of(
     tiles: I64,
     outside: bool,
 ) -> Parts:
-    """What there is to take of one file.
+    """The parts of one file that can be fetched.
 
     Args:
         number: of the file.
@@ -109,7 +109,7 @@ Rows = tuple[I64, I64, I64, I64, F64, I64]
 
 
 def _further(gains: F64, new: I64) -> list[Rows]:
-    """What comes after layer 1, as :func:`scarfmt.streaming.plan.plan` groups it: as many layers as gain most together.
+    """The parts after layer 1, as in :func:`scarfmt.streaming.plan.plan`: each takes the layers of largest mean gain.
 
     Args:
         gains: (T, L) float64.

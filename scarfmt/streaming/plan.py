@@ -31,7 +31,7 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class SceneIndex:
-    """What the front of a file says of T tiles and L layers.
+    """The front of a file as a client needs it, for T tiles and L layers.
 
     Attributes:
         cubes: (T, 6) float64 lowest and highest corners, world units.
@@ -49,7 +49,7 @@ class SceneIndex:
 
     @classmethod
     def of(cls, container: Container) -> SceneIndex:
-        """Of an opened file."""
+        """The index of an opened file."""
         header, rows = container.header, container.directory
         shape = header.tile_count, header.layer_count
         sizes, counts, models = np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape[1])
@@ -93,7 +93,7 @@ def plan(index: SceneIndex, streaming: Streaming | None, camera: Camera | None, 
 def weighed(
     index: SceneIndex, streaming: Streaming | None, camera: Camera, have: Sequence[int]
 ) -> tuple[F64, F64, F64]:
-    """What a plan goes by: gains (T, L) of layers in this view, their costs (T, L) in bytes, (T,) parts in the picture.
+    """The basis of a plan: gains (T, L) of layers in this view, costs (T, L) in bytes, (T,) shares in the picture.
 
     Args:
         index, streaming, camera, have: as for :func:`plan`.
@@ -108,7 +108,7 @@ def weighed(
 
 
 def _parts(gains: F64, costs: F64, start: int) -> Iterator[tuple[float, int, int]]:
-    """What is missing of a tile after layer `start`, in parts: gain a byte, first layer, last layer.
+    """The missing parts of a tile after layer `start`: for each its gain a byte, first layer and last layer.
 
     Each part is the beginning of the rest that gains most a byte, the shortest of equals.
     """

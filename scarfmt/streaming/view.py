@@ -17,7 +17,7 @@ MARGIN = 1.1
 GRID = (-0.75, -0.25, 0.25, 0.75)
 """Places along each side of a box, in halves of it, that stand for what is in it."""
 _TERMS = 25
-"""Of the continued fraction of the tangent: exact to the last bit below a right angle, but for rounding."""
+"""Terms of the continued fraction of the tangent. It is exact up to rounding below a right angle."""
 
 
 @dataclass(frozen=True)

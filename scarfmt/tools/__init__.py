@@ -1,1 +1,1 @@
-"""What can be done to a file without making a scene of it: inspect, validate, truncate, dump."""
+"""Tools that read or change a file without making a scene of it: inspect, validate, truncate, dump."""

@@ -35,7 +35,7 @@ def annotated(data: bytes, metadata: Mapping[str, Any]) -> bytes:
 
 
 def with_streaming(data: bytes, streaming: Streaming) -> bytes:
-    """The file `data` that tells clients `streaming`, in place of what it tells them, if anything.
+    """The file `data` with `streaming` as its STREAMING block, in place of an earlier one.
 
     Args:
         data: a whole file.

@@ -18,7 +18,7 @@ from scarfmt.container.file import Container, Entry, HeaderFields, check_crc, en
 from scarfmt.container.schema import BlockKind
 
 COPY_BYTES = 1 << 20
-"""What is held at once of a block that is copied."""
+"""Maximum bytes in memory of a block that is copied."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a file holds, told from its header alone (SPEC §5.2): counts, layers, and where the bytes go.
+"""The report about a file from its header alone (SPEC §5.2, §5.3): counts, layers, and bytes of each kind of data.
 
 One read of at most 2280 bytes answers, whatever the file's size; only METADATA needs ROOT.
 """

@@ -129,7 +129,7 @@ def _outside_tiles(files: Sequence[Container]) -> Table:
 
 
 def _streaming(files: Sequence[Container], order: I64) -> Block | None:
-    """What clients are told of all tiles; None where a file tells nothing, or of other viewpoints."""
+    """The STREAMING values of all tiles; None if a file has none, or has other viewpoints."""
     told = [found for file in files if (found := read_streaming(file)) is not None]
     alike = {(found.viewpoints.tobytes(), found.layers, str(found.view)) for found in told}
     if len(told) < len(files) or len(alike) > 1:
@@ -147,7 +147,7 @@ def _streaming(files: Sequence[Container], order: I64) -> Block | None:
 
 
 def streaming_block(streaming: Streaming) -> Block:
-    """The block that tells clients this."""
+    """The STREAMING block with these values."""
     return Block(BlockKind.STREAMING, 1, pack_streaming(streaming), count=len(streaming.viewpoints))
 
 

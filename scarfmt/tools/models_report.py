@@ -1,4 +1,4 @@
-"""What codes a file's symbols, told from its model blocks: static tables, predictors, index network (SPEC §10)."""
+"""The report about the models that code the symbols of a file: static tables, predictors, index network (SPEC §10)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def describe_models(source: ByteSource) -> dict[str, Any]:
 
 
 def _mechanisms(metadata: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What METADATA tells of each kind of network, its bytes and its time; what no encoder writes is left out.
+    """The bytes and times of each kind of network, from METADATA. Entries that no encoder writes are ignored.
 
     Returns:
         ``name``, ``saved_bytes``, ``multiply_adds``, ``ms``, and ``pays_below_mbit``: the bandwidth at which the bytes

@@ -110,7 +110,7 @@ def _part(reader: SceneReader, tiles: I64, source_count: int) -> Plan:
 
 
 def _of_tiles(told: Streaming, tiles: I64) -> Streaming:
-    """What clients are told of some tiles."""
+    """The STREAMING values of some tiles."""
     return replace(
         told, low=told.low[tiles], high=told.high[tiles], reach=told.reach[tiles], gains=told.gains[:, :, tiles]
     )
@@ -129,7 +129,8 @@ def _stream_bytes(container: Container, rows: Table) -> list[list[int]]:
 
 
 def _counts(reader: SceneReader, tiles: I64, rows: Table) -> list[tuple[int, int]]:
-    """Per layer, cumulative (anchors, Gaussians) of some tiles; of an anchor model only decoding tells the latter."""
+    """Per layer, cumulative (anchors, Gaussians) of some tiles. The Gaussians of an anchor model are known only by
+    decoding."""
     layers = reader.header.layer_count
     new = np.bincount(rows["layer"], rows["count"].astype(np.float64), layers + 1)[1:]
     anchors = [int(count) for count in new.cumsum()]

@@ -1,4 +1,4 @@
-"""What the STREAMING block of a file tells a client, for people and scripts (SPEC §7.13)."""
+"""The report about the STREAMING block of a file, for people and scripts (SPEC §7.13)."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ class Finding:
 
 @dataclass
 class Validation:
-    """What was looked at and what was found.
+    """The checks that were made, and the faults that were found.
 
     Attributes:
         findings: in the order they were found.
@@ -119,7 +119,7 @@ def validate(
     if opened is None:
         return result
     if layers is not None and not 1 <= layers <= opened.header.layer_count:
-        raise InvalidInput("input-layers", f"layer {layers} asked for, the file has 1..{opened.header.layer_count}")
+        raise InvalidInput("input-layers", f"layer {layers} is not in 1..{opened.header.layer_count}")
     result.layers_checked = min(result.layers_available, layers or result.layers_available)
     _Check(opened, result, report).run()
     return result
@@ -242,7 +242,7 @@ class _Check:
         self._count_elements(entry, self._element_count(entry, payload))
 
     def _check_streaming(self, entry: Entry, payload: bytes) -> None:
-        """What decodes nothing: its faults are told after all others, and nothing is left out for them."""
+        """Check the STREAMING block, which decodes nothing: its faults come after all others and exclude nothing."""
         try:
             check_place(entry)
             found = checked_streaming(self._container, entry, payload)
@@ -337,11 +337,14 @@ class _Check:
         complete, readable = True, usable
         tiles = self._reader.header.tile_count
         lowest = {entry.tile: entry.layer for entry in reversed(self._broken)}
+        filled = self._reader.container.have_blocks(self._last, np.arange(tiles)).tolist()
         for tile in range(tiles):
             self._report("tiles", tile / tiles)
             top = min(usable, lowest.get(tile, self._last + 1) - 1)
             complete &= top == self._last
-            if top and not self._decode(self._models_of(top), tile):
+            if top and not filled[tile]:
+                self._result.tiles_decoded += 1
+            elif top and not self._decode(self._models_of(top), tile):
                 complete, top = False, self._begun - 1
             readable = min(readable, top)
         self._result.layers_readable = readable

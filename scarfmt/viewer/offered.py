@@ -1,4 +1,4 @@
-"""What the server offers: scenes, by path or URL, and the files of the page."""
+"""The files that the server offers: scenes, by path or URL, and the files of the page."""
 
 from __future__ import annotations
 
@@ -203,7 +203,7 @@ def scene_offer(origin: str, number: int, source: ByteSource) -> tuple[str, Offe
 def index_offers(
     origin: str, number: int, source: ByteSource, opener: Callable[[str], ByteSource]
 ) -> dict[str, Offer]:
-    """What an index is offered as, by path: first the index, then its files, at their names relative to it.
+    """The offers of an index, by path: first the index, then its files, at their names relative to it.
 
     Args:
         origin: path or URL of the index, as typed.

@@ -15,7 +15,7 @@ class Unsatisfiable(Exception):
 def wanted(header: str | None, size: int) -> tuple[int, int] | None:
     """First byte and end of what a request wants of a file of `size` bytes; None where it is to get the whole.
 
-    Several ranges, other units and what cannot be read are answered with the whole, as §14.2 permits.
+    Several ranges, other units and what cannot be read are answered with the whole, as RFC 9110 §14.2 permits.
 
     Raises:
         Unsatisfiable: nothing of the file lies in the range.

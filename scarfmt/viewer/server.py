@@ -37,7 +37,7 @@ class ViewerServer(ThreadingHTTPServer):
 
     @property
     def url(self) -> str:
-        """Where the page is, with the port that was free."""
+        """Address of the page, with the port that was free."""
         host, port = self.server_address[:2]
         name = host.decode() if isinstance(host, bytes) else host
         return f"http://{f'[{name}]' if ':' in name else name}:{port}/"
@@ -56,7 +56,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(with_body=False)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Requests are not told: there are hundreds."""
+        """Requests are not logged: there are hundreds."""
 
     def _answer(self, with_body: bool) -> None:
         # Browsers and Python do not agree on which characters of a name are percent-encoded.

@@ -1,4 +1,4 @@
-"""The constants of the model of a decoder: each told apart from all others, and none declared that is not measured."""
+"""The constants of the decoder model: each is separated from all others, and none is declared that is not measured."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NS = {
     "index_row": 300.0,
     "index_multiply_add": 0.06,
 }
-"""Of a decoder that follows the model."""
+"""Costs of a decoder that follows the model, ns."""
 FIXED_NS = 3e6
 COUNTS = {
     "static": {"symbol": 1e6, "group": 1e3, "tile_layer": 10},
@@ -39,7 +39,8 @@ def variant(counts: dict[str, float]) -> Variant:
 
 
 def test_what_every_unit_costs_is_told_apart() -> None:
-    """Also where variants differ in more than the one thing they are made for."""
+    """The fit separates the costs of all units, even if variants differ in more than the one thing they are made
+    for."""
     found = solved({name: variant(counts) for name, counts in COUNTS.items()})
     assert found == pytest.approx(NS, rel=0.2)
 

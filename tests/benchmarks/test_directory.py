@@ -22,7 +22,7 @@ def test_a_small_scene_is_measured_as_it_is() -> None:
 
 
 def test_a_remote_file_counts_its_head_once() -> None:
-    """What the first request brought is not asked for again, and what goes beyond it is asked for alone."""
+    """Bytes of the first request are not requested again, and bytes beyond it are requested alone."""
     front = front_of(Case(2000, 500))
     source = Remote(front, 1000)
     assert source.read(0, 900) == front[:900]

@@ -141,7 +141,7 @@ def test_a_job_in_a_process_of_its_own_tells_its_peak() -> None:
 
 
 def echo(job: dict[str, Any]) -> dict[str, Any]:
-    """What the test above asks a child to do."""
+    """The job that the test above gives to a child."""
     import os
 
     print("something a library has to say")

@@ -38,7 +38,7 @@ class SometimesWrong(NumpyOperations):
 
 @pytest.mark.parametrize("shape", [SMALL, FLAT], ids=lambda shape: shape.name)
 def test_the_loop_that_is_timed_decodes(shape: Shape) -> None:
-    """The same indices from the normative decoder, every one of them a codeword."""
+    """The loop gives the indices of the normative decoder, and every index is a codeword."""
     case = make_case(shape)
     batch = make_batch(case, 300, 1)
     evaluator = Evaluator(case.network, case.books)
@@ -60,7 +60,7 @@ def test_every_part_of_the_work_is_timed() -> None:
 
 
 def test_tables_of_speed_have_a_row_for_each_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a measurement gives is what the tables need."""
+    """The tables need exactly the fields that a measurement gives."""
     for name, value in (("_ANCHORS", 64), ("_BATCHES", 2), ("_SYMBOLS", 512), ("_SYMBOLS_A_CALL", (512, 256))):
         monkeypatch.setattr(entropy_speed, name, value)
     shapes = [entropy_speed.measure_shape(SMALL, backend, 1) for backend in entropy_speed.BACKENDS]

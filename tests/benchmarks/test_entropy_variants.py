@@ -110,7 +110,7 @@ def test_the_gru_alone_knows_nothing_of_the_place_and_pays_nothing_for_it() -> N
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_probabilities_of_a_stage_add_up_to_one(kind: type[IndexModel]) -> None:
-    """A model that is told more than the decoder knows would code every symbol in too few bits."""
+    """A model that knows more than the decoder would code every symbol in too few bits."""
     model = _model(kind)
     for stage in range(STAGES):
         codes = np.tile([[1, 2, 3]], (CODES, 1))

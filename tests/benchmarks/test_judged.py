@@ -63,15 +63,21 @@ def test_what_was_asked_is_bold_where_it_was_given() -> None:
     assert "| plush-dog † | 47 | 9.00 | **46.5** | **45.6** | 45.5 | inside **45.5** |  |" in text
 
 
-def test_headline_is_one_file_a_scene_against_the_smallest_rival() -> None:
-    """Its first layer is of the same file, and counts against the smallest rival that shows as much."""
-    rivals = [{"name": "SPZ", **layer(20_000, 30.0)}, {"name": "SOG", **layer(25_000, 41.0)}]
+def test_headline_is_one_file_a_scene_beside_rivals_with_their_defaults() -> None:
+    """Figures of other files and of tuned rivals do not stand beside it; a rival not measured is left empty."""
+    rivals = [{"name": "SPZ v4", **layer(20_000, 30.0)}, {"name": "SPZ v4, times 2", **layer(9_000, 47.0)}]
     text = quality_report.summary(RUNS, {"plush-dog": {"sh_degree": 3, "count": 1000, "rivals": rivals}})
-    assert "| plush-dog † | 248 | 9.00 | 46.5 / 45.6 / 45.5 | 47.5 / 47.5 | 46.5 / 46.5 | 45.5 / 45.5 |  |" in text
-    line = next(line for line in text.splitlines() if "SOG" in line)
-    assert line.startswith("| plush-dog † | 3 | SOG | 25.00 | 41.0 / 40.1 / 40.0 |")
-    assert line.endswith("| 1 | 26.0 | **4%** |")
-    assert text.count("\n| plush-dog") == 2
+    assert "| plush-dog † | 3 | 248 | 9 | 46.5 / 45.5 | 20 | 30.0 / 29.0 |  |  |" in text
+    assert text.count("\n| plush-dog") == 1
+
+
+def test_equal_quality_is_against_the_smallest_rival_whatever_its_settings() -> None:
+    """Files for 41 and 47 dB lie around a mean of 45; none is as good as a worst view of 80 dB."""
+    rival = {"name": "SPZ v4, times 2", **layer(20_000, 45.0), "worst_psnr_db": 80.0}
+    found = {"plush-dog": {"sh_degree": 3, "count": 1000, "rivals": [rival]}}
+    text = quality_report.summary(RUNS, found)
+    assert "with its mean takes 0.41 to 0.41 of its bytes on 1 scenes of 1." in text
+    assert "the worst view takes none." in text
 
 
 def test_tables_show_whole_files_without_layers() -> None:

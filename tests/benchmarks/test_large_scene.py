@@ -84,7 +84,7 @@ def test_the_model_tells_what_is_serial_from_what_is_shared() -> None:
 
 
 def test_small_scenes_tell_nothing_of_large_ones() -> None:
-    """What they take is mostly the fit, and noise."""
+    """The time of small scenes is mostly that of the fit, and noise."""
     assert large_scene.models({"small": run(8000)}) == []
     assert len(large_scene.models({"large": run(10**7), "larger": run(5 * 10**7)})) == 1
 

@@ -1,4 +1,4 @@
-"""LPIPS: the network of its definition, whatever its weights are called; what is missing is told."""
+"""LPIPS: the network of its definition, whatever its weights are called; missing weights are reported."""
 
 from __future__ import annotations
 

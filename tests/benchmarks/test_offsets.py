@@ -1,4 +1,4 @@
-"""What offsets would gain: entropies that are right, and rows for every layer."""
+"""The possible gains of offsets: entropies are right, and there are rows for every layer."""
 
 import numpy as np
 import pytest

@@ -9,18 +9,23 @@ import pytest
 
 from benchmarks.pages import CAMPAIGNS, SHOWN, Shown
 from benchmarks.report import RESULTS, SHORT_RESULTS
+from docs.site.navigation import listed
 from tests.conftest import REPOSITORY
 
 PAGES = [REPOSITORY / "README.md", REPOSITORY / "examples" / "README.md", *sorted((REPOSITORY / "docs").rglob("*.md"))]
 
 
+INDEX = (REPOSITORY / "docs" / "README.md").read_text(encoding="utf-8")
+MEASUREMENTS = [page for page in listed(INDEX.split("## Measurements")[1].split("## ")[0]) if page != "compare"]
+"""Pages of figures; the comparison with other formats begins with where those are better."""
 SETTINGS = {("docs/encoder-effort.md", "efforts"), ("docs/trained.md", "trained-plan")}
 """Sections that show what is set, not what was measured: other tests hold them to the code."""
 
 
 @pytest.mark.parametrize("shown", SHOWN, ids=lambda shown: f"{shown.page} {shown.section} {shown.results.stem}")
 def test_a_page_says_from_when_and_where_its_figures_are(shown: Shown) -> None:
-    """What the file of results says; figures measured again without rewriting the page would fail here."""
+    """The page has the date of the file of results. Figures measured again without rewriting the page would fail
+    here."""
     assert shown.dated()
 
 
@@ -50,3 +55,10 @@ def test_a_page_with_another_date_is_noticed(tmp_path: Path, monkeypatch: pytest
     changed.write_text(text.replace(date[1], "1999-01-01"), encoding="utf-8")
     assert not Shown(shown.page, shown.section, changed).dated()
     assert RESULTS != SHORT_RESULTS
+
+
+@pytest.mark.parametrize("page", MEASUREMENTS)
+def test_what_was_not_measured_is_said_first(page: str) -> None:
+    """Who reads figures has to know what they leave out before, not after."""
+    text = (REPOSITORY / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## (.*)$", text, re.MULTILINE)[0] == "Not measured here"

@@ -37,7 +37,7 @@ def test_what_both_photos_show_lies_on_its_line(points: F64) -> None:
 
 
 def test_a_place_beside_its_line_is_so_far_off(points: F64) -> None:
-    """Of two places that share an error each takes half, so that the whole is its length over the root of two."""
+    """Two places that share an error take half of it each, so the whole is its length over the root of two."""
     one, other = camera(0.0), camera(0.5)
     beside = shown(other, points) + np.array([0.0, 2.0])
     found = sampson(one, other, shown(one, points), beside)

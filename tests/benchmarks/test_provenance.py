@@ -23,7 +23,7 @@ def _run(date: str, recorded: str = MEASURED, modified: bool | None = False, **m
 
 @pytest.fixture
 def today(monkeypatch: pytest.MonkeyPatch) -> Run:
-    """What a run of now says, whenever the test runs."""
+    """The provenance of a run of now, whenever the test runs."""
     run = _run("2030-01-02", cpu="a chip", cores=2)
     monkeypatch.setattr(provenance, "now", lambda: run)
     return run
@@ -81,6 +81,12 @@ def test_a_statement_of_a_section_leaves_out_the_runs_of_others() -> None:
     document = {FIELD: runs, "s": {"a": 1, "b": 2}, "t": {"a": 3}}
     assert "2030" not in statement(document, "t/")
     assert [line.split(":")[0] for line in statement(document, "s/").splitlines()] == ["- a", "- b"]
+
+
+def test_a_statement_of_an_ending_is_that_of_the_names_shown() -> None:
+    """One run is left, so its names are not listed: those of a headline table are in the table."""
+    document = {FIELD: [{**_run("2029-01-01"), "of": ["a q47", "b q47"]}, {**_run("2030-01-02"), "of": ["a q41"]}]}
+    assert statement(document, ending=" q47").startswith("Measured on 2029-01-01 at")
 
 
 def test_figures_of_which_no_run_is_known_cannot_be_shown() -> None:

@@ -171,7 +171,7 @@ def test_kmeans_gives_an_idle_centroid_a_point() -> None:
 
 
 def test_measured_tells_the_peak_of_the_process_alone() -> None:
-    """Not that of this large one, which the counters of a child start from."""
+    """The peak does not include this large process, from which the counters of a child start."""
     ballast = np.ones(60_000_000, np.uint8)
     small = measured(Command((sys.executable, "-S", "-c", "pass"), {}))
     large = measured(Command((sys.executable, "-S", "-c", "b'1' * 50_000_000"), {}))

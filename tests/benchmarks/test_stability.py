@@ -129,7 +129,7 @@ def test_accumulators_stay_below_their_limits() -> None:
 
 
 def test_failures_name_what_is_wrong(exact: list[dict[str, Any]]) -> None:
-    """Of every part; and the tables can be made of it."""
+    """Every part can report a failure, and tables can be made of it."""
     good = stability_processes.compared(USUAL, USUAL)
     other = stability_processes.compared({**USUAL, "exact": {"v/a": "2"}}, USUAL)
     activated = {"operation": "op", "columns": ("x",), "inputs": (1.0,), "cases": 1, "error": 1.0, "ulps": 1.0,
@@ -150,7 +150,8 @@ def test_failures_name_what_is_wrong(exact: list[dict[str, Any]]) -> None:
 
 
 def test_a_process_reports_what_it_decoded() -> None:
-    """Here in this process: the digests of a file, and how much of the tolerance float32 uses."""
+    """The report, made in this process, holds the digests of a file and the share of the tolerance that float32
+    uses."""
     job = {"paths": [str(FILES[0])], "real": str(FILES[0]), "backend": "numpy"}
     found = stability_processes.decode_job(job)
     assert found["exact"] == {str(FILES[0]): stability_processes.together(digests(decoding(FILES[0], None, BASE)))}
@@ -158,5 +159,5 @@ def test_a_process_reports_what_it_decoded() -> None:
 
 
 def test_arithmetic_in_float64_is_compared_without_the_kernel() -> None:
-    """Which reads float32 alone."""
+    """The kernel reads float32 alone, so float64 is compared without it."""
     assert all(way.bare for way in manners().values() if isinstance(way.make(), DoubleOperations) or way.whole)

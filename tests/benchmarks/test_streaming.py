@@ -24,7 +24,7 @@ def film() -> Film:
 
 @pytest.fixture(scope="module")
 def view(film: Film, tmp_path_factory: pytest.TempPathFactory) -> Camera:
-    """One of a recorded motion."""
+    """The view at a moment of a recorded motion."""
     path = tmp_path_factory.mktemp("motion") / "walk.csv"
     walk(path)
     around = Surroundings.of(film.layers[-1], "-y")

@@ -20,7 +20,7 @@ from tests.streaming.test_plan import TOYS
 
 @pytest.fixture(scope="module")
 def picture() -> Picture:
-    """The scene of the browser package's tests, that tells where to begin looking."""
+    """The scene of the browser package's tests, which has a first view."""
     scene = read_scene(TOYS)
     cameras = load_cameras(REPOSITORY / "examples" / "plush-toys.cameras.json")
     streaming = told(scene, EncodeOptions(cameras=cameras), 2)
@@ -28,7 +28,7 @@ def picture() -> Picture:
 
 
 def noted(drawn: list[tuple[float, int, int]], **more: Any) -> dict[str, Any]:
-    """What a page notes that was asked 1,000 ms after it began."""
+    """The notes of a page that was requested 1,000 ms after it began."""
     events = [[1000 + at, tile, layer] for at, tile, layer in drawn]
     log = {"click": 1000, "fronts": [1150], "tiles": events, "drawn": events, "done": 9000, "errors": []}
     tasks = [[900, 80, 70], [1100, 60, 20], [1500, 200, 10]]

@@ -45,7 +45,7 @@ def file() -> ScarFile:
 
 
 def camera(file: ScarFile) -> Camera:
-    """Beside the scene, with a part of it in the picture."""
+    """A camera beside the scene, with a part of it in the picture."""
     boxes = tight_boxes(file.index.cubes, None)
     low, high = boxes.low.min(axis=0), boxes.high.max(axis=0)
     eye = low - np.array([0.1, 0.0, 0.0]) * (high - low)

@@ -62,7 +62,7 @@ def test_a_trace_changes_with_time_and_begins_again(tmp_path: Path) -> None:
 
 
 def test_a_trace_of_one_column_has_a_row_a_second(tmp_path: Path) -> None:
-    """As the recordings of walks have it."""
+    """Recordings of walks have one column and a row for each second."""
     path = tmp_path / "trace.txt"
     path.write_text("8\n16\n")
     trace = Trace.read(path)
@@ -72,7 +72,7 @@ def test_a_trace_of_one_column_has_a_row_a_second(tmp_path: Path) -> None:
 
 
 def test_marks_are_events() -> None:
-    """Who asks is told of each, exactly, however bytes were shared before."""
+    """The client is called at each mark exactly, however bytes were shared before it."""
     link = Link(Trace.constant(8), 0.1)
     flow = link.ask(0.0, "one", 300_000, [100_000, 250_000])
     link.ask(0.0, "two", 70_000)

@@ -13,7 +13,7 @@ from benchmarks.streaming_times import LEVELS_DB, MOMENTS, WATCHED_S, figures_of
 
 
 def test_moments_are_a_quarter_apart_and_include_the_end_of_what_is_watched() -> None:
-    """So that means end where they should."""
+    """The moments include the end, so that means are taken over the whole time."""
     assert WATCHED_S in MOMENTS.tolist()
     assert (MOMENTS[1:] / MOMENTS[:-1]) == pytest.approx(1.25)
 
@@ -25,7 +25,8 @@ def test_what_is_drawn_is_what_came_last() -> None:
 
 
 def test_what_changes_once_is_good_from_then_on() -> None:
-    """Not from the moment it was looked at; between two changes by a line; never is None."""
+    """A change counts from its own moment, not from the one it was seen at. Between two changes values are
+    interpolated; a PSNR that is never reached is None."""
     curve = [10.0] * 5 + [40.0] * 5
     low, high = float(MOMENTS[4]), float(MOMENTS[5])
     once = low + 0.3 * (high - low)
@@ -42,7 +43,7 @@ def test_means_over_time_count_no_more_than_enough() -> None:
 
 
 def test_figures_of_a_whole_file() -> None:
-    """It is nothing, and then all there is; half of it is never looked at."""
+    """A whole file shows nothing and then everything; a view of half of it never exists."""
     client = WholeFile(1000)
     client.asked, client.came = [0.0], [(0.5, None, 600), (2.0, None, 400)]
     client.shown.append((2.0, True))
@@ -80,7 +81,7 @@ def record() -> dict[str, Any]:
 
 
 def test_ratios_count_what_only_one_gets_to(record: dict[str, Any]) -> None:
-    """As nothing, or as never."""
+    """A ratio in which only one client gets there counts as zero or as infinity."""
     level = LEVELS_DB.index(41.0)
     assert list(ratios(record, "planned by gains", "whole SOG", level, True)) == [0]
     assert list(ratios(record, "planned by gains", "whole SOG", level, False)) == [2]

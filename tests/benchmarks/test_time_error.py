@@ -55,7 +55,7 @@ def test_nothing_is_extrapolated() -> None:
 
 
 def test_flat_heads_leave_codewords_as_they_are() -> None:
-    """And only inside."""
+    """Codewords keep their order inside `flat_heads` only; afterwards heads have two levels again."""
     books = Codebooks(np.arange(128).reshape(64, 2), np.arange(120).reshape(60, 2))
     uses = np.arange(64)[::-1], np.arange(60)
     with gain.flat_heads():
@@ -136,7 +136,7 @@ def test_the_least_is_measured_part_by_part(file: Path) -> None:
 
 
 def test_every_way_that_is_there_is_measured() -> None:
-    """Both numbers of threads; with the kernel and without where it is built."""
+    """Both numbers of threads are measured, and both engines if the kernel is built."""
     found = ways()
     assert {way["threads"] for way in found.values()} == {1, 2}
     switches = {way["environment"]["SCARFMT_KERNEL"] for way in found.values()}
@@ -169,7 +169,7 @@ def _results() -> dict[str, Any]:
             }
         },
         "entropy": {"a": {**common, "kinds": kinds}},
-        "ways": {"a": {**common, "ways": {"numpy": DECODE, "torch": {**DECODE, "min": 0.25}}, "missing": ["no GPU"]}},
+        "ways": {"a": {**common, "ways": {"numpy": DECODE, "torch": {**DECODE, "median": 0.3}}, "missing": ["no GPU"]}},
         "limit": {"a": {**common, "kernel": {"off": stages, "on": {"models": 0.5, "whole": 1.5}}, "least": least}},
     }
 
@@ -190,7 +190,7 @@ def test_tables_compare_with_what_they_say() -> None:
     """Bytes with static tables, ways with the first, a decode with the least it could take."""
     found = texts(_results())
     assert "| network | 190 | -5.0 % |" in found["entropy"]
-    assert "| torch | 0.250 (0.600) | 0.400 | 2.00 |" in found["ways"]
+    assert "| torch | 0.300 (0.500) | 0.400 | 2.00 |" in found["ways"]
     assert "no GPU" in found["ways"]
     assert "| 1.500 | 2.0 | 1.0 |" in found["limit"]
     assert "100 at 40.00 dB" in found["efforts"]

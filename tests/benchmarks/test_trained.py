@@ -38,7 +38,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Child:
-    """Runs jobs here, and remembers them; a job that it is told to fail fails."""
+    """A child that runs jobs here and remembers them; it fails the jobs that it was set to fail."""
 
     def __init__(self, fails: str = "nothing") -> None:
         self.ran: list[dict[str, Any]] = []

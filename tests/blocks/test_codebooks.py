@@ -100,7 +100,7 @@ def test_numbers_above_the_maxima_pass_a_limit(data: bytes) -> None:
 @settings(max_examples=300)
 @given(st.binary(max_size=40))
 def test_garbage_raises_only_our_errors(data: bytes) -> None:
-    """And what is accepted is of the declared shape."""
+    """Any bytes give a result of the declared shape or a refusal."""
     try:
         books = unpack_codebooks(data)
     except ScarError:

@@ -15,6 +15,7 @@ from scarfmt.blocks.declare import (
     U8,
     Bits,
     Blob,
+    Check,
     Count,
     Derived,
     Numbers,
@@ -42,7 +43,7 @@ def refusal(at: Scope) -> ScarError:
 PAIR = Record("rows" / U8, "numbers" / Bits(this.rows * this.width))
 THING = Record(
     "kind" / U8 * "0 or 1",
-    Rule("R-1-1", lambda at: at["kind"] < 2, refusal),
+    Rule(Check("R-1-1", "kind is 0 or 1", "bad-thing"), lambda at: at["kind"] < 2, refusal),
     When(this.kind == 1, "low" / SignedVarint(33), "width_of_all" / F64),
     "count" / Count(5),
     "pairs" / Repeat(this.count, Use("pair", PAIR, width=2)),
@@ -161,7 +162,7 @@ def test_a_declaration_is_listed_field_by_field() -> None:
     text = "\n".join(" ".join(line.split()) for line in lines)
     for wanted in (
         "kind u8 # 0 or 1",
-        "check R-1-1",
+        "check R-1-1: kind is 0 or 1 # else bad-thing",
         "if kind == 1:",
         "low svarint(33)",
         "pairs count times pair(2)",

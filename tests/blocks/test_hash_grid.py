@@ -144,7 +144,7 @@ def test_flipped_bits_are_refused_or_give_a_valid_grid(place: int) -> None:
 
 @given(st.binary(max_size=60))
 def test_garbage_raises_only_our_errors(data: bytes) -> None:
-    """And what is accepted is a valid grid."""
+    """Any bytes give a valid grid or a refusal."""
     try:
         unpack_grid(data).check()
     except ScarError:

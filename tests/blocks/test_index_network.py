@@ -40,7 +40,7 @@ def small(**options: Any) -> IndexNetwork:
 @settings(deadline=None, max_examples=100)
 @given(cases())
 def test_networks_come_back(case: Case) -> None:
-    """Of every kind, with weights and biases of any size."""
+    """Networks of every kind come back, with weights and biases of any size."""
     assert same(unpack_network(pack_network(case.network)), case.network)
 
 
@@ -61,7 +61,7 @@ def test_the_largest_weights_come_back(extreme: int) -> None:
 
 @pytest.mark.parametrize("weight", [32768, -32768, 65536, 2**31 - 1, -(2**31)])
 def test_weights_beyond_32767_are_refused(weight: int) -> None:
-    """Also the one whose magnitude no int32 holds."""
+    """A weight beyond 32767 is refused, even one whose magnitude no int32 holds."""
     refuses("bad-network", lambda: unpack_network(pack_network(with_weight(weight))))
 
 
@@ -117,14 +117,14 @@ def test_header_fields_out_of_range_are_refused(offset: int, value: int, error: 
 
 
 def test_a_broken_bound_is_refused() -> None:
-    """What check finds, reading finds too."""
+    """A bound that writing checks is also checked by reading."""
     network = small()
     heavy = replace(network.mixer, biases=network.mixer.biases + (1 << 24))
     refuses("bad-network", lambda: unpack_network(pack_network(replace(network, mixer=heavy))))
 
 
 def test_columns_for_fifteen_classes_at_most() -> None:
-    """As many as a scene can have."""
+    """Fifteen classes are as many as a scene can have."""
     rng = np.random.default_rng(4)
     books = random_books(rng, 5, 4, 2)
     most = random_network(rng, books, replace(INPUTS, classes=MAX_CLASSES), hidden=3)

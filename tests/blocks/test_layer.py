@@ -95,8 +95,14 @@ def test_blocks_that_break_the_rule_are_refused(name: str) -> None:
     refuses(refusal, lambda: unpack_layer(b"\0" + data, 1, NOTHING))
 
 
+@pytest.mark.parametrize("cut", [b"\1\11", b"\1\5\0", b"\1\5\1" + bytes(8) + b"\2"])
+def test_each_number_of_a_channel_is_checked_before_the_next_is_read(cut: bytes) -> None:
+    """A wrong stream kind, number of components or by_class at the end of a block (SPEC R-7.11-2)."""
+    refuses("bad-channel", lambda: unpack_layer(b"\0" + cut, 1, NOTHING))
+
+
 def test_an_empty_block_is_refused() -> None:
-    """Not even an entropy mode."""
+    """A LAYER block has at least an entropy mode."""
     refuses("payload-short", lambda: unpack_layer(b"", 1, NOTHING))
 
 

@@ -100,6 +100,16 @@ def test_blocks_that_break_the_rule_are_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize(
+    "cut",
+    [b"\1\0", b"\1\1\0", b"\1\1\2\0", b"\1\1\2\3\5", b"\1\1\1\1\1\7" + struct.pack("<f", np.inf)],
+    ids=["layers", "rows", "columns", "width", "scale"],
+)
+def test_each_number_is_checked_before_the_next_is_read(cut: bytes) -> None:
+    """A wrong number that the content ends with is what is refused, not the end (SPEC R-7.9-1)."""
+    refuses("bad-mlp", lambda: unpack_networks(compress(cut)))
+
+
+@pytest.mark.parametrize(
     "data",
     [
         block(layer(1, 1), networks=MAX_NETWORKS + 1),
@@ -125,7 +135,7 @@ def test_the_caller_bounds_the_content() -> None:
 @settings(max_examples=200)
 @given(st.binary(min_size=1, max_size=60))
 def test_garbage_raises_only_our_errors(content: bytes) -> None:
-    """Also as content of a proper frame; what is accepted is finite."""
+    """Any bytes, also as content of a valid frame, give finite weights or a refusal."""
     for data in (content, compress(content)):
         try:
             networks = unpack_networks(data)

@@ -35,5 +35,5 @@ def test_blocks_stand_in_the_layers_that_first_need_them() -> None:
 
 
 def test_the_table_of_elements_names_every_model_block() -> None:
-    """Rule R-5.5-14."""
+    """Rule R-5.4-19."""
     assert all(f"{int(spec.kind)} {spec.kind.name}" in element_table() for spec in MODEL_BLOCKS)

@@ -1,4 +1,4 @@
-"""STREAMING blocks: what is told comes back, is refused where it cannot be meant, and never disturbs a decode."""
+"""STREAMING blocks come back, are refused if they have no meaning, and never disturb a decode."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def told(tiles: int, layers: int, viewpoints: int = 2, view: View | None = VIEW,
 
 
 def equal(a: Streaming, b: Streaming) -> bool:
-    """Whether both tell the same."""
+    """Whether both have the same values."""
     return pack_streaming(a) == pack_streaming(b)
 
 
@@ -63,7 +63,7 @@ def test_what_is_told_comes_back(tiles: int, layers: int, viewpoints: int, view:
 
 
 def test_it_takes_a_byte_a_gain() -> None:
-    """What decision 0040 counts with: seven bytes a tile, one a gain, twelve a viewpoint, and some of its own."""
+    """The size is that of decision 0040: seven bytes a tile, one a gain, twelve a viewpoint, and some of its own."""
     size = len(pack_streaming(told(100, 5, 8)))
     assert size == 100 * 7 + 100 * 5 * 8 + 8 * 12 + 40 + 4
 
@@ -93,7 +93,8 @@ def test_viewpoints_have_a_limit() -> None:
 
 
 def test_it_must_fit_the_file() -> None:
-    """As many tiles, and no fewer layers; the offset is that of the block."""
+    """The block must have as many tiles as the file, and no fewer layers; the offset of the refusal is that of the
+    block."""
     scene = random_scene(3, anchors=30)
     data, tiles, layers = write_scene(scene), len(scene.tiles), len(scene.model.layers)
     for other in (told(tiles + 1, layers), told(tiles, layers - 1)):
@@ -123,7 +124,7 @@ def test_the_writer_and_the_editor_put_it_in_alike(profile: Profile) -> None:
 
 
 def test_a_cut_file_keeps_what_is_told_of_all_layers() -> None:
-    """SPEC §14: byte for byte; what is told of layers that are gone is of no use and does no harm."""
+    """SPEC §14, byte for byte: the gains of layers that are cut off are of no use and do no harm."""
     scene = random_scene(5, anchors=50)
     made = told(len(scene.tiles), len(scene.model.layers))
     found = read_streaming(opened(truncate(BytesSource(write_scene(replace(scene, streaming=made))), 1)))
@@ -144,7 +145,7 @@ def test_a_source_that_does_not_reach_it_tells_nothing() -> None:
 
 
 def test_the_report_names_what_is_told() -> None:
-    """For scripts in numbers, for people in lines; nothing where nothing is told."""
+    """The report has numbers for scripts and lines for people, and nothing if there is no block."""
     scene = random_scene(7, anchors=20)
     made = told(len(scene.tiles), len(scene.model.layers))
     made.gains[:] = 0

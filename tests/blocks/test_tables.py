@@ -113,7 +113,7 @@ def test_too_many_tables_or_symbols_pass_a_limit(payload: bytes) -> None:
 @settings(max_examples=300)
 @given(st.binary(max_size=60))
 def test_garbage_is_a_table_block_or_refused(payload: bytes) -> None:
-    """What is accepted packs to the same bytes: a record has one form."""
+    """An accepted block packs to the same bytes: a record has one form."""
     try:
         found = unpack_tables(payload)
     except ScarError:
@@ -124,7 +124,8 @@ def test_garbage_is_a_table_block_or_refused(payload: bytes) -> None:
 @settings(deadline=None)
 @given(ALPHABETS, st.data())
 def test_the_fitted_table_is_never_dearer_than_the_uniform_one(alphabet: list[int], data: st.DataObject) -> None:
-    """Its own bytes plus the coding cost, against equal weights and against the counts themselves."""
+    """The cost is that of the table's bytes plus coding. The fitted table is compared with equal weights and with the
+    counts themselves."""
     sizes = st.one_of(st.integers(1, 9), st.integers(1, 1 << 20))
     counts = np.array(data.draw(st.lists(sizes, min_size=len(alphabet), max_size=len(alphabet))), np.int64)
     values = np.array(alphabet, np.int64)
@@ -150,7 +151,7 @@ def test_a_fitted_table_is_near_the_entropy() -> None:
 
 
 def test_the_cost_of_a_value_without_a_symbol_is_infinite() -> None:
-    """So an inherited table that cannot code a layer is never kept."""
+    """An inherited table that cannot code a layer is therefore never kept."""
     table = fit_table(np.array([-5, 0, 7]), np.array([1, 2, 3]))
     assert np.isfinite(table.cost_of_counts(np.array([-5, 7]), np.array([9, 9])))
     for missing in (-6, -4, 8):
@@ -158,7 +159,7 @@ def test_the_cost_of_a_value_without_a_symbol_is_infinite() -> None:
 
 
 def table_blocks(payload: bytes, at_once: bool) -> Any:
-    """What `unpack_tables` makes of a payload, or how it refuses it, with the fast way or without."""
+    """The result or the refusal of `unpack_tables` for a payload, with the fast way or without."""
     fast = nullcontext() if at_once else patch("scarfmt.blocks.tables._unpack_sound", return_value=None)
     try:
         with fast:

@@ -1,4 +1,4 @@
-"""What all subcommands share: exit codes, where output goes, nothing half-written, a quick start."""
+"""Shared properties of all subcommands: exit codes, where output goes, nothing half-written, a quick start."""
 
 from __future__ import annotations
 

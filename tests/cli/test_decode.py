@@ -85,7 +85,7 @@ def test_a_cut_file_needs_leave(run: Run, explicit_scar: Path, tmp_path: Path) -
 
 
 def test_stats_are_a_small_table_on_stderr(run: Run, explicit_scar: Path, tmp_path: Path) -> None:
-    """What was read beside what the file has, then what was computed."""
+    """The table shows what was read beside what the file has, then what was computed."""
     result = run("decode", explicit_scar, tmp_path / "a.npz", "--layers", 1, "--stats", "--quiet")
     rows = {line.split()[0]: line.split()[1:] for line in result.stderr.splitlines()}
     assert list(rows)[:5] == ["bytes", "blocks", "tiles", "anchors", "symbols"]
@@ -123,7 +123,8 @@ def test_json_does_not_mix_with_a_ply_on_stdout(run: Run, explicit_scar: Path) -
 def test_of_a_url_less_is_transferred_and_computed(
     run: Run, explicit_scar: Path, tmp_path: Path, options: tuple[object, ...]
 ) -> None:
-    """The same counts as of a file, but for the first read, which brings what lies next to the header."""
+    """Decoding from a URL has the counts of decoding from a file, except for the first read, which brings what lies
+    next to the header."""
     pytest.importorskip("fsspec")
     arguments = (tmp_path / "a.npz", "--json", "--force", *options)
     local = json.loads(run("decode", explicit_scar, *arguments).stdout)["decoded"]
@@ -153,7 +154,7 @@ def test_an_anchor_model_becomes_an_npz_that_can_be_read_back(run: Run, anchors:
 
 
 def test_that_npz_can_be_compared_and_encoded_again(run: Run, anchors: Path, tmp_path: Path) -> None:
-    """As the help of decode says."""
+    """The help of `decode` promises that the .npz can be read again."""
     pytest.importorskip("torch", reason="needs the extra encode")
     run("decode", anchors, tmp_path / "a.npz")
     result = run(
@@ -275,7 +276,7 @@ def test_what_a_format_cannot_hold_is_said(run: Run, tmp_path: Path) -> None:
 
 
 def test_convert_goes_between_formats_of_others(run: Run, shell: Shell, tmp_path: Path) -> None:
-    """Also through pipes; floats come back as they were."""
+    """Conversions work through pipes, too, and floats come back as they were."""
     scene = gaussians(40)
     write_inria_ply(scene, tmp_path / "a.ply")
     assert run("convert", tmp_path / "a.ply", tmp_path / "a.glb").exit_code == 0

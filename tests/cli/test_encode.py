@@ -53,7 +53,7 @@ def test_the_summary_ends_with_the_quality_found(run: Run, ply: Path, tmp_path: 
 
 
 def test_a_bandwidth_or_an_archive_can_be_asked_for(run: Run, ply: Path, tmp_path: Path) -> None:
-    """One of both, told before the scene is read."""
+    """One of both options can be used. A conflict is refused before the scene is read."""
     target = tmp_path / "a.scar"
     both = run("encode", "missing.ply", target, "--mbit", 5, "--archive")
     assert both.exit_code == 2
@@ -156,7 +156,7 @@ def test_smaller_tiles_are_more_tiles(run: Run, tmp_path: Path) -> None:
 
 
 def test_cameras_of_another_frame_get_a_warning(run: Run, ply: Path, tmp_path: Path) -> None:
-    """They are used all the same; --quiet says nothing."""
+    """The cameras are used in spite of the warning; --quiet prints no warning."""
     away = look_at(np.array([0.0, 0, 1e4]), np.array([0.0, 0, 2e4]), np.array([0.0, 1, 0]), 64, 48)
     listing = files.in_json(files.inria([away, *orbit_cameras(gaussians(300), 2, 64, 48)]), tmp_path / "near.json")
     strangers = files.in_json(files.inria([away]), tmp_path / "away.json")

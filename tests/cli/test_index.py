@@ -85,7 +85,7 @@ def test_decoding_writes_other_formats(run: Run, path: Path) -> None:
 
 
 def test_decoding_for_a_view_keeps_to_the_budget(run: Run, path: Path) -> None:
-    """Of an index and of a file; nothing where all is behind the eye."""
+    """The budget holds for an index and for a file; if everything is behind the eye, nothing is decoded."""
     out = path.parent / "seen.ply"
     for name in (path, path.parent / NAMES[0]):
         done = run("decode", name, out, "--budget", 150, "--force", "--json")

@@ -1,4 +1,4 @@
-"""encode --work: what is asked for together, what is told, and that the file is there."""
+"""encode --work: options that go together, its messages, and the file."""
 
 from __future__ import annotations
 
@@ -80,4 +80,4 @@ def test_large_scenes_in_memory_are_advised_against(
         monkeypatch.setattr(out_of_core, "LARGE_SCENE", most)
         result = run("encode", ply, tmp_path / f"{most}.scar", *FAST)
         assert result.exit_code == 0
-        assert ("with --work DIR" in result.stderr) == said
+        assert ("--work DIR encodes them in ranges" in result.stderr) == said

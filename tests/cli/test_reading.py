@@ -40,7 +40,7 @@ def test_inspect_reads_stdin_and_urls(run: Run, explicit_scar: Path) -> None:
 
 
 def test_inspect_tells_of_models(run: Run, explicit_scar: Path) -> None:
-    """As text and as JSON, only when asked."""
+    """The models are reported as text and as JSON, only when requested."""
     assert "index network" in run("inspect", explicit_scar, "--models").stdout
     assert "index network" not in run("inspect", explicit_scar).stdout
     report = json.loads(run("inspect", explicit_scar, "--models", "--json").stdout)

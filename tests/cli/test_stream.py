@@ -39,7 +39,7 @@ def test_a_budget_ends_the_plan(run: Run) -> None:
 
 
 def test_a_file_that_tells_a_view_needs_none(run: Run, tmp_path: Path) -> None:
-    """It is looked from there; and gains are those that are told."""
+    """The file's own view and its own gains are used."""
     path = tmp_path / "told.scar"
     path.write_bytes(with_streaming(TOYS.read_bytes(), told(24, 5)))
     assert json.loads(run("stream", path, "--plan", "--json").stdout)["told"]
@@ -60,7 +60,7 @@ def test_pictures_get_nearer_to_the_last(run: Run, tmp_path: Path) -> None:
 
 
 def test_wrong_views_and_missing_outputs_are_told(run: Run) -> None:
-    """As wrong usage."""
+    """Wrong views and missing outputs are usage errors."""
     assert run("stream", TOYS).exit_code == 2
     assert run("stream", TOYS, "--plan", "--camera", "1,2").exit_code == 2
     assert run("stream", TOYS, "--plan", "--camera", "0,0,1", "--target", "0,0,1").exit_code == 2

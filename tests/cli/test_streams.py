@@ -114,7 +114,7 @@ def test_a_closed_standard_error_is_none(explicit_scar: Path, tmp_path: Path) ->
 
 
 def test_names_that_are_not_utf_8_go_into_json_and_text(explicit_scar: Path, tmp_path: Path) -> None:
-    """As the escapes by which Python knows such names; the document stays UTF-8."""
+    """Such names are written with the escapes that Python uses for them; the document stays UTF-8."""
     name = b"na\xffme.scar"
     (tmp_path / os.fsdecode(name)).write_bytes(explicit_scar.read_bytes())
     strict = {"PYTHONIOENCODING": "utf-8:strict"}

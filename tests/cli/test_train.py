@@ -1,4 +1,4 @@
-"""train: what reaches the trainer, what it tells on the way, and what stays when it is interrupted."""
+"""train: the options that reach the trainer, its messages, and what stays when it is interrupted."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_a_failure_of_the_trainer_leaves_its_checkpoint_and_no_file(
     assert [path.name for path in tmp_path.iterdir()] == ["a.scar.run"]
     assert (tmp_path / "a.scar.run" / "checkpoint-00000005.pt").is_file()
     trainer.meanwhile = lambda: None
-    assert "going on from iteration 5\n" in run("train", capture, tmp_path / "a.scar").stderr
+    assert "continuing from iteration 5\n" in run("train", capture, tmp_path / "a.scar").stderr
 
 
 def test_a_slice_leaves_off_with_its_checkpoint_and_says_how_to_go_on(
@@ -148,7 +148,7 @@ def test_a_slice_leaves_off_with_its_checkpoint_and_says_how_to_go_on(
     assert result.exit_code == 75
     folder = tmp_path / "a.scar.run"
     assert "left off after iteration 1,200 of 12,000" in result.stderr
-    assert result.stderr.endswith(f"the same command goes on, from {folder}\n")
+    assert result.stderr.endswith(f"the same command continues, from {folder}\n")
     assert [path.name for path in tmp_path.iterdir()] == ["a.scar.run"]
     assert (folder / "checkpoint-00000005.pt").is_file()
     assert run(*said, 60).exit_code == 0
@@ -206,7 +206,7 @@ def test_ctrl_c_writes_the_best_file_so_far_and_keeps_the_checkpoint(capture: Pa
     done = interrupted(capture, tmp_path, 1)
     assert done.returncode == 130, done.stderr
     assert (tmp_path / "out.scar").read_bytes() == b"best so far"
-    assert b"the same command with --force goes on, from out.scar.run" in done.stderr
+    assert b"the same command with --force continues, from out.scar.run" in done.stderr
     assert (tmp_path / "out.scar.run" / "checkpoint-00000005.pt").is_file()
 
 

@@ -28,7 +28,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def whole(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """What training gives that nothing interrupts."""
+    """The result of a training that nothing interrupts."""
     from click.testing import CliRunner
 
     from scarfmt.cli import cli
@@ -50,7 +50,7 @@ def test_the_file_keeps_every_rule_and_every_prefix_is_one(whole: bytes) -> None
 def test_killed_at_any_moment_the_same_command_goes_on_to_the_same_file(
     run: Run, capture: Path, whole: bytes, tmp_path: Path
 ) -> None:
-    """Also the same seed gives the same file."""
+    """A training that is killed at any moment continues to the same file, and the same seed gives the same file."""
     script = _KILLED.format(arguments=["train", str(capture), "a.scar", *SAID])
     env = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     done = subprocess.run([sys.executable, "-c", script], cwd=tmp_path, env=env, capture_output=True, check=False)
@@ -58,7 +58,7 @@ def test_killed_at_any_moment_the_same_command_goes_on_to_the_same_file(
     assert [path.name for path in tmp_path.iterdir()] == ["a.scar.run"]
     result = run("train", capture, tmp_path / "a.scar", *SAID)
     assert result.exit_code == 0, result.output
-    assert "going on from iteration 1" in result.stderr
+    assert "continuing from iteration 1" in result.stderr
     assert (tmp_path / "a.scar").read_bytes() == whole
 
 
@@ -102,5 +102,5 @@ def test_ctrl_c_gives_a_sound_file_early_and_can_be_gone_on_from(
     assert scarfmt.validate(early).valid
     assert early != whole
     result = run("train", capture, tmp_path / "a.scar", *SAID, "--force")
-    assert "going on from iteration 8" in result.stderr
+    assert "continuing from iteration 8" in result.stderr
     assert (tmp_path / "a.scar").read_bytes() == whole

@@ -93,7 +93,7 @@ class Case:
 
     @property
     def start(self) -> I32:
-        """What a decoder holds on entry."""
+        """The values that a decoder holds on entry."""
         return self._at(self.before)
 
     @property
@@ -148,14 +148,14 @@ def test_steps_come_back_from_anywhere_to_anywhere(case: Case) -> None:
 @pytest.mark.parametrize("value", [EDGE, -EDGE])
 @pytest.mark.parametrize("steps", [1, 20])
 def test_the_extremes_of_32_bits_come_back(value: int, steps: int) -> None:
-    """As a first value, and reached by nineteen refinements."""
+    """Extremes come back as a first value, and when nineteen refinements reach them."""
     count, none = np.array([steps]), np.zeros(1, np.int64)
     values = np.full((1, 3), value, np.int32)
     Case(channel(), none, none, count, values, count, np.zeros((1, 1), np.int32)).check()
 
 
 def test_a_layer_that_refines_nothing_emits_nothing() -> None:
-    """Also when anchors have different steps already."""
+    """A layer without refinements emits nothing, even if anchors already have different steps."""
     recorder, steps = Recorder(), np.array([0, 2, 5])
     values, first = np.zeros((3, 3), np.int32), [np.zeros((3, 1), np.int32), np.zeros((3, 3), np.int32)]
     put_channel(recorder, channel(), np.zeros(3, np.int64), steps, steps, (values, steps), first)

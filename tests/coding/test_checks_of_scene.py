@@ -1,4 +1,4 @@
-"""What an encoder may get wrong: it is told when it writes, never by whoever reads the file."""
+"""Faults of an encoder are refused when it writes, never only when somebody reads the file."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SCALE = 1
 
 
 def changed(change: Callable[[TileContent, SceneModel], None], refresh: bool = True) -> QuantisedScene:
-    """The scene with its tile changed in place; its first-step values follow unless told not to."""
+    """The scene with its tile changed in place; its first-step values follow unless the caller says otherwise."""
     content = deepcopy(SCENE.contents[0])
     change(content, SCENE.model)
     if refresh:
@@ -91,7 +91,7 @@ def test_contents_no_reader_would_accept_are_not_written(
 
 
 def test_anchors_out_of_order_are_not_written() -> None:
-    """Their codes would come back in another order than their attributes."""
+    """The reader would sort positions, and attributes would belong to other anchors."""
     content = SCENE.contents[0]
     refuses(replace(SCENE, contents=(_reordered(content, np.arange(len(content))[::-1]),)), "ordered")
 

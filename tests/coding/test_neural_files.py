@@ -64,7 +64,7 @@ def test_backend_and_threads_change_nothing(scene: QuantisedScene, backend: str,
 @example(2, Profile.EXPLICIT, MAX_COMPONENTS, False)
 @example(5, Profile.ANCHOR, MAX_COMPONENTS, True)
 def test_predictors_of_latents_are_the_same_everywhere(seed: int, profile: Profile, size: int, network: bool) -> None:
-    """Of any width, with an index network and without: every engine writes the same file and reads it back."""
+    """Every engine writes the same file and reads it back: latents of any width, with and without an index network."""
     scene = neural_scene(seed, profile, anchors=60, latent=size, network=network)
     data = write_scene(scene, engine=NUMPY_ENGINE)
     assert write_scene(scene, engine=best_engine()) == data
@@ -117,7 +117,7 @@ def test_damaged_network_blocks_raise_only_our_errors(seed: int, kind: BlockKind
 
 
 def test_a_layer_of_mode_1_needs_its_network() -> None:
-    """And a network that no layer needs is refused."""
+    """A layer of mode 1 without a network is refused, and so is a network that no layer needs."""
     scene = neural_scene(3)
     data = write_scene(scene)
     without = [block for block in blocks_of(data) if block.kind != BlockKind.ENTROPY_NETWORK]

@@ -66,7 +66,7 @@ def test_threads_and_tile_order_change_nothing(scene: QuantisedScene, random: ob
 @settings(deadline=None, max_examples=20)
 @given(quantised_scenes(), st.sets(st.sampled_from(sorted(ATTRIBUTES))))
 def test_attribute_subsets_are_exact(scene: QuantisedScene, streams: set[Stream]) -> None:
-    """What was asked for equals the full decode; positions, classes and masks always come."""
+    """The requested attributes equal those of a full decode; positions, classes and masks always come."""
     reader = opened(write_scene(scene))
     for tile, content in reader.tiles(reader.models(), streams=streams):
         full = scene.contents[tile]
@@ -162,7 +162,7 @@ def test_read_ahead_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_damage_to_one_tile_does_not_keep_back_those_before_it() -> None:
-    """They are read in one request, but verified one by one."""
+    """Tiles are read in one request, but verified one by one."""
     data = write_scene(random_scene(8, anchors=900, layers=1, tiles=5))
     last = Container.open(BytesSource(data)).find(BlockKind.TILE, 1, 4)
     assert last is not None
@@ -303,7 +303,7 @@ def test_damage_is_noticed_whether_a_block_is_read_whole_or_in_part() -> None:
 
 
 def test_a_file_cut_in_its_first_layer_has_nothing_to_decode() -> None:
-    """It can be opened, and says so."""
+    """The file can be opened, and reports that no layer is complete."""
     container = Container.open(BytesSource(DATA))
     data = DATA[: container.header.layers[0].end_offset - 1]
     with pytest.raises(Truncated) as strict:

@@ -64,7 +64,7 @@ def read_layer(
 
 
 def with_room(model: SceneModel, content: TileContent, new: int) -> TileContent:
-    """The same anchors at the start of a larger tile."""
+    """A larger tile that begins with the same anchors."""
     larger = TileContent.empty(model, len(content) + new)
     for target, source in zip(arrays_of(larger.head(len(content))), arrays_of(content), strict=True):
         target[...] = source

@@ -40,7 +40,7 @@ def test_scenes_are_far_below_the_limit(profile: Profile, make: Callable[..., Qu
 
 
 @pytest.mark.parametrize(
-    "make", [lambda: small_tiles(400, 16), lambda: wide_decoder(15_000, 0), lambda: many_steps(60_000, 0)]
+    "make", [lambda: small_tiles(400, 16, size=0), lambda: wide_decoder(15_000, 0), lambda: many_steps(60_000, 0)]
 )
 def test_small_files_of_much_work_are_refused(make: Callable[[], bytes]) -> None:
     """By decode and by validate, but not where the caller trusts the file; cutting layers off needs no decoding."""
@@ -54,7 +54,7 @@ def test_small_files_of_much_work_are_refused(make: Callable[[], bytes]) -> None
 
 
 def test_the_limit_grows_with_the_file() -> None:
-    """It is compared with the work exactly."""
+    """The limit is compared with the work exactly."""
     data = write_scene(random_scene(1, anchors=9))
     assert work_of(data) < FREE_WORK
     deep = many_steps(20_000, 0)
@@ -66,7 +66,7 @@ def test_the_limit_grows_with_the_file() -> None:
 
 def test_empty_tiles_and_layers_cost_little() -> None:
     """A tile without anchors counts for nothing."""
-    few, many = (work_of(small_tiles(20, 2, 3 if n else 0)) for n in (1, 0))
+    few, many = (work_of(small_tiles(20, 2, 3 if n else 0, size=0)) for n in (1, 0))
     assert many < few / 10
 
 

@@ -28,7 +28,7 @@ from tests.samples.contents import read_everything, same_content
 @settings(deadline=None, max_examples=40)
 @given(quantised_scenes())
 def test_scenes_come_back_and_equal_scenes_give_equal_bytes(scene: QuantisedScene) -> None:
-    """Both profiles; tiles without anchors, scenes without anchors, layers that add nothing."""
+    """Both profiles come back: with tiles without anchors, scenes without anchors, and layers that add nothing."""
     data = write_scene(scene)
     found = read_everything(data)
     assert len(found) == len(scene.contents)

@@ -1,4 +1,4 @@
-"""What README.md of the suite says about independence: who imports what of the package that is tested."""
+"""The independence that README.md of the suite claims: which module imports what of the tested package."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ def of_package(path: Path) -> set[Import]:
 
 @pytest.mark.parametrize("path", modules(CONFORMANCE / "writer"), ids=lambda path: path.stem)
 def test_the_writer_has_nothing_of_the_package_but_values(path: Path) -> None:
-    """It packs, codes and evaluates with code of its own."""
+    """The writer packs, codes and evaluates with code of its own."""
     assert not {(module, name) for module, name in of_package(path) if name not in VALUES.get(module, set())}
 
 
 @pytest.mark.parametrize("path", modules(DECODER), ids=lambda path: path.stem)
 def test_the_second_decoder_has_the_standard_library_alone(path: Path) -> None:
-    """But for the package zstandard, for frames with Huffman or FSE codes."""
+    """The only exception is the package zstandard, for frames with Huffman or FSE codes."""
     allowed = sys.stdlib_module_names | {"zstandard"}
     strange = {module for module, _ in imports(path) if module.split(".")[0] not in allowed}
     assert not {module for module in strange if not module.startswith("conformance.decoders.python")}

@@ -30,12 +30,12 @@ def validator(name: str) -> Draft202012Validator:
 
 
 def test_the_manifest_keeps_its_schema() -> None:
-    """And the schema is one."""
+    """The schema itself is valid, too."""
     validator("manifest.schema.json").validate(manifest())
 
 
 def test_every_expectation_keeps_its_schema() -> None:
-    """And its id is that of its folder."""
+    """The id of an expectation is also that of its folder."""
     schema = validator("expect.schema.json")
     for folder in FOLDERS:
         expect = expectation_of(folder)
@@ -111,7 +111,7 @@ def test_layers_are_pinned_from_the_first_on() -> None:
 
 
 def test_the_generator_makes_the_same_bytes_twice() -> None:
-    """Of a sample, made anew from its plan each time."""
+    """A sample of vectors is made from its plans twice."""
     first, second = ([vector_files(case) for case in valid_cases(SAMPLE)] for _ in range(2))
     assert len(first) == len(SAMPLE)
     assert first == second

@@ -17,7 +17,7 @@ def name_of(folder: Path) -> str:
 
 
 def expectation_of(folder: Path) -> dict[str, Any]:
-    """Its ``expect.json``."""
+    """The ``expect.json`` of a vector."""
     found: dict[str, Any] = json.loads((folder / "expect.json").read_text())
     return found
 

@@ -136,7 +136,7 @@ def test_zstd_round_trip(content: bytes) -> None:
 
 @pytest.mark.parametrize("size", [MAX_ZSTD_WINDOW, MAX_ZSTD_WINDOW + 1, 3 * MAX_ZSTD_WINDOW])
 def test_large_payloads_stay_within_the_window(size: int) -> None:
-    """What the writer makes of more than 8 MiB is still readable by its own rule."""
+    """A frame of more than 8 MiB that the writer makes is readable by its own rule."""
     data = compress(np.arange(size // 4 + 1, dtype="<u4").tobytes()[:size] if size < 1 << 23 else bytes(size))
     assert zstandard.get_frame_parameters(data).window_size <= MAX_ZSTD_WINDOW
     assert len(decompress(data, size, "x")) == size
@@ -223,7 +223,7 @@ def test_garbage_and_damage_raise_only_our_errors(tail: bytes, place: int, value
 
 @given(st.lists(st.integers(0, 2**32 - 1) | st.integers(0, 130), max_size=60), st.binary(max_size=12))
 def test_many_varints_at_once_are_those_one_by_one(values: list[int], tail: bytes) -> None:
-    """The same integers, the same place afterwards, and the same refusal of the first that is wrong."""
+    """Both ways give equal integers, end at the same place, and refuse the same first fault."""
     data = b"".join(map(unsigned_varint, values)) + tail
     for count in (len(values), len(values) + 3):
         for bits in (24, 32):
@@ -254,7 +254,7 @@ BYTES = st.one_of(st.integers(0, 255), st.sampled_from([0, 1, 0x7F, 0x80, 0x81, 
 @example(b"\x80" * 9 + b"\0", 56)
 @example(b"\x80" * 9 + b"\1", 63)
 def test_a_payload_of_varints_and_nothing_else(data: bytes, bits: int) -> None:
-    """All of it, as one by one; None for what is refused then, or for no integer at all."""
+    """A payload of varints alone is read at once as it is one by one. A refused payload or an empty one gives None."""
     reader, wanted = ByteReader(data, "x"), list[int]()
     try:
         while reader.position < len(data):

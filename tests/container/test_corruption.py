@@ -133,7 +133,7 @@ def test_resealing_a_sound_file_changes_nothing() -> None:
 
 
 def mutated(data: bytes, rng: Generator) -> bytes:
-    """Some bytes set to random or telling values; sometimes a piece repeated, moved or lost."""
+    """Some bytes set to random or special values; sometimes a piece repeated, moved or lost."""
     out = bytearray(data)
     for _ in range(int(rng.integers(1, 6))):
         place = int(rng.integers(len(out)))

@@ -81,7 +81,7 @@ def test_what_is_written_is_read_back(arguments: tuple, page_bits: int, random: 
 
 
 def test_blocks_lie_back_to_back_in_directory_order() -> None:
-    """The progressive order of SPEC §5: by layer, then kind, then tile, no holes."""
+    """The progressive order of SPEC §5.5: by layer, then kind, then tile, no holes."""
     data = sample_file()
     container = Container.open(BytesSource(data))
     assert read_all(data) == [block.payload for block in sample_blocks()]
@@ -91,7 +91,7 @@ def test_blocks_lie_back_to_back_in_directory_order() -> None:
 
 
 def test_summaries_count_bytes_per_layer_and_stream() -> None:
-    """What inspect prints: stream bytes given, the rest of a tile as framing, all else as models."""
+    """The counts are those that `inspect` prints: stream bytes, the rest of a tile as framing, all else as models."""
     first, second, _ = Container.open(BytesSource(sample_file())).header.layers
     assert first.byte_count == sum(len(b.payload) for b in sample_blocks() if b.layer == 1)
     assert first.stream_bytes[Stream.POSITIONS] == 7
@@ -302,7 +302,7 @@ def test_faults_of_the_directory_are_placed_in_the_structure_at_fault(changes: C
 
 @pytest.mark.parametrize(("layer", "number", "column", "value"), [(0, 0, "kind", 0), (2, 1, "flags", 3)])
 def test_an_entry_at_fault_is_pointed_at(layer: int, number: int, column: str, value: int) -> None:
-    """Not at ROOT as a whole: in a large scene that is no help."""
+    """The offset is that of the entry: in a large scene the offset of ROOT is no help."""
     data = changed([(("models", layer, number, column), value)])
     error = refusal_of(data, Malformed)
     assert error.offset is not None
@@ -357,7 +357,7 @@ def test_the_sample_passes_limits_it_just_meets() -> None:
 
 
 def test_blocks_of_tiles_keep_the_limit_of_blocks() -> None:
-    """ROOT tells the sizes of models alone."""
+    """ROOT gives the sizes of models alone."""
     data = write_container(FIELDS, TILES, [Block(BlockKind.TILE, 1, bytes(40), 1, 5)], [(5, 5)])
     assert len(read_all(data, Limits(block_bytes=40))) == 1
     error = refusal_of(data, LimitExceeded, limits=Limits(block_bytes=39))
@@ -500,7 +500,7 @@ def test_any_bytes_with_right_checksums_give_a_result_or_a_refusal(data: st.Data
 @settings(deadline=None, max_examples=300)
 @given(st.data())
 def test_any_page_with_a_right_checksum_gives_a_result_or_a_refusal(data: st.DataObject) -> None:
-    """As above, of what lies behind the checksums of pages."""
+    """Faults behind the checksums of pages give a result or a refusal."""
     front = Front.of(BASE)
     for page in front.pages:
         for part in (page, *page.rows):
@@ -552,12 +552,12 @@ def test_every_prefix_is_truncated_or_readable() -> None:
     ],
 )
 def test_truncation_refusals_name_the_part(size: int, refusal: str) -> None:
-    """A program can tell whether waiting for more bytes would help."""
+    """A program can see whether waiting for more bytes would help."""
     assert refusal_of(BASE[:size], Truncated).refusal == f"truncated-{refusal}"
 
 
 def test_a_cut_directory_is_refused_when_truncation_is_allowed() -> None:
-    """Its checksum cannot be verified, so nothing after it can be trusted."""
+    """The checksum of a truncated directory cannot be verified, so nothing after it can be trusted."""
     size = Container.open(BytesSource(BASE)).header.data_offset - 1
     with pytest.raises(Truncated) as caught:
         Container.open(BytesSource(BASE[:size]), allow_truncated=True).load()
@@ -582,7 +582,7 @@ def test_declared_sizes_allocate_nothing() -> None:
 
 
 def test_pages_of_1024_tiles_are_written() -> None:
-    """What SPEC asks of encoders, of whoever says nothing else (R-5.4-18)."""
+    """The default of the writer is what SPEC asks of encoders (R-5.4-18)."""
     assert Container.open(BytesSource(sample_file())).header.page_bits == 10
 
 

@@ -115,7 +115,7 @@ def _front_of(rows: np.ndarray, tiles: int) -> bytes:
 
 
 def test_a_block_is_found_with_root_and_its_page() -> None:
-    """And a second one beside it with nothing more."""
+    """A second block beside the first needs no further page."""
     container, source = opened()
     head, root = source.bytes_read, container.header.root_length
     tile = 50 * PAGE + 3
@@ -150,7 +150,7 @@ def test_fewer_layers_read_no_row_pages_of_later_ones() -> None:
 
 
 def test_a_region_reads_the_pages_it_lies_in() -> None:
-    """Of every layer one request, as its pages follow one another; a layer without blocks there takes none."""
+    """Each layer takes one request, because its pages follow one another; a layer without blocks there takes none."""
     container, source = opened()
     tiles = np.arange(20 * PAGE + 5, 23 * PAGE + 9)
     container.load(tiles=tiles.tolist())
@@ -168,7 +168,7 @@ def test_a_region_reads_the_pages_it_lies_in() -> None:
 
 
 def test_pages_beside_damage_can_be_used() -> None:
-    """What is not asked for is not read, so it is not refused either (R-5.5-11)."""
+    """A page that is not needed is not read, so it is not refused either (R-5.5-11)."""
     container, _ = opened()
     page = container.root.rows[container.root.row_page(1, 30)]
     damaged = bytearray(scene().front)

@@ -82,7 +82,7 @@ class _Server(ThreadingHTTPServer):
 
 
 def ranges(to: _Handler) -> None:
-    """What a sound server does."""
+    """The answer of a server without faults."""
     first, last = to.range()
     to.partial(first, last)
     to.send(CONTENT[first : last + 1])
@@ -139,7 +139,7 @@ def test_what_has_come_is_not_asked_for_again(serve: Serve) -> None:
 
 
 def test_the_first_request_may_be_small(serve: Serve) -> None:
-    """What `inspect` needs."""
+    """`inspect` needs a small first request."""
     server = serve(ranges)
     with open_url(server, head_bytes=4096) as source:
         assert source.read(0, 2280) == CONTENT[:2280]
@@ -147,7 +147,7 @@ def test_the_first_request_may_be_small(serve: Serve) -> None:
 
 
 def test_a_server_without_ranges_is_asked_once(serve: Serve) -> None:
-    """It sends everything each time: the first answer must serve all later reads."""
+    """Such a server sends everything each time, so the first answer must serve all later reads."""
     server = serve(whole)
     with open_url(server) as source:
         assert source.read(100_000, 50) == CONTENT[100_000:100_050]
@@ -159,7 +159,7 @@ def test_a_server_without_ranges_is_asked_once(serve: Serve) -> None:
 
 
 def test_an_empty_file_is_a_file_of_no_bytes(serve: Serve) -> None:
-    """Its server has no range to give."""
+    """A server has no range to give of an empty file."""
     server = serve(lambda to: to.start(416, ("Content-Range", "bytes */0"), ("Content-Length", 0)))
     with open_url(server) as source:
         assert source.size == 0
@@ -180,7 +180,7 @@ def endless_whole(to: _Handler) -> None:
 
 @pytest.mark.parametrize("answer", [endless, endless_whole])
 def test_no_more_is_read_than_was_asked_for(serve: Serve, answer: Answer) -> None:
-    """What a server sends beyond it stays in the buffers of the two systems, a few MiB."""
+    """Bytes beyond the request stay in the buffers of the two systems, a few MiB."""
     server = serve(answer)
     with open_url(server) as source:
         assert source.read(10, 20) == CONTENT[10:30]
@@ -347,7 +347,7 @@ def test_a_plug_in_that_hangs_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
     ("missing", "works"), [("fsspec", ("FILE", "bytes")), ("aiohttp", ("FILE", "bytes", "file://FILE"))]
 )
 def test_without_the_packages_for_urls_all_else_works(tmp_path: Path, missing: str, works: tuple[str, ...]) -> None:
-    """And a URL is refused with what to install."""
+    """A URL is refused with the name of the extra to install."""
     path = tmp_path / "content"
     path.write_bytes(b"abc")
     origins = [b"abc" if origin == "bytes" else origin.replace("FILE", str(path)) for origin in works]

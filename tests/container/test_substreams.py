@@ -36,7 +36,7 @@ def test_streams_come_back_and_empty_ones_take_no_room(streams: dict[Stream, byt
 
 
 def block_of(records: list[tuple[int, int]], body: bytes, *, count: int | None = None) -> bytes:
-    """A block whose table says what it is told, its checksum right."""
+    """A block whose table has the given records, with a right checksum."""
     table = bytes([len(records) if count is None else count])
     for stream, length in records:
         table += SUBSTREAM_RECORD.build({"stream": stream, "length": length, "crc32": 0})
@@ -83,7 +83,7 @@ def test_every_flipped_bit_is_noticed() -> None:
 
 @given(st.binary(max_size=80), st.integers(0, 200))
 def test_garbage_raises_only_our_errors(data: bytes, length: int) -> None:
-    """Also when the head is shorter than the block says."""
+    """Any bytes give a result or a refusal, even if the head is shorter than the block says."""
     try:
         table = unpack_table(data, length)
     except Malformed:

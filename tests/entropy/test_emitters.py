@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from scarfmt.arrays import Ints
 from scarfmt.blocks.tables import fit_table
-from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolRecorder, SymbolWriter
+from scarfmt.entropy.emitters import Emitter, SymbolCounter, SymbolWriter
 from scarfmt.entropy.keys import StepKey, TableKey
 from scarfmt.entropy.rans import PureRansDecoder
+from scarfmt.entropy.recorded import SymbolRecorder
 from scarfmt.entropy.symbol_reader import SymbolReader
 from scarfmt.errors import InvalidInput, Malformed
 from tests.samples.codec_samples import EDGE, MOST_KINDS, STEP, Recorder, coded, emitting, many_groups, refuses
@@ -69,35 +70,34 @@ def test_counting_and_coding_agree() -> None:
 
 
 def test_a_recorder_codes_later_what_a_writer_codes_at_once() -> None:
-    """The same bytes, and the counter hears of every group that needs a table."""
+    """A recorder gives the bytes of a writer, and the counter is called for every group that needs a table."""
     rng = np.random.default_rng(6)
     static, uniform = rng.geometric(0.4, 300), rng.integers(0, 100, 200)
     counter = SymbolCounter()
     recorder = SymbolRecorder(counter)
     recorder.emit(KEY, static)
     recorder.emit_uniform(100, uniform)
-    recorder.settle()
+    recorded = recorder.settled()
     table = {KEY: fit_table(*counter.histograms()[KEY])}
     writer = SymbolWriter(table)
     writer.emit(KEY, static)
     writer.emit_uniform(100, uniform)
-    assert recorder.code(table) == writer.finish()
+    assert recorded.code(table) == writer.finish()
 
 
 def test_a_recorder_codes_rows_as_soon_as_it_settles() -> None:
-    """They come with their frequencies; beside symbols that wait for tables they have no place."""
+    """Rows come with their frequencies; they have no place beside symbols that wait for tables."""
     weights, symbols = np.full((50, 2), ((1 << 24) - 2) / 2), np.arange(50) % 2
     writer = SymbolWriter({})
     writer.emit_rows(weights, symbols)
     recorder = SymbolRecorder(SymbolCounter())
     recorder.emit_rows(weights, symbols)
-    recorder.settle()
-    assert recorder.code({}) == writer.finish()
+    assert recorder.settled().code({}) == writer.finish()
     mixed = SymbolRecorder(SymbolCounter())
     mixed.emit_rows(weights, symbols)
     mixed.emit_uniform(4, symbols)
     with pytest.raises(InvalidInput):
-        mixed.settle()
+        mixed.settled()
 
 
 def test_a_missing_table_is_named_and_only_when_needed() -> None:
@@ -138,7 +138,7 @@ def same_histograms(a: SymbolCounter, b: SymbolCounter) -> None:
 def test_counting_many_groups_at_once_is_counting_each(
     calls: list[tuple[tuple[Ints, Ints], bool, bool]],
 ) -> None:
-    """Of the same tables again and again, some at once and some one by one; in wide and in narrow steps."""
+    """Counts are equal for groups of repeated tables, counted at once or one by one, in wide and in narrow steps."""
     mixed, plain = SymbolCounter(), SymbolCounter()
     for (kinds, values), together, shifted in calls:
         # Component 1 of one step is component 0 of the other: the same tables under other kinds.
@@ -164,7 +164,7 @@ def test_counts_on_both_sides_of_what_is_counted_without_sorting(kinds: int, wid
 
 @pytest.mark.parametrize("value", [1 << 31, -(1 << 31) - 1, 1 << 32, 1 << 33, -(1 << 62)])
 def test_values_beyond_32_bits_are_not_counted_as_others(value: int) -> None:
-    """They would be wrapped when they are coded, or be taken for values of another kind."""
+    """Wrapped to 32 bits, such values would be counted as other values."""
     for emitter in (SymbolCounter(), SymbolRecorder(SymbolCounter())):
         with pytest.raises(InvalidInput) as caught:
             emitter.emit_grouped(STEP, np.array([0, 3]), np.array([7, value]))
@@ -174,12 +174,12 @@ def test_values_beyond_32_bits_are_not_counted_as_others(value: int) -> None:
 @settings(deadline=None, max_examples=60)
 @given(st.lists(many_groups(), max_size=3))
 def test_writers_and_recorders_of_many_groups(calls: list[tuple[Ints, Ints]]) -> None:
-    """The same bytes at once, later, and group by group; a reader finds the values in their places."""
+    """Groups give the same bytes at once, later, and one by one; a reader finds the values in their places."""
     counter = SymbolCounter()
     recorder = SymbolRecorder(counter)
     for kinds, values in calls:
         recorder.emit_grouped(STEP, kinds, values)
-    recorder.settle()
+    recorded = recorder.settled()
     known = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
     together, each = SymbolWriter(known), SymbolWriter(known)
     for kinds, values in calls:
@@ -187,7 +187,7 @@ def test_writers_and_recorders_of_many_groups(calls: list[tuple[Ints, Ints]]) ->
         for kind in np.unique(kinds).tolist():
             each.emit(STEP.table(kind), values[kinds == kind])
     data = together.finish()
-    assert data == each.finish() == recorder.code(known)
+    assert data == each.finish() == recorded.code(known)
     for reader in (SymbolReader(data, known), SymbolReader(data, known, PureRansDecoder(data))):
         for kinds, values in calls:
             assert reader.read_grouped(STEP, kinds).tolist() == values.tolist()

@@ -45,7 +45,7 @@ def encoded(groups: Groups) -> bytes:
 
 
 def outcome(decoder: SymbolSource, groups: Groups) -> tuple[list[list[int]], str]:
-    """What a decoder makes of a stream: symbols, and the refusal of its seal or ``""``."""
+    """The outcome of decoding a stream: symbols, and the refusal of its seal or ``""``."""
     symbols = [decoder.decode(table, len(like)).tolist() for table, like in groups]
     try:
         decoder.finish()
@@ -89,7 +89,7 @@ def test_both_decoders_agree_on_garbage_and_accept_only_canonical_streams(
     ],
 )
 def test_streams_that_are_not_words_are_refused(decoder: type, data: bytes, refusal: str) -> None:
-    """Both decoders refuse before decoding, for the same reason."""
+    """Both decoders refuse such a stream before decoding, with the same id."""
     with pytest.raises(Malformed) as caught:
         decoder(data)
     assert caught.value.refusal == refusal
@@ -118,7 +118,7 @@ def test_no_flipped_bit_goes_without_effect(size: int) -> None:
 
 
 def test_the_seal_catches_flips_under_skewed_tables() -> None:
-    """Where frequencies are not powers of two, a flip disturbs every later symbol and the end state."""
+    """If frequencies are not powers of two, a flip disturbs every later symbol and the end state."""
     rng = np.random.default_rng(7)
     table = FrequencyTable.from_weights(np.array([700, 201, 90, 31, 7, 1]))
     missed = total = 0
@@ -152,7 +152,8 @@ def symbol_rows(draw: st.DrawFn) -> list[tuple[list[int], NDArray[np.float64]]]:
 @settings(deadline=None, max_examples=150)
 @given(symbol_rows(), symbol_groups())
 def test_rows_are_tables_of_one_symbol_each(rows: list[tuple[list[int], NDArray[np.float64]]], groups: Groups) -> None:
-    """Both decoders return the symbols; the bytes are those of a table a symbol; tables and rows mix."""
+    """Both decoders return the symbols. The bytes equal those of one table for each symbol; tables and rows can be
+    mixed."""
     by_rows, by_tables = RansEncoder(), RansEncoder()
     for symbols, weights in rows:
         by_rows.encode_rows(np.array(symbols, np.int64), weights)
@@ -203,7 +204,7 @@ def test_rows_that_are_no_tables_are_refused(rows: object) -> None:
 
 @pytest.mark.parametrize("symbol", [-1, 2])
 def test_symbols_outside_a_row_are_not_coded(symbol: int) -> None:
-    """As for tables."""
+    """A symbol outside a row is refused as one outside a table is."""
     with pytest.raises(InvalidInput) as caught:
         RansEncoder().encode_rows(np.array([symbol]), np.array([[TOTAL - 2.0, 0]]))
     assert caught.value.refusal == "input-symbol"

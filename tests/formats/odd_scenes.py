@@ -43,4 +43,4 @@ def odd_scene(seed: int, count: int, degree: int, *, reach: float = 1e4) -> Gaus
 
 
 odd_scenes = st.builds(odd_scene, st.integers(0, 2**32), st.integers(1, 600), st.integers(0, 3))
-"""Of less than a chunk of a compressed PLY to more than two."""
+"""Scenes of less than a chunk of a compressed PLY to more than two."""

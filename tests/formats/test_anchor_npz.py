@@ -52,7 +52,7 @@ def test_arrays_land_in_their_place() -> None:
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize("shift", [0.0, 1e9 + 1e-6])
 def test_saved_model_reads_back_exactly(tmp_path: Path, masked: bool, shift: float) -> None:
-    """Also with positions that float32 cannot hold."""
+    """Positions that float32 cannot hold come back, too."""
     model = read(anchor_npz())
     mask = np.arange(10).reshape(5, 2) % 3 > 0 if masked else None
     model = replace(model, anchors=model.anchors + shift, slot_mask=mask)

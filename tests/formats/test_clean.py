@@ -1,4 +1,4 @@
-"""What is refused, and what is dropped, before encoding."""
+"""The faults that are refused, and those that are dropped, before encoding."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_damaged_network_cannot_be_dropped() -> None:
 
 @pytest.mark.parametrize(("place", "name"), [((2, 0, 1), "f_dc_1"), ((2, 1, 0), "f_rest_0"), ((2, 3, 2), "f_rest_8")])
 def test_a_coefficient_out_of_all_range_is_refused_by_name_or_dropped(place: tuple[int, int, int], name: str) -> None:
-    """What no file's integers can hold beside other Gaussians; the largest that is taken still is."""
+    """No file's integers can hold it beside other Gaussians; the largest accepted value can be held."""
     damaged = scene()
     damaged.sh[place] = -3.4e38
     with pytest.raises(InvalidInput, match=r"row 2 is -3.4e\+38; at most \+-1,048,576 .*--drop-invalid") as caught:

@@ -1,4 +1,4 @@
-"""What we write is read by another program as we read it: @playcanvas/splat-transform, and its library for SPZ.
+"""Files that we write are read alike by another program: @playcanvas/splat-transform, and its library for SPZ.
 
 `benchmarks.rivals_tools.install` brings it from npm; without it these tests are skipped.
 """
@@ -105,7 +105,7 @@ def test_it_reads_our_compressed_ply_as_we_do(scar: Path) -> None:
 
 @pytest.mark.parametrize("version", [3, 4])
 def test_it_reads_our_spz_as_we_do(scar: Path, version: int) -> None:
-    """It takes the axes of an SPZ for those of a PLY: seen by it, the scene is turned."""
+    """The outside reader takes the axes of an SPZ for those of a PLY, so it sees the scene turned."""
     path = written(scar, "spz", SpzOptions(version))
     assert_same(flip_axes(through_the_judge(path), RUB_TO_RDF), explicit(path), 0.5 / 255 + 1e-6)
 
@@ -123,7 +123,7 @@ def spz_streams(path: Path) -> list[bytes]:
 
 
 def test_our_spz_has_the_bytes_of_the_library_of_the_format(scar: Path) -> None:
-    """Same axes, same steps: all attributes are equal, but where float32 and float64 round to two neighbours.
+    """Axes and steps are equal. Attributes differ only where float32 and float64 round to two neighbours.
 
     With fewer than 8 bits of harmonics the library rounds twice, to 8 bits first, and we once.
     """
@@ -160,7 +160,8 @@ def gltf_attributes(path: Path) -> dict[str, np.ndarray]:
 
 
 def test_our_glb_has_the_attributes_of_its_glb(scar: Path) -> None:
-    """It writes glTF and reads none. It writes quaternions as long as they are, and vertex colours in sRGB."""
+    """The outside program writes glTF but does not read it. It keeps the length of quaternions, and writes vertex
+    colours in sRGB."""
     theirs = scar.with_name("theirs.glb")
     measured(splat_transform(str(scar.with_name("scene.ply")), str(theirs)))
     expected, found = gltf_attributes(theirs), gltf_attributes(written(scar, "glb"))

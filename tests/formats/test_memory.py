@@ -16,7 +16,7 @@ from scarfmt.formats.source import FREE_GAUSSIANS
 from tests.formats.scene_files import anchor_arrays, npy, sog_files, zipped
 
 ROOM = 100 << 20
-"""What a refusal may take beside the interpreter and its libraries."""
+"""Memory that a refusal may take beside the interpreter and its libraries."""
 
 _LOADS = f"""
 import resource, sys

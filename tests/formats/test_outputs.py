@@ -1,4 +1,4 @@
-"""What is written in another format is the scene, within that format's rounding, and what it cannot hold is said."""
+"""A scene in another format equals the original within that format's rounding, and what it cannot hold is reported."""
 
 from __future__ import annotations
 
@@ -277,7 +277,7 @@ def test_a_glb_is_what_the_specification_of_gltf_asks_for() -> None:
 
 
 def test_vertex_colours_are_linear_light_and_opacity() -> None:
-    """As glTF has them: of sRGB 0.5, 0.2140; linear colours stay."""
+    """glTF has linear vertex colours: 0.5 of sRGB is 0.2140, and linear colours stay as they are."""
     scene = odd_scene(9, 1, 0)
     scene.sh[0, 0] = ((0.0 - 0.5) / SH_C0, 0.0, (1.0 - 0.5) / SH_C0)
     scene.opacity_logits[0] = 0.0

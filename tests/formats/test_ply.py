@@ -58,7 +58,7 @@ def test_other_properties_and_elements_are_ignored() -> None:
 
 @pytest.mark.parametrize("form", ["little", "big", "ascii"])
 def test_elements_before_the_vertices_are_passed_over(form: str) -> None:
-    """Also with lists, whose rows are of any length."""
+    """Elements with lists are skipped, too, although their rows have any length."""
     order = {"little": "<", "big": ">", "ascii": ""}[form]
     whole = inria_ply(3, 9, form=form)
     head, body = whole.split(b"end_header\n", 1)
@@ -74,7 +74,7 @@ def test_elements_before_the_vertices_are_passed_over(form: str) -> None:
 
 
 def test_lists_that_lead_astray_are_refused() -> None:
-    """Of a negative length, or beyond the end of the file; and lists among the vertices."""
+    """A list of negative length, beyond the end of the file, or among the vertices is refused."""
     whole = inria_ply(3, 9)
     head, body = whole.split(b"end_header\n", 1)
     start = head.index(b"element vertex")

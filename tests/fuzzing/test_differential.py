@@ -123,7 +123,7 @@ def session() -> Iterator[Any]:
 
 
 def test_javascript_agrees_on_damaged_files(tmp_path: Path) -> None:
-    """The same refusal, or none in both, but for the limits that a decoder need not have (SPEC §13.2)."""
+    """Both refuse with the same id or both accept, except for the limits that a decoder need not have (SPEC §13.2)."""
     files = corpus()
     datas = [file.data for file in files]
     differ = []

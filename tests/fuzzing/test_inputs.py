@@ -24,7 +24,7 @@ def test_an_input_is_the_same_file_for_the_same_seed_and_number(kind: str) -> No
 
 
 def test_deep_mutants_get_past_checksums_and_often_past_the_structure() -> None:
-    """What they change is what files say; plain mutants end at a checksum in half of the cases."""
+    """Deep mutants change the contents of files; plain mutants end at a checksum in half of the cases."""
     inputs = [DeepMutants(FILES, 3)(number) for number in range(300)]
     refusals = Counter(decoded(one.mutant.data) for one in inputs)
     assert {operator for one in inputs for operator in one.mutant.operators} == set(DEEP)

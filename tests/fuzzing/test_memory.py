@@ -27,7 +27,7 @@ from scarfmt.scene.model import LayerRow, SceneModel
 from scarfmt.tools.truncate import truncate
 
 ROOM = 100 << 20
-"""What a refusal may take beside the interpreter and its libraries."""
+"""Memory that a refusal may take beside the interpreter and its libraries."""
 
 _REFUSES = f"""
 import resource, sys, time
@@ -167,7 +167,7 @@ def test_killed_truncations_leave_the_old_file_or_the_new(tmp_path: Path, times:
 
 @pytest.mark.slow
 def test_killed_encodings_leave_the_old_file_or_the_new(tmp_path: Path) -> None:
-    """The same, of the command that takes longest."""
+    """An encoding that is killed leaves the old file or the new one; of all commands it takes longest."""
     scene = Path(__file__).resolve().parents[2] / "examples" / "plush-toys.ply"
     target = tmp_path / "scene.scar"
     command = [sys.executable, "-m", "scarfmt", "encode", str(scene), str(target), "--effort", "1", "--force"]

@@ -21,7 +21,7 @@ def test_parts_put_together_are_the_file(small_files: list[bytes]) -> None:
 
 
 def test_parts_of_a_file_are_the_callers(small_files: list[bytes]) -> None:
-    """What one caller does to parts, another does not see."""
+    """A change by one caller to the parts is not seen by another."""
     parts = take_apart(small_files[0])
     parts.blocks[0].payload = b""
     parts.tiles.clear()

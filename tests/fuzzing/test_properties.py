@@ -49,7 +49,7 @@ def _partly(data: bytes) -> None:
 
 
 def test_damaged_files_of_the_corpus() -> None:
-    """What the campaign does, in short."""
+    """A short form of the campaign."""
     files = corpus()
     datas = [file.data for file in files]
     for seed in range(500):

@@ -1,4 +1,4 @@
-"""What `make sanitize` catches: a fault in the C code that no test of values would show."""
+"""A fault in the C code that no test of values would show is found by `make sanitize`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.conftest import REPOSITORY
 
 KERNEL = REPOSITORY / "scarfmt" / "kernel"
 SOUND, BROKEN = "const int64_t past = counts[k];", "const int64_t past = counts[k] + 4096;"
-"""Of `scar_rans_grouped`: symbols are read beyond those asked for."""
+"""A change of `scar_rans_grouped` after which it reads symbols beyond those asked for."""
 
 
 @pytest.mark.slow

@@ -14,13 +14,15 @@ from reference_decoder.decode import decode
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.tile import TileContent
 from scarfmt.coding.writer import QuantisedScene, write_scene
-from scarfmt.container.schema import NO_TILE, Stream
+from scarfmt.container.schema import NO_TILE, BlockKind, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.tools.inspection import inspect
 from scarfmt.tools.truncate import truncate
 from scarfmt.tools.validate import validate
 
 SAFE_TO_COPY = 2
+FIRST_FREE = BlockKind.STREAMING + 1
+"""Kinds from here on mean nothing to a reader."""
 TEXTS = st.binary(min_size=1, max_size=50)
 
 
@@ -63,7 +65,7 @@ class FileLife(RuleBasedStateMachine):
         self.layers = layers
 
     @precondition(lambda self: self.layers > 0)
-    @rule(data=st.data(), kind=st.integers(65, 255), flags=st.sampled_from([0, SAFE_TO_COPY]), text=TEXTS)
+    @rule(data=st.data(), kind=st.integers(FIRST_FREE, 255), flags=st.sampled_from([0, SAFE_TO_COPY]), text=TEXTS)
     def annotate(self, data: st.DataObject, kind: int, flags: int, text: bytes) -> None:
         layer = data.draw(st.integers(1, self.layers))
         parts = take_apart(self.data)
@@ -84,7 +86,8 @@ class FileLife(RuleBasedStateMachine):
     @invariant()
     def notes_are_kept(self) -> None:
         if self.layers:
-            found = {(b.layer, b.kind): (b.flags, b.payload) for b in take_apart(self.data).blocks if b.kind > 64}
+            notes = [block for block in take_apart(self.data).blocks if block.kind >= FIRST_FREE]
+            found = {(note.layer, note.kind): (note.flags, note.payload) for note in notes}
             assert found == self.notes
 
     @precondition(lambda self: self.layers > 0)
@@ -101,7 +104,7 @@ class FileLife(RuleBasedStateMachine):
         return [content.head(int((content.classes < past).sum())) for content in self.scene.contents]
 
     def compare(self, found: TileContent, wanted: TileContent) -> None:
-        """What a decoder gives against what the scene holds, rounded to the steps that have travelled."""
+        """Compare the values of a decoder with those of the scene, rounded to the steps that have travelled."""
         rows, last = self.scene.model.layers, self.scene.model.layers[-1]
         assert np.array_equal(found.codes, wanted.codes)
         assert np.array_equal(found.classes, wanted.classes)

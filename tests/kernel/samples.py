@@ -1,4 +1,5 @@
-"""What the tests of the compiled library share: outcomes with it and without, streams and tables of any numbers."""
+"""Shared parts of the tests of the compiled library: outcomes with it and without, streams and tables of any
+numbers."""
 
 from __future__ import annotations
 
@@ -40,7 +41,7 @@ def streams(draw: st.DrawFn, max_words: int = 60) -> bytes:
 
 
 def random_stream(rng: np.random.Generator, words: int) -> bytes:
-    """The same, long ones."""
+    """Long random streams."""
     out = rng.integers(0, 1 << 32, words, np.uint32)
     out[-1:] |= np.uint32(1)
     return out.astype("<u4").tobytes()
@@ -70,7 +71,7 @@ def random_rows(rng: np.random.Generator, count: int, size: int) -> F64:
 
 
 def frequency_rows(logits: F32) -> F64:
-    """What NumPy makes of logits: it uses up a copy."""
+    """The frequencies that NumPy computes from a copy of the logits."""
     return NUMPY.frequency_rows(logits.copy(), NUMPY.constant(exp2_table()))
 
 
@@ -90,7 +91,7 @@ def check_same_state(compiled: KernelRansDecoder, pure: PureRansDecoder) -> None
 
 
 def outcome(act: Callable[[], Any]) -> Any:
-    """What `act` returns, or all that is told of its refusal."""
+    """The result of `act`, or all that is reported about its refusal."""
     try:
         return act()
     except ScarError as error:

@@ -51,7 +51,7 @@ def test_world_positions(seed: int, count: int, bits: int, shift: int, moved: bo
 @settings(deadline=None, max_examples=25)
 @given(SEEDS, st.integers(0, 3))
 def test_gaussians_are_within_tolerance(seed: int, degree: int) -> None:
-    """Of scenes with and without colour, stages and refinements, after every layer."""
+    """Gaussians agree for scenes with and without colour, stages and refinements, after every layer."""
     data = write_scene(random_scene(seed % 1000, anchors=50, sh_degree=degree))
     found = decode(data, backend="kernel")
     for layers in range(1, found.layers + 1):

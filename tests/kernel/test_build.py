@@ -1,4 +1,4 @@
-"""The C units compile for every processor that a compiler is told to aim at, and a build that fails says so."""
+"""The C units compile for every processor that a compiler can aim at, and a build that fails says so."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_every_unit_and_header_is_told_to_the_build(told: dict[str, Any]) -> Non
 @EACH
 @pytest.mark.parametrize("march", MARCHES)
 def test_units_compile_for_every_processor(march: str, told: dict[str, Any], tmp_path: Path) -> None:
-    """Also where the whole unit has AVX-512: GCC 12 fails on narrower clones in it."""
+    """Units compile even where the whole unit has AVX-512: GCC 12 fails on narrower clones in it."""
     sources = [str(REPOSITORY / source) for source in told["sources"]]
     command = [str(COMPILER), "-shared", "-fPIC", *told["extra-compile-args"], f"-march={march}"]
     run = subprocess.run([*command, "-o", str(tmp_path / "native.so"), *sources], capture_output=True, text=True)
@@ -50,7 +50,8 @@ def test_units_compile_for_every_processor(march: str, told: dict[str, Any], tmp
 
 
 def test_a_build_without_a_compiler_says_so(tmp_path: Path) -> None:
-    """Where people look, and in the package, so that `scarfmt --version` can repeat it; it is no failure."""
+    """The build reports it on the terminal and in the package, so that `scarfmt --version` can repeat it. It is not a
+    failure."""
     pytest.importorskip("setuptools", minversion="77")
     paths = [path for told in EXTENSIONS for path in (*told["sources"], *told["depends"])]
     metadata = ("setup.py", "pyproject.toml", "README.md", "LICENSE", "NOTICE", "scarfmt/__init__.py")

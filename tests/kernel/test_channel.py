@@ -1,4 +1,4 @@
-"""What one call of the library is lent to read all steps of a channel: arrays of another kind never reach it."""
+"""The arrays lent to one call that reads all steps of a channel: arrays of another type never reach the library."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ def trits(size: int) -> PackedTables:
 @settings(deadline=None, max_examples=60)
 @given(SEEDS, st.integers(0, 40), st.integers(1, 3))
 def test_anchors_that_receive_each_step(seed: int, count: int, size: int) -> None:
-    """Those between the steps before and after, and no others; what each got is the digits of its value."""
+    """Only anchors between the steps before and after receive a step; what each receives are the digits of its
+    value."""
     rng = np.random.default_rng(seed)
     before = rng.integers(1, 4, count)
     after = before + rng.integers(0, 3, count)
@@ -51,7 +52,7 @@ def test_anchors_that_receive_each_step(seed: int, count: int, size: int) -> Non
 
 
 def test_settled_values_of_another_kind_are_refused() -> None:
-    """They would be read as what they are not, or past their end."""
+    """The library would read such arrays as another type, or past their end."""
     cells = CellNames([np.zeros(4, np.int32)], [1])
     made: list[Any] = [np.zeros((4, 2), np.int32), np.zeros((4, 2), np.int32), np.zeros(4, np.int64)]
     target = KernelChannel(library(), CHANNEL, np.zeros(4, np.int64), made[0], [made[1]], made[2])
@@ -79,7 +80,7 @@ def test_fine_values_go_where_there_is_room_for_them() -> None:
 
 
 def test_scratch_grows_and_stays() -> None:
-    """What is asked for again lies where it lay; more is found elsewhere, beside what others hold."""
+    """A name that is used again lies at the same place; more memory is placed elsewhere, beside what others hold."""
     scratch = Scratch()
     first = scratch.at("a", 100)
     assert scratch.at("a", 40) == first

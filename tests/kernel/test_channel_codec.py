@@ -122,7 +122,7 @@ def test_values_may_be_views_of_the_tile() -> None:
 
 
 def test_arrays_of_another_kind_are_refused() -> None:
-    """They would be written as what they are not."""
+    """The library would write such arrays as another type."""
     channel = Channel(Stream.COLOUR, (1.0,) * 2, (ContextRule(), ContextRule(True, 1, 0)))
     good: list[Any] = [np.zeros((4, 2), np.int32), np.zeros((4, 2), np.int32), np.zeros(4, np.int64)]
     rans = KernelRansDecoder(library(), b"")

@@ -61,7 +61,7 @@ def test_every_vector(folder: Path, tmp_path: Path) -> None:
 @settings(deadline=None, max_examples=60)
 @given(files(max_anchors=80))
 def test_sound_files(data: bytes) -> None:
-    """Of random scenes of both profiles, with predictors, index network and hash grid."""
+    """Random scenes of both profiles have predictors, index network and hash grid."""
     compiled, plain = both(lambda engine: decoded(BytesSource(data), engine))
     assert same(compiled, plain)
     assert isinstance(compiled[1], Counters)

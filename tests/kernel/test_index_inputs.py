@@ -47,7 +47,7 @@ def spread(rng: np.random.Generator, shape: tuple[int, ...], top: int) -> I64:
 @settings(deadline=None, max_examples=100)
 @given(SEEDS, st.integers(0, 50), st.integers(1, 9), st.booleans(), st.sampled_from([np.int32, np.int64]))
 def test_fine_values(seed: int, count: int, columns: int, alike: bool, dtype: type) -> None:
-    """Of 0 to 20 steps, up to the ends of 32 bits; views of other arrays too."""
+    """Values after 0 to 20 steps agree up to the ends of 32 bits; views of other arrays work, too."""
     rng = np.random.default_rng(seed)
     values = spread(rng, (count, 2 * columns), EXTREME).astype(dtype)[:, ::2]
     steps = rng.integers(0, MAX_STEPS + 1, 1 if alike else count)

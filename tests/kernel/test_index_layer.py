@@ -102,7 +102,7 @@ class Case:
         return indices, reader.modelled, counters, reader.read_uniform(4096, 6)
 
     def known(self) -> Known:
-        """What the compiled library is lent."""
+        """The arrays lent to the compiled library."""
         context = self.context()
         features = np.zeros((self.count, self.inputs.grid), np.int16)
         settled = np.ascontiguousarray(context.settled())
@@ -110,7 +110,7 @@ class Case:
 
 
 def check(case: Case) -> I16:
-    """That both read the same; what they read."""
+    """Check that both read the same; returns what they read."""
     compiled, plain = both(case.read)
     assert same(compiled, plain)
     indices: I16 = compiled[0]
@@ -123,7 +123,7 @@ def check(case: Case) -> I16:
 @example(0, 8, True, 4, True)
 @example(1, 8, False, 4, False)
 def test_any_network(seed: int, stages: int, two_level: bool, gru_layers: int, edge: bool) -> None:
-    """Both kinds of heads, recurrent layers on top of each other, stages known before; accumulators at their limit."""
+    """Networks have both kinds of heads, several recurrent layers, known stages, and accumulators at their limit."""
     check(Case(seed, stages, two_level=two_level, gru_layers=gru_layers, edge=edge))
 
 
@@ -142,7 +142,7 @@ def test_something_is_read() -> None:
 
 @pytest.mark.parametrize("attention", [False, True])
 def test_attention_is_left_to_numpy(attention: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The rest is one call of the library for a tile-layer."""
+    """Everything but attention is one call of the library for a tile-layer."""
     calls: list[int] = []
 
     def counted(*given: Any) -> int:
@@ -162,7 +162,7 @@ def test_packed_networks_have_the_address_of_the_table_that_stays() -> None:
 
 
 def bad(case: Case, indices: NDArray[Any], **changes: Any) -> Any:
-    """What comes of reading with arrays that do not fit."""
+    """The outcome of reading with arrays that do not fit."""
     rans, packed = KernelRansDecoder(library(), b""), packed_network(case.coder.evaluator)
     assert packed is not None
     stages: tuple[I64, I64] = changes.pop("stages", (case.before, case.after))

@@ -71,7 +71,7 @@ def absence() -> str:
 def test_a_file_that_is_no_library_counts_as_none(
     content: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As of another machine, or half written."""
+    """The file is of another machine, or half written."""
     path = tmp_path / "native.so"
     path.write_bytes(content)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: SimpleNamespace(origin=str(path)))
@@ -79,7 +79,7 @@ def test_a_file_that_is_no_library_counts_as_none(
 
 
 def test_a_library_without_our_functions_counts_as_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As one built from an older version."""
+    """The library was built from an older version."""
     other: Any = importlib.util.find_spec("_ctypes")
     if other is None or not str(other.origin).endswith(".so"):
         pytest.skip("no shared library at hand to mistake for ours")

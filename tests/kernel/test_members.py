@@ -20,7 +20,7 @@ pytestmark = needs_kernel
 
 
 def coder_of(rng: np.random.Generator, codewords: int, two_level: bool, edge: bool) -> IndexCoder:
-    """Of a random network and books of so many codewords."""
+    """The coder of a random network and of books with these numbers of codewords."""
     books = random_books(rng, codewords, int(rng.integers(1, 30)), int(rng.integers(1, 8)))
     inputs = Inputs(classes=1, own=False, attributes=1, depths=1, latents=0, latent_shift=0, grid=0)
     network = random_network(

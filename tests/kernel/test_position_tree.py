@@ -18,7 +18,7 @@ from scarfmt.entropy.emitters import Emitter
 from scarfmt.entropy.keys import TableKey
 from scarfmt.entropy.symbol_tables import SymbolTable
 from tests.kernel.samples import SEEDS, both, needs_kernel, random_stream, same
-from tests.samples.codec_samples import coded
+from tests.samples.codec_samples import Recorder, coded
 
 pytestmark = needs_kernel
 
@@ -148,3 +148,23 @@ def test_no_anchor_reads_nothing() -> None:
     compiled, plain = read(b"", {}, 0, 21)
     assert same(compiled, plain)
     assert len(compiled[0]) == 0
+
+
+@settings(deadline=None, max_examples=60)
+@given(multisets())
+@example((np.zeros(1, np.uint64), 0))
+@example((np.zeros(0, np.uint64), 5))
+@example((np.sort(np.arange(70_000, dtype=np.uint64) * np.uint64(37) % np.uint64(1 << 18)), 6))
+@example((np.full(3000, (1 << 63) - 1, np.uint64), 21))
+def test_the_same_groups_are_written(case: tuple[U64, int]) -> None:
+    """Splits, bins, rests and bits, in the order of the definition; rests above 4096 in two parts."""
+    codes, bits = case
+
+    def act(engine: Engine) -> Any:
+        recorder = Recorder()
+        engine.put_positions(recorder, codes, bits)
+        return [(key, values) for key, values in recorder.groups if values]
+
+    compiled, plain = both(act)
+    assert compiled == plain
+    assert (len(plain) > 0) == (len(codes) > 0 and bits > 0)

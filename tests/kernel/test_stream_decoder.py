@@ -62,7 +62,7 @@ def test_tables_on_any_words(data: bytes, groups: list[tuple[int, int]], seed: i
 @given(streams(), st.lists(st.tuples(st.one_of(SIZES, st.integers(1, MAX_ALPHABET)), COUNTS), max_size=5))
 @example(b"", [(4096, 500), (1, 7)])
 def test_uniform_tables_on_any_words(data: bytes, groups: list[tuple[int, int]]) -> None:
-    """They are never made: their edges are computed."""
+    """Uniform tables are never stored: their edges are computed."""
     compiled, pure = both_decoders(data)
     for size, count in groups:
         assert compiled.uniform(size, count).tolist() == pure.decode(uniform_table(size), count).tolist()
@@ -187,7 +187,7 @@ def test_logits_on_any_words(seed: int, words: int, size: int, count: int, reach
 
 
 def symbols_at(slot: int, logits: F32) -> set[tuple[int, ...]]:
-    """What every way to code (k, 1) `logits` finds at a slot."""
+    """The symbols that every way to code (k, 1) `logits` finds at a slot."""
     decoder = partial(KernelRansDecoder, library(), np.array([slot, 0x80000001], "<u4").tobytes())
     rows = frequency_rows(logits)
     found = decoder().decode_logits(logits), decoder().decode_rows(rows)
@@ -200,7 +200,7 @@ def symbols_at(slot: int, logits: F32) -> set[tuple[int, ...]]:
 @example(0, 2, 0)
 @example(0, 4096, 0)
 def test_slots_on_both_sides_of_an_edge(seed: int, size: int, reach: int) -> None:
-    """Where equal products decide, every way to code the same frequencies agrees."""
+    """At such slots rounding decides; every way to code the same frequencies agrees."""
     rng = np.random.default_rng(seed)
     logits = rng.integers(-reach, reach + 1, (size, 1)).astype(np.float32)
     edges = np.concatenate(([0], np.cumsum(frequency_rows(logits)[0] + 1))).astype(np.int64)
@@ -229,7 +229,7 @@ def test_a_state_at_the_limit_takes_no_word() -> None:
 @settings(deadline=None, max_examples=40)
 @given(SEEDS, st.lists(st.integers(0, 3), max_size=6))
 def test_sound_streams_come_back_and_end_empty(seed: int, kinds: list[int]) -> None:
-    """What the encoder made, of every kind of symbol in turn, up to its seal."""
+    """Streams of the encoder come back up to their seal, with every kind of symbol in turn."""
     rng = np.random.default_rng(seed)
     encoder, wanted, groups = RansEncoder(), [], list[tuple[str, Any]]()
     for kind in kinds:

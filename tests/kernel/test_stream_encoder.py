@@ -41,7 +41,7 @@ def random_symbols(rng: np.random.Generator, size: int, count: int) -> I64:
 
 
 def narrowed(rng: np.random.Generator, symbols: I64) -> Any:
-    """The same numbers of another type, or every second of others."""
+    """The same numbers in another type, or every second number of another array."""
     kind = int(rng.integers(4))
     return [symbols, symbols.astype(np.int32), symbols.astype(np.uint16), np.repeat(symbols, 2)[::2]][kind]
 
@@ -82,7 +82,7 @@ def random_group(rng: np.random.Generator, kind: int, size: int, count: int) -> 
 
 
 def check_same_bytes(groups: list[tuple[Feed, list[Run]]]) -> bytes:
-    """Both encoders make one stream of them, and the definition reads it up to its seal."""
+    """Check that both encoders make one stream, and that the definition reads it up to its seal."""
     compiled, plain = KernelRansEncoder(library()), RansEncoder()
     for feed, runs in groups:
         feed(compiled)
@@ -121,7 +121,7 @@ def test_any_groups_give_the_bytes_of_the_definition(seed: int, groups: list[tup
 
 @pytest.mark.parametrize("seed", range(3))
 def test_long_streams(seed: int) -> None:
-    """Of hundreds of words."""
+    """The streams have hundreds of words."""
     rng = np.random.default_rng(seed)
     groups = [grouped(rng, 64, 3000), *(random_group(rng, kind, 40, 400) for kind in (0, 1, 2, 3))]
     assert len(check_same_bytes(groups)) > 2000
@@ -129,7 +129,7 @@ def test_long_streams(seed: int) -> None:
 
 @pytest.mark.parametrize("last", [0, 1])
 def test_first_slots_leave_an_empty_state_empty(last: int) -> None:
-    """What is coded first, the end of the last group, takes no word while it lies at slot 0 (SPEC §8.2)."""
+    """The symbol coded first, at the end of the last group, takes no word while it lies at slot 0 (SPEC §8.2)."""
     table, zeros = uniform_table(2), np.zeros(500, np.int64)
 
     def feed(symbols: I64) -> tuple[Feed, list[Run]]:
@@ -161,7 +161,7 @@ def test_costs_of_logits_are_those_of_their_rows() -> None:
 
 
 def refusal(act: Feed, library: Any) -> str:
-    """Of `act`, which leaves what was encoded before as it was."""
+    """The refusal of `act`, after a check that the stream encoded before is unchanged."""
     encoder = KernelRansEncoder(library)
     with pytest.raises(InvalidInput) as caught:
         act(encoder)
@@ -175,7 +175,7 @@ BAD = [-1, 3, EXTREME, 1 << 16, 1 << 32, -(1 << 32), (1 << 32) + 2, -(1 << 63)]
 
 @pytest.mark.parametrize("bad", BAD)
 def test_symbols_out_of_range_never_reach_the_library(bad: int) -> None:
-    """It looks them up unchecked; a library without functions stands in for it."""
+    """The library looks symbols up unchecked. A library without functions stands in for it."""
     symbols = np.array([0, bad, 2])
     rows = np.broadcast_to(uniform_table(3).frequencies - 1.0, (3, 3))
     for act in (
@@ -200,14 +200,14 @@ def test_as_many_symbols_as_tables(count: int) -> None:
 
 @pytest.mark.parametrize("fault", [-1.0, 0.5, 1.0, np.nan, np.inf])
 def test_rows_that_are_no_frequencies_never_reach_the_library(fault: float) -> None:
-    """As the other encoder refuses them."""
+    """Such rows are refused with the id of the other encoder."""
     rows = np.broadcast_to(uniform_table(3).frequencies - 1.0, (4, 3)).copy()
     rows[2, 1] += fault
     assert refusal(lambda encoder: encoder.encode_rows(np.zeros(4, np.int64), rows), object()) == "input-table"
 
 
 def one_table() -> PackedTables:
-    """Of two components, for the second of which context 3 has a table."""
+    """Tables of two components; for the second, only context 3 has a table."""
     return PackedTables({(1, 3): SymbolTable(np.array([-EXTREME, -4, 0, 7, EXTREME]), np.array([1, 2, 3, 4, 5]))}, 2)
 
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from scarfmt.arrays import F32, Ints
 from scarfmt.blocks.tables import fit_table
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
-from scarfmt.entropy.emitters import SymbolCounter, SymbolRecorder
+from scarfmt.entropy.emitters import SymbolCounter
+from scarfmt.entropy.recorded import SymbolRecorder
 from scarfmt.kernel.engine import KernelEngine
 from tests.kernel.samples import SEEDS, frequency_rows, library, needs_kernel, outcome
 from tests.samples.codec_samples import STEP, many_groups
@@ -20,19 +21,19 @@ pytestmark = needs_kernel
 @settings(deadline=None, max_examples=60)
 @given(st.lists(many_groups(), max_size=3))
 def test_writers_and_recorders_of_many_groups(calls: list[tuple[Ints, Ints]]) -> None:
-    """The same bytes at once and later; either reader finds the values in their places."""
+    """Groups give the same bytes at once and later; either reader finds the values in their places."""
     kernel, written = KernelEngine(library()), list[bytes]()
     for engine in (kernel, NUMPY_ENGINE):
         counter = SymbolCounter()
         recorder = SymbolRecorder(counter, engine.symbol_writer)
         for kinds, values in calls:
             recorder.emit_grouped(STEP, kinds, values)
-        recorder.settle()
+        recorded = recorder.settled()
         known = {key: fit_table(*histogram) for key, histogram in counter.histograms().items()}
         writer = engine.symbol_writer(known)
         for kinds, values in calls:
             writer.emit_grouped(STEP, kinds, values)
-        written += [writer.finish(), recorder.code(known)]
+        written += [writer.finish(), recorded.code(known, engine.symbol_writer)]
     assert len(set(written)) == 1
     for engine in (kernel, NUMPY_ENGINE):
         reader = engine.symbol_reader(written[0], known)
@@ -42,7 +43,7 @@ def test_writers_and_recorders_of_many_groups(calls: list[tuple[Ints, Ints]]) ->
 
 
 def modelled(engine: Engine, logits: F32, symbols: Ints, at_hand: bool) -> bytes:
-    """What a writer makes of symbols of logits, which are at hand or only their rows are."""
+    """The stream of a writer for symbols of logits, given the logits or only their rows."""
     writer = engine.symbol_writer({})
     writer.emit_logits(logits.copy() if at_hand else None, lambda: frequency_rows(logits), symbols)
     return writer.finish()
@@ -51,7 +52,7 @@ def modelled(engine: Engine, logits: F32, symbols: Ints, at_hand: bool) -> bytes
 @settings(deadline=None, max_examples=60)
 @given(SEEDS, st.integers(1, 40), st.integers(1, 70))
 def test_logits_and_their_rows_are_one_stream(seed: int, size: int, count: int) -> None:
-    """Where something else than NumPy holds the logits the rows that come from them are coded."""
+    """If another library than NumPy holds the logits, the rows computed from them are coded."""
     rng = np.random.default_rng(seed)
     logits, symbols = rng.integers(-600, 600, (size, count)).astype(np.float32), rng.integers(0, size, count)
     kernel = KernelEngine(library())
@@ -67,7 +68,7 @@ def test_logits_and_their_rows_are_one_stream(seed: int, size: int, count: int) 
 
 
 def test_tables_used_are_those_that_read_a_symbol() -> None:
-    """Those that are there and were not needed are not among them."""
+    """A table that exists but was not needed is not among them."""
     counter, engine = SymbolCounter(), KernelEngine(library())
     kinds, values = np.array([0, 300, 300]), np.array([4, 5, 6])
     counter.emit_grouped(STEP, kinds, values)

@@ -29,7 +29,7 @@ pytestmark = needs_kernel
 
 @pytest.fixture
 def attempts(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
-    """Of every tile that was tried, whether it was read whole."""
+    """For every tile that was tried, whether it was read whole."""
     found: list[bool] = []
     read = KernelTiles.read
 
@@ -56,7 +56,7 @@ def test_every_tile_of_gaussians_is_read_whole(attempts: list[bool]) -> None:
 
 
 def test_tiles_with_predictors_of_wide_latents_are_read_whole(attempts: list[bool]) -> None:
-    """What the library lays out for rows is as wide as the widest channel that has predictors."""
+    """The library's memory for rows is as wide as the widest channel that has predictors."""
     scenes = [neural_scene(seed, latent=MAX_COMPONENTS, network=False) for seed in range(8)]
     predicted = [s for s in scenes if any(p.stream == Stream.LATENT for group in s.predictors.values() for p in group)]
     assert len(predicted) > 2
@@ -94,7 +94,7 @@ def _bytes(entry: Any) -> range:
 @settings(deadline=None, max_examples=15)
 @given(SEEDS)
 def test_first_values_may_be_left_out(seed: int) -> None:
-    """Where nobody looks at them; all else stays as it is."""
+    """First values are left out if the caller does not ask for them; all else stays as it is."""
     data = write_scene(random_scene(seed % 50, anchors=150))
     reader = SceneReader(BytesSource(data), engine=KernelEngine(library()))
     models = reader.models()
@@ -107,7 +107,7 @@ def test_first_values_may_be_left_out(seed: int) -> None:
 
 
 def test_values_lie_in_planes() -> None:
-    """What comes after takes them as they are, without a copy."""
+    """The next step takes the values without a copy."""
     for content in contents(write_scene(random_scene(1, anchors=100))):
         assert all(values.T.flags.c_contiguous for values in content.values if len(content))
         assert all(values.dtype == np.int32 for values in content.values)

@@ -20,7 +20,7 @@ pytestmark = needs_kernel
 @settings(deadline=None, max_examples=80)
 @given(SEEDS, st.integers(0, 60), st.integers(1, 64))
 def test_values(seed: int, count: int, components: int) -> None:
-    """Of any number of steps, up to the ends of 32 bits; widths that bring some to 0, some to infinity."""
+    """Values of any number of steps agree up to the ends of 32 bits; some widths bring them to 0, some to infinity."""
     rng = np.random.default_rng(seed)
     values = (rng.integers(-EXTREME, EXTREME + 1, (count, components)) >> rng.integers(0, 32)).astype(np.int32)
     width = tuple(np.exp2(rng.uniform(-160, 130, components)).tolist())

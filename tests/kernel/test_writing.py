@@ -1,9 +1,11 @@
-"""What the compiled library writes: the groups of the definition, and whole files, byte for byte (SPEC §7.5, §10.3)."""
+"""The output of the compiled library: the groups of the definition, and whole files, byte for byte (SPEC §7.5,
+§10.3)."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
+from itertools import islice
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from fuzz.testing.neural_scenes import neural_scene
 from fuzz.testing.scenes import random_scene
 from fuzz.testing.strategies import scenes
 from scarfmt.arrays import I64, Ints
+from scarfmt.codecs.channels import coarsen
 from scarfmt.coding.engine import NUMPY_ENGINE, Engine
 from scarfmt.coding.reader import SceneReader
 from scarfmt.coding.writer import QuantisedScene, write_scene
@@ -65,7 +68,7 @@ class Groups(Emitter):
 
 
 def check_groups(case: Case, more: int) -> int:
-    """That a layer makes equal groups either way; how many."""
+    """Check that a layer makes equal groups either way; returns how many."""
 
     def act(engine: Engine) -> list[tuple[TableKey, list[int]]]:
         emitter = Groups()
@@ -114,33 +117,34 @@ def test_the_cases_write_something() -> None:
     assert np.median(found) > 30
 
 
-def written(step: int, values: I64, given: I64, parts: list[I64]) -> list[tuple[list[int], list[int]]]:
-    """What a channel of two components without predictors or classes writes."""
-    channel, count = Channel(Stream.COLOUR, (1.0,) * 2, (ContextRule(),) * 2), len(values)
-    known, first = np.array(values, np.int32), np.zeros((count, 2), np.int32)
-    steps = np.full(count, step - 1)
-    target = KernelChannel(library(), channel, np.zeros(count, np.int64), known, [first], steps)
-    found = target.write(step, parts, np.array(given, np.int32), None)
-    chosen = np.concatenate(parts)
-    assert (known[chosen] == given[chosen]).all()
-    assert (first[chosen] == (given[chosen] if step == 1 else 0)).all()
-    assert (steps[chosen] == step).all()
-    others = np.setdiff1d(np.arange(count), chosen)
-    assert (known[others] == values[others]).all()
-    assert (steps[others] == step - 1).all()
-    return [(kinds.tolist(), symbols.tolist()) for kinds, symbols in found]
+def written(before: I64, after: I64, final: I64, at: I64) -> list[tuple[int, list[int], list[int]]]:
+    """Groups that a channel of two components without predictors or classes writes: step, kinds and symbols."""
+    channel, count = Channel(Stream.COLOUR, (1.0,) * 2, (ContextRule(),) * 2), len(final)
+    values, first = np.full((count, 2), 77, np.int32), np.full((count, 2), 55, np.int32)
+    steps = np.full(count, -1)
+    target = KernelChannel(library(), channel, np.zeros(count, np.int64), values, [first], steps)
+    groups, kinds, symbols = target.write(range(1, 21), (before, after), (final.astype(np.int32), at))
+    assert (steps == after).all()
+    assert (values == np.where(after[:, None] > 0, coarsen(final, (at - after)[:, None]), 0)).all()
+    now = (before == 0) & (after > 0)
+    assert (first[now] == coarsen(final, (at - 1)[:, None])[now]).all()
+    assert (first[~now] == 55).all()
+    kind, symbol = iter(kinds.tolist()), iter(symbols.tolist())
+    parts = [(step, list(islice(kind, size)), list(islice(symbol, size))) for step, size in groups]
+    assert not [*kind, *symbol]
+    return parts
 
 
 def test_groups_are_those_in_which_a_reader_asks() -> None:
-    """First steps go component by component, later ones together; pass by pass, one of them empty."""
-    parts = [np.array([3, 0]), np.zeros(0, np.int64), np.array([2])]
-    first = np.array([[1, 2], [0, 0], [5, 6], [7, 8]])
-    found = written(1, np.zeros((4, 2), np.int64), first, parts)
-    assert found == [([0, 0], [7, 1]), ([256, 256], [8, 2]), ([], []), ([], []), ([0], [5]), ([256], [6])]
-    trits = np.array([[1, -1], [0, 0], [0, 1], [-1, 0]])
-    kinds = [[4, 3, 4 + 256, 4 + 256], [], [4, 4 + 256]]
-    symbols = [[-1, 1, 0, -1], [], [0, 1]]
-    assert written(2, first, 3 * first + trits, parts) == list(zip(kinds, symbols, strict=True))
+    """First steps go component by component, later ones together, of the anchors that receive them."""
+    first = np.array([[1, 2], [9, 9], [5, 6], [7, 8]])
+    final = 3 * first + np.array([[1, -1], [0, 0], [0, 1], [-1, 0]])
+    found = written(np.array([0, 2, 0, 1]), np.full(4, 2), final, np.full(4, 2))
+    assert found == [
+        (1, [0, 0], [1, 5]),
+        (1, [256, 256], [2, 6]),
+        (2, [3, 4, 4, 256 + 4, 256 + 4, 256 + 4], [1, 0, -1, -1, 1, 0]),
+    ]
 
 
 EDGES = [0, 1, 2, EXTREME // 3 - 1, EXTREME // 3, EXTREME // 3 + 1, EXTREME - 1, EXTREME]
@@ -148,35 +152,31 @@ VALUES = st.one_of(st.sampled_from([*EDGES, *[-edge for edge in EDGES]]), st.int
 
 
 @settings(deadline=None, max_examples=200)
-@given(VALUES, st.one_of(VALUES, st.integers(-2, 2)), st.integers(-2, 2), st.integers(2, 20), st.booleans())
-@example(EXTREME, 0, 1, 2, True)
-@example(-EXTREME, 0, -1, 2, True)
-@example(EXTREME // 3, 0, 1, 2, False)
-def test_only_trits_are_written(value: int, other: int, apart: int, step: int, wrap: bool) -> None:
-    """A difference of 2^32 and a trit is none: it is refused, not wrapped. As is a value that leaves 32 bits."""
-    now = 3 * value + apart if abs(3 * value + apart) <= EXTREME else other
-    if wrap and abs(3 * value) > EXTREME:
-        now = (3 * value + apart + (1 << 31)) % (1 << 32) - (1 << 31)
-    values, given = np.array([[5, 0], [0, value]]), np.array([[15, 1], [0, now]])
-    trit = now - 3 * value
-    if abs(trit) <= 1 and abs(now) <= EXTREME:
-        ((_, symbols),) = written(step, values, given, [np.arange(2)])
-        assert symbols == [0, 0, 1, trit]
-    else:
-        with pytest.raises(InvalidInput) as caught:
-            written(step, values, given, [np.arange(2)])
-        assert caught.value.refusal == "input-symbol"
+@given(VALUES, VALUES, st.integers(1, 20), st.integers(0, 19), st.integers(0, 19))
+@example(EXTREME, -EXTREME, 20, 0, 0)
+@example(EXTREME, -EXTREME, 1, 1, 0)
+def test_values_of_any_size_are_written_to_the_last_trit(one: int, other: int, at: int, less: int, wide: int) -> None:
+    """A first value and trits give the value again, to the ends of 32 bits."""
+    after = max(at - less, 1)
+    before = max(after - wide, 0)
+    final = np.array([[one, other]])
+    found = written(np.array([before]), np.array([after]), final, np.array([at]))
+    symbols = {step: symbols for step, _, symbols in found}
+    value = coarsen(final, at - before) if before else np.zeros((1, 2), np.int64)
+    for step in range(before + 1, after + 1):
+        assert step == 1 or set(symbols[step]) <= {-1, 0, 1}
+        value = 3 * value + np.array(symbols[step]) if step > 1 else coarsen(final, at - 1)
+    assert (value == coarsen(final, at - after)).all()
 
 
-@pytest.mark.parametrize("value", [EXTREME, -EXTREME, -EXTREME - 1])
-def test_first_values_at_the_ends_of_32_bits(value: int) -> None:
+def test_first_values_at_the_ends_of_32_bits() -> None:
     """-2^31 is left out (SPEC §7.5)."""
-    given = np.array([[0, value]])
-    if value < -EXTREME:
-        with pytest.raises(InvalidInput):
-            written(1, np.zeros((1, 2), np.int64), given, [np.arange(1)])
-    else:
-        assert written(1, np.zeros((1, 2), np.int64), given, [np.arange(1)])[1] == ([256], [value])
+    one = np.ones(1, np.int64)
+    for value in (EXTREME, -EXTREME):
+        assert written(0 * one, one, np.array([[0, value]]), one)[1] == (1, [256], [value])
+    with pytest.raises(InvalidInput) as caught:
+        written(0 * one, one, np.array([[0, -EXTREME - 1]]), one)
+    assert caught.value.refusal == "input-symbol"
 
 
 def check_file(scene: QuantisedScene) -> bytes:
@@ -190,7 +190,7 @@ def check_file(scene: QuantisedScene) -> bytes:
 @settings(deadline=None, max_examples=40)
 @given(scenes(max_anchors=80))
 def test_random_scenes(scene: QuantisedScene) -> None:
-    """Of both profiles, with predictors, index network and hash grid, or none of them."""
+    """Scenes of both profiles agree, with predictors, index network and hash grid, or none of them."""
     check_file(scene)
 
 
@@ -209,7 +209,7 @@ def planned(name: str) -> QuantisedScene:
 
 @pytest.mark.parametrize("name", sorted(set(PLANS) - {"full-block"}))
 def test_scenes_of_the_vectors(name: str) -> None:
-    """The same bytes; and the scene that is read from the vector on disk gives them again."""
+    """The bytes are equal, and the scene that is read from the vector on disk gives them again."""
     scene = planned(name)
     data = check_file(scene)
     if name in ON_DISK:

@@ -55,7 +55,7 @@ def all_rows(evaluator: Evaluator, case: Case, x: I64, codes: I64) -> list[list[
 
 
 def oracle_rows(case: Case, x: I64, codes: I64) -> list[list[Any]]:
-    """The same, one anchor at a time."""
+    """The frequencies, computed one anchor at a time."""
     oracle = Oracle(case.network, case.books.coarse.tolist(), case.books.residual.tolist())
     book = int(codes.shape[1] > 0)
     head = case.network.heads[book]
@@ -233,7 +233,7 @@ def test_one_evaluator_serves_several_threads() -> None:
 
 
 def test_a_device_that_shortens_products_is_refused() -> None:
-    """As TF32 or bfloat16 would; the probability of a symbol would then differ from the encoder's."""
+    """TF32 or bfloat16 would change the probability of a symbol, so that it differs from the encoder's."""
 
     class Short(TorchOperations):
         def product(self, x: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
@@ -245,7 +245,7 @@ def test_a_device_that_shortens_products_is_refused() -> None:
 
 
 def test_indices_that_do_not_follow_are_refused() -> None:
-    """Another stage, another number of indices, and a token after the last stage."""
+    """Another stage, another number of indices, and a token after the last stage are refused."""
     rng = np.random.default_rng(1)
     books = random_books(rng, 8, 8, 4)
     evaluator = Evaluator(random_network(rng, books, INPUTS, stages=2), books)

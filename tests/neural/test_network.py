@@ -176,7 +176,7 @@ def test_bounds_of_logits_depend_on_the_codebook() -> None:
 
 
 def test_centroids_are_floor_means() -> None:
-    """Also of negative sums; deviations add up to the codewords again."""
+    """Means of negative sums are rounded down, too; means and deviations add up to the codewords again."""
     words = np.array([[1, -1], [2, -2], [9, 9], [-4, 0], [-3, 0]])
     head = replace(network().heads[0], clusters=(2, 1, 2))
     assert head.centroids(words).tolist() == [[1, -2], [9, 9], [-4, 0]]

@@ -98,7 +98,7 @@ BROKEN = {
 
 @pytest.mark.parametrize("change", BROKEN.values(), ids=BROKEN.keys())
 def test_broken_predictors_are_refused(change: dict[str, Any]) -> None:
-    """What a predictor must keep whatever the scene."""
+    """Each bound of a predictor that does not depend on the scene is checked."""
     predictor(2, 20, 4).check()
     refused(replace(predictor(2, 20, 4), **change).check)
 
@@ -125,7 +125,7 @@ def test_input_widths_follow_the_scene() -> None:
 
 
 def test_first_use_is_the_layer_in_which_a_step_travels() -> None:
-    """Also for a step that never does."""
+    """The layer is also right for a step that never travels."""
     assert [first_use(scene(), 2, step) for step in (1, 2, 3)] == [1, 2, None]
 
 

@@ -135,7 +135,7 @@ def test_decoded_model_makes_gaussians() -> None:
 
 @pytest.mark.scene
 def test_real_model_looks_like_its_photos(shared_data: Path) -> None:
-    """A wrong reading of slots, directions or scales loses 10 dB; three held-out photos at half size will tell."""
+    """A wrong reading of slots, directions or scales loses 10 dB against three held-out photos at half size."""
     from scarfmt.render.capture import load_cameras
     from scarfmt.render.images import read_image
     from scarfmt.render.metrics import psnr

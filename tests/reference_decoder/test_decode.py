@@ -18,7 +18,8 @@ from reference_decoder.request import DecodeRequest, RequestFields
 from scarfmt.blocks.layer import pack_layer
 from scarfmt.coding.writer import QuantisedScene, keep_layers, write_scene
 from scarfmt.container import paged
-from scarfmt.container.file import Container, encode_front
+from scarfmt.container.directory import Entry
+from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockKind, Profile, Stream
 from scarfmt.container.source import BytesSource
 from scarfmt.container.substreams import MAX_TABLE_SIZE
@@ -28,10 +29,12 @@ from scarfmt.limits import Limits
 from scarfmt.scene.gaussians import GaussianScene
 from scarfmt.scene.streams import ATTRIBUTES
 from scarfmt.tools.truncate import truncate
+from scarfmt.tools.validate import validate
+from tests.samples.paged_samples import Recorded, in_pages
 
 
 def assert_equal(a: Decoded, b: Decoded) -> None:
-    """The same bits in every array."""
+    """Check that every array has the same bits."""
     pairs = [(a.tiles, b.tiles), (a.classes, b.classes), (a.positions, b.positions), (a.indices, b.indices)]
     pairs += [(a.slots, b.slots), *((a.values[stream], b.values[stream]) for stream in a.values)]
     assert a.values.keys() == b.values.keys()
@@ -116,30 +119,8 @@ def test_culled_tiles_are_not_read() -> None:
     assert nothing.bytes_read == everything.bytes_read - tile_bytes
 
 
-class Recorded(BytesSource):
-    """A source that notes what is read of it."""
-
-    def __init__(self, data: bytes) -> None:
-        super().__init__(data)
-        self.ranges: list[tuple[int, int]] = []
-
-    def _fetch(self, offset: int, length: int) -> bytes:
-        self.ranges.append((offset, length))
-        return super()._fetch(offset, length)
-
-
-def in_pages(data: bytes, page_bits: int) -> bytes:
-    """The same file with other pages."""
-    container = Container.open(BytesSource(data))
-    header = container.header
-    counts = [(layer.anchor_count, layer.gaussian_count) for layer in header.layers]
-    streams = [layer.stream_bytes for layer in header.layers]
-    front = encode_front(header.fields, container.tile_table, container.directory, counts, streams, page_bits)
-    return front + data[header.data_offset :]
-
-
 def test_row_pages_that_are_not_needed_are_not_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those of later layers, and those of tiles elsewhere; every page that is needed is read once."""
+    """Row pages of later layers and of other tiles are not read; every page that is needed is read once."""
     # As if the directory were large: small ones are read whole.
     monkeypatch.setattr(paged, "AT_ONCE_BYTES", 0)
     data = in_pages(write_scene(random_scene(3, anchors=900, layers=3, tiles=30)), 2)
@@ -270,7 +251,8 @@ def _has_residual(scene: QuantisedScene) -> bool:
 @settings(deadline=None, max_examples=20)
 @given(quantised_scenes(), st.integers(1, 3), st.sampled_from(["auto", "numpy"]))
 def test_a_scene_is_that_of_the_exact_values(scene: QuantisedScene, threads: int, backend: str) -> None:
-    """Of both profiles, whole, of some tiles in any order, twice the same, and in a box; its work is counted alike."""
+    """The scene equals that of the exact values: both profiles, whole files, some tiles in any order or repeated, and
+    boxes. The counts of work are equal, too."""
     data = write_scene(scene)
     tiles = list(range(len(scene.tiles)))[::-1]
     low, high = np.full(3, -1e3), np.zeros(3)
@@ -292,3 +274,29 @@ def test_a_scene_needs_all_attributes() -> None:
     data = write_scene(random_scene(1))
     with pytest.raises(InvalidInput, match="were left out"):
         decode_scene(data, attributes=["positions"])
+
+
+def test_tiles_of_which_nothing_is_said_cost_next_to_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A directory of a MiB lists 340,000 of them, of 16 layers each: none is opened, by decode or validate."""
+    scene = random_scene(3, anchors=60, tiles=40, layers=2)
+    data = write_scene(scene)
+    container = Container.open(BytesSource(data))
+    filled = {entry.tile for entry in container.load().entries if entry.kind == BlockKind.TILE}
+    assert 0 < len(filled) < 40
+    opened: list[int] = []
+    entries = Container.tile_entries
+
+    def tile_entries(self: Container, tile: int, layers: int) -> list[Entry | None]:
+        opened.append(tile)
+        return entries(self, tile, layers)
+
+    monkeypatch.setattr(Container, "tile_entries", tile_entries)
+    assert len(decode(data)) == 60
+    assert set(opened) == filled
+    opened.clear()
+    assert sum(map(len, iter_tiles(data, tiles=sorted({0, 39} - filled)))) == 0
+    assert not opened
+    result = validate(BytesSource(data))
+    assert result.valid
+    assert result.tiles_decoded == 40
+    assert set(opened) == filled

@@ -1,4 +1,4 @@
-"""Where cameras stand for anchors captured from nobody knows where."""
+"""Camera places for anchors whose captures are unknown."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ def test_streamed_file_is_that_of_the_whole_scene(arguments: dict[str, object]) 
 
 
 def test_tiles_are_written_before_the_next_is_decoded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What bounds the memory: rows leave as each tile comes."""
+    """Rows are written as each tile comes, which bounds the memory."""
     data = write_scene(random_scene(6, anchors=400, tiles=6))
     events: list[str] = []
     part = decode_module.Decoding._part

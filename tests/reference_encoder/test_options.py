@@ -85,7 +85,7 @@ def test_a_bandwidth_that_is_none_is_refused(mbit: float) -> None:
 
 
 def test_a_bandwidth_and_an_archive_contradict_each_other() -> None:
-    """Also where the bandwidth is the default: it was said."""
+    """They contradict each other even if the bandwidth is the default: the user gave it."""
     with pytest.raises(InvalidInput) as caught:
         EncodeOptions(mbit=20, archive=True).check()
     assert (caught.value.refusal, caught.value.field) == ("input-options", "archive")

@@ -1,4 +1,4 @@
-"""Which networks a file gets: what pays for its bytes and its time, within a budget, the same for the same seed."""
+"""The networks of a file: each must pay for its bytes and its time, within a budget; the same seed gives the same."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ OPTIONS = EncodeOptions(effort=2, layers=3, quality=38, archive=True)
 
 @pytest.fixture(scope="module")
 def scene() -> GaussianScene:
-    """Six thousand Gaussians whose colours and sizes change slowly over a sheet: neighbours tell a lot."""
+    """Six thousand Gaussians whose colours and sizes change slowly over a sheet: neighbours predict them well."""
     draw = np.random.default_rng(3)
     count = 6000
     at = draw.uniform(-1, 1, (count, 2))
@@ -64,7 +64,7 @@ def written(plain: Quantised) -> Written:
 
 @pytest.fixture(scope="module")
 def data(written: Written) -> bytes:
-    """Its bytes."""
+    """The bytes of the file."""
     return written.data
 
 
@@ -107,7 +107,7 @@ def test_no_file_is_written_that_asks_readers_for_too_much(
 
 @pytest.mark.parametrize(("profile", "seed"), [(Profile.EXPLICIT, 1), (Profile.ANCHOR, 2)])
 def test_noise_is_never_made_larger(profile: Profile, seed: int) -> None:
-    """Where there is nothing to predict the static file is returned as it is."""
+    """If there is nothing to predict, the static file is returned as it is."""
     noise = random_scene(seed, profile, anchors=400)
     assert len(best_file(Quantised(noise), OPTIONS).data) <= len(write_scene(noise))
 
@@ -167,7 +167,7 @@ def _stream_bytes(data: bytes) -> list[int]:
 
 
 def test_multiply_adds_are_those_of_all_networks() -> None:
-    """What `inspect --models` says."""
+    """The number is that of `inspect --models`."""
     scene = neural_scene(5)
     assert multiply_adds(scene) == describe_models(BytesSource(write_scene(scene)))["multiply_adds"]
 

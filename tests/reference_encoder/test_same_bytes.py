@@ -1,4 +1,4 @@
-"""What the bytes of a file depend on: neither on torch where no network is trained, nor, but for last bits, on BLAS."""
+"""The bytes of a file depend neither on torch, where no network is trained, nor, but for last bits, on BLAS."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ def test_row_sums_have_the_bits_of_torch(width: int) -> None:
 
 
 def test_rows_of_a_place_are_added_one_after_another() -> None:
-    """As torch's index_add_ does on one thread."""
+    """The order is that of torch's index_add_ on one thread."""
     random = np.random.default_rng(2)
     rows, places = random.standard_normal((3000, 5)).astype(np.float32), random.integers(0, 7, 3000)
     wanted = torch.zeros(9, 5).index_add_(0, torch.from_numpy(places), torch.from_numpy(rows))

@@ -49,7 +49,8 @@ def render_reference(
 
 
 def pixel_blends(ellipses: list[Ellipse], column: int, row: int) -> tuple[list[tuple[Ellipse, float, float]], float]:
-    """What is blended at one pixel, nearest first: (ellipse, alpha, transmittance before it), and what is left over."""
+    """The blends at one pixel, nearest first: (ellipse, alpha, transmittance before it), and the rest of the
+    transmittance."""
     blends = []
     transmittance = 1.0
     for ellipse in ellipses:

@@ -20,7 +20,7 @@ def random_scene(seed: int, count: int = 150, degree: int = 3) -> GaussianScene:
 
 
 def degenerate_scene(seed: int) -> GaussianScene:
-    """As :func:`random_scene`, with the extremes of real files: see the assignments."""
+    """A scene of :func:`random_scene` with the extremes of real files: see the assignments."""
     scene = random_scene(seed, 80)
     scene.rotations[0:10] = 0
     scene.rotations[10:14] *= np.float32(1e-30)

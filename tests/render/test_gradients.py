@@ -22,7 +22,7 @@ STEP = 1e-3
 
 
 def smooth_scene() -> GaussianScene:
-    """Gaussians that cover the whole picture: none enters or leaves a pixel, which no derivative tells of."""
+    """Gaussians that cover the whole picture: none enters or leaves a pixel, which no derivative shows."""
     rng = np.random.default_rng(1)
     return GaussianScene(
         rng.normal(0, 0.4, (COUNT, 3)),

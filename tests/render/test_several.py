@@ -29,7 +29,7 @@ def test_pictures_are_those_of_all_threads_together_in_order() -> None:
 
 
 def test_views_are_drawn_by_other_threads_and_not_far_ahead() -> None:
-    """Who takes the first picture has not caused all others to be kept."""
+    """A caller that takes the first picture does not cause all others to be kept."""
     scene = random_scene(4, 20)
     seen: list[int] = []
 
@@ -45,7 +45,7 @@ def test_views_are_drawn_by_other_threads_and_not_far_ahead() -> None:
 
 
 def test_an_error_reaches_who_asked() -> None:
-    """Of a view that cannot be drawn, and of none before it."""
+    """The error is that of a view that cannot be drawn; earlier views raise none."""
     scene = random_scene(4, 20)
     wrong = np.zeros((3, 3))
     with pytest.raises(InvalidInput, match="colours"):

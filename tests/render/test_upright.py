@@ -1,4 +1,4 @@
-"""Which way is up, found from the Gaussians."""
+"""The up direction found from the Gaussians."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def test_sampled_pixels_are_those_of_the_whole_picture() -> None:
 
 
 def test_near_views_reach_every_region() -> None:
-    """Of a crowd and of a few Gaussians far from it, both are among the pieces to look at, the crowd more often."""
+    """For a crowd and a few Gaussians far from it, both are among the pieces to look at, the crowd more often."""
     draw = np.random.default_rng(0)
     crowd, lonely = draw.normal(0, 0.01, (9000, 3)), np.array([[5.0, 0, 0], [0, 5, 0], [0, 0, 5]])
     places = occupied(np.concatenate([crowd, lonely]), 1.0)

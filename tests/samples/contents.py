@@ -1,4 +1,4 @@
-"""What tiles hold, to compare it: for tests of files that are written, damaged or read."""
+"""The contents of tiles in a form that can be compared, for tests of files that are written, damaged or read."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def test_channel_tables_that_break_the_rule_are_refused(channels: tuple[Channel,
 
 
 def test_sources_may_be_any_earlier_component() -> None:
-    """Of an earlier channel, or of the same one."""
+    """The source is a component of an earlier channel, or of the same one."""
     colour = channel(Stream.COLOUR, ContextRule(True, 0, 2, -9, 31), ContextRule(True, 1, 0), ContextRule(True, 1, 1))
     check_channels((SCALE, colour), Profile.EXPLICIT)
     check_channels((ANCHOR_SCALE, OFFSETS), Profile.ANCHOR)

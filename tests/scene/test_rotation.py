@@ -115,7 +115,7 @@ def test_axes_are_sorted_longest_first(seed: int) -> None:
 @settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1))
 def test_every_square_and_twist_is_a_rotation(seed: int) -> None:
-    """Also the corners, edges and out-of-range values that quantisation can reach."""
+    """Corners, edges and out-of-range values, which quantisation can reach, give rotations, too."""
     rng = np.random.default_rng(seed)
     square = np.concatenate([rng.uniform(-1.2, 1.2, (30, 2)), rng.integers(-1, 2, (10, 2)).astype(np.float64)])
     twist = rng.uniform(-4, 4, 40)

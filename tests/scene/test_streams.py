@@ -1,4 +1,4 @@
-"""What each stream kind is, told once (SPEC §6.4, §16.6)."""
+"""The properties of each stream kind are declared once (SPEC §6.4, §16.6)."""
 
 from __future__ import annotations
 

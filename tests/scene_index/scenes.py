@@ -14,7 +14,7 @@ from scarfmt.container.source import BytesSource
 from scarfmt.scene_index.document import Index
 
 DATA = tuple(write_scene(random_scene(seed, anchors=300, tiles=5, layers=2 + seed, sh_degree=seed)) for seed in (1, 2))
-"""Of 3 and 4 layers, with harmonics of degree 1 and 2."""
+"""Two files of 3 and 4 layers, with harmonics of degree 1 and 2."""
 ANCHORS = write_scene(random_scene(3, Profile.ANCHOR, anchors=60))
 NAMES = ("a.scar", "deep/b.scar")
 _C, _S = math.cos(0.7), math.sin(0.7)

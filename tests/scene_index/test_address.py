@@ -1,4 +1,4 @@
-"""Where the files of an index are, and that nothing else is opened for it."""
+"""The addresses of the files of an index; nothing else is opened for it."""
 
 from __future__ import annotations
 

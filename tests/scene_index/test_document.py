@@ -32,7 +32,7 @@ UNTOLD = {
     "beyond-binary64",
     "half-a-pair",
 }
-"""Faults that a schema cannot tell, or that are none of the value."""
+"""Faults that a schema cannot express, or that are not faults of the value."""
 
 
 def names(path: Path) -> str:
@@ -70,7 +70,7 @@ def test_invalid_indices_are_refused_as_their_names_say(path: Path) -> None:
 
 
 def test_limits_come_before_the_text_is_parsed() -> None:
-    """What is too deep or too long need not be JSON at all."""
+    """A document that is too deep or too long need not be JSON at all."""
     with pytest.raises(LimitExceeded):
         parse_index(b"[" * 9)
     with pytest.raises(LimitExceeded):

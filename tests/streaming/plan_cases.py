@@ -73,7 +73,7 @@ def _told(draw: np.random.Generator, tiles: int, layers: int, eye: list[float]) 
 
 
 def answer(case: Case) -> list[list[int]]:
-    """What the planner in Python says: [tile, layer] in order."""
+    """The answer of the planner in Python: [tile, layer] in order."""
     tiles, layers = case["tiles"], case["layers"]
     index = SceneIndex(
         np.array(case["boxes"]).reshape(tiles, 6),

@@ -1,4 +1,4 @@
-"""Where tiles are, and how large they look."""
+"""The places of tiles, and how large they look."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_cubes_are_those_of_the_tile_table() -> None:
 
 
 def test_boxes_are_in_256ths_and_reaches_in_quarter_octaves() -> None:
-    """Half of a reach counts; and whole cubes where nothing is told."""
+    """Half of a reach counts; without a block boxes are whole cubes."""
     tiles = cubes(FIELDS, tile_table([Tile(1, 0, 0)]))
     told = Streaming(
         np.array([[0, 64, 255]], np.uint8),
@@ -55,7 +55,7 @@ def test_boxes_are_in_256ths_and_reaches_in_quarter_octaves() -> None:
 
 
 def test_coverage_is_the_projected_area_by_squared_distance() -> None:
-    """Of a face that is looked at straight, from far away and from twice as far; edge on, from the side."""
+    """The area is right for a face seen straight from far away, from twice as far, and edge on."""
     slab = box((-1, -1, 0), (1, 1, 0))
     assert coverage(slab, np.array([0, 0, 10.0]))[0] == pytest.approx(0.04)
     assert coverage(slab, np.array([0, 0, 20.0]))[0] == pytest.approx(0.01)

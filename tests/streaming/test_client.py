@@ -75,7 +75,7 @@ def test_all_steps_bring_all_tiles_once() -> None:
 
 
 def test_what_the_file_tells_is_fetched_with_the_front() -> None:
-    """And planned by."""
+    """The plan uses the gains that arrived with the front."""
     data = TOYS.read_bytes()
     plain = StreamClient(BytesSource(data))
     assert plain.told is None

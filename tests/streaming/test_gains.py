@@ -1,4 +1,4 @@
-"""What a layer of a tile is worth from anywhere: what viewpoints say, by how large it looks."""
+"""The gain of a layer of a tile from any place: the gains of viewpoints, and by how large the tile looks."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_what_is_told_counts_by_how_near_it_is_told_from() -> None:
 
 
 def test_what_is_told_and_what_is_usual_are_of_one_size() -> None:
-    """So that trust alone decides between them; where nothing is told, what is usual alone."""
+    """Trust alone then decides between them; without gains in the file the usual gains are used."""
     eye, costs = np.zeros(3), np.array([[100.0], [100.0]])
     usual = usual_gains(eye, BOXES, costs)
     streaming = replace(told([[1, 0, 0]], [200]), gains=np.array([[[200], [220]]], np.uint8))
@@ -79,7 +79,7 @@ def test_what_is_told_and_what_is_usual_are_of_one_size() -> None:
 
 
 def test_layers_that_the_file_lacks_are_left_out() -> None:
-    """Of a file that was cut."""
+    """A file that was truncated lacks some layers."""
     streaming = Streaming(
         *(np.zeros((1, 3), np.uint8), np.full((1, 3), 255, np.uint8)),
         np.zeros(1, np.uint8),

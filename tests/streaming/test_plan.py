@@ -52,7 +52,7 @@ def test_first_layers_in_the_picture_come_before_anything_else() -> None:
 
 
 def test_what_is_not_in_the_picture_comes_after_what_gains_as_much() -> None:
-    """But it comes: a camera may turn."""
+    """Tiles outside the picture come last but do come: a camera may turn."""
     index = row(2, 1)
     away = replace(index, cubes=np.concatenate([index.cubes[:1], index.cubes[1:] * [1, 1, -1, 1, 1, -1]]))
     steps = plan(away, None, CAMERA, [0, 0])
@@ -88,7 +88,7 @@ def test_a_moving_camera_is_planned_for_where_it_will_be() -> None:
 
 
 def test_equal_gains_go_by_layer_then_tile() -> None:
-    """So that every language decides alike."""
+    """Every implementation then decides alike."""
     index = row(3, 2)
     alike = replace(index, cubes=index.cubes[[1, 1, 1]])
     assert plan(alike, told([[50] * 3, [50] * 3]), CAMERA, [0, 0, 0]) == [
@@ -98,7 +98,7 @@ def test_equal_gains_go_by_layer_then_tile() -> None:
 
 @given(st.integers(0, 10_000))
 def test_every_missing_step_comes_once_and_in_turn(seed: int) -> None:
-    """Whatever the file tells and wherever the camera looks."""
+    """The order is complete whatever gains the file has and wherever the camera looks."""
     case = random_case(seed)
     steps = answer(case)
     missing = [[t, k] for t in range(case["tiles"]) for k in range(case["have"][t] + 1, case["layers"] + 1)]
@@ -123,7 +123,8 @@ def test_what_does_not_fit_ends_the_plan() -> None:
 
 
 def test_the_stored_answers_are_those_of_today() -> None:
-    """Those that the planner of the browser package is tested on. Made anew: python -m tests.streaming.plan_cases."""
+    """The planner of the browser package is tested on these answers. To make them anew: python -m
+    tests.streaming.plan_cases."""
     cases = json.loads(CASES.read_text())
     assert len(cases) > 5
     for case in cases:

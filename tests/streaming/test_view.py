@@ -1,4 +1,4 @@
-"""What of each tile a camera has in its picture."""
+"""The part of each tile that a camera has in its picture."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def point(x: float, y: float, z: float) -> Boxes:
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.1, 0.5, 1.0, 1.4, 1.55])
 def test_the_tangent_is_that_of_the_library(angle: float) -> None:
-    """But for the last bits, which libraries do not agree about."""
+    """The last bits may differ, because libraries do not agree on them."""
     assert tangent(angle) == pytest.approx(math.tan(angle), rel=1e-13)
 
 

@@ -25,6 +25,6 @@ def test_the_file_is_the_one_the_writer_makes(before: dict[str, Any], after: dic
 
 
 def test_what_no_reader_takes_is_refused() -> None:
-    """As by the writer."""
+    """The writer refuses it, too."""
     with pytest.raises(InvalidInput, match="metadata"):
         annotated(write_scene(random_scene(4, Profile.EXPLICIT, anchors=9)), {"a": float("nan")})

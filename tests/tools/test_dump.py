@@ -83,7 +83,7 @@ def test_damaged_files_are_annotated_as_far_as_they_go(folder: str) -> None:
 
 
 def test_a_file_cut_anywhere_is_covered() -> None:
-    """Also inside header, tables and blocks; the cut is refused."""
+    """The cut may lie inside header, tables and blocks, and is refused."""
     data = (VECTORS / "worked" / "input.scar").read_bytes()
     for length in range(0, len(data), 23):
         _, refusals = dumped(data[:length])

@@ -1,4 +1,4 @@
-"""inspect: the header alone tells what a file holds."""
+"""inspect: the report about a file from its header alone."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_a_cut_file_is_described_with_what_arrived() -> None:
 
 
 def test_metadata_only_when_asked() -> None:
-    """It needs the directory and a block, so it costs more reads."""
+    """Metadata needs the directory and a block, so it costs more reads."""
     data = sample_file()
     report = inspect(BytesSource(data), metadata=True)
     assert report["metadata"] == {"title": "sample"}

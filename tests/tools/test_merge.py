@@ -79,7 +79,7 @@ def test_the_same_tile_twice_is_refused() -> None:
 
 
 def test_other_models_are_refused() -> None:
-    """Their indices and tables would mean something else."""
+    """The indices and tables of the other file would mean something else."""
     scene = random_scene(3, Profile.EXPLICIT, tiles=8)
     wider = replace(scene.model.channels[-1], first_width=(0.5,) * scene.model.channels[-1].components)
     other = replace(scene, model=replace(scene.model, channels=(*scene.model.channels[:-1], wider)))
@@ -87,7 +87,7 @@ def test_other_models_are_refused() -> None:
 
 
 def test_another_lattice_is_refused() -> None:
-    """The same integers would lie elsewhere."""
+    """The same integers would lie elsewhere on another lattice."""
     scene = random_scene(3, Profile.EXPLICIT, tiles=8)
     other = replace(scene, fields=replace(scene.fields, origin=(9.0, 9.0, 9.0)))
     assert refused([halves(write_scene(scene))[0], halves(write_scene(other))[1]]) == "input-fields-differ"
@@ -99,7 +99,7 @@ def test_fewer_layers_are_refused() -> None:
 
 
 def test_annotations_that_differ_are_left_out() -> None:
-    """They would be true of a part only."""
+    """Such annotations would be true of only a part of the joined file."""
     first, second = halves(FILES[Profile.EXPLICIT])
     assert merge([annotated(first, {"a": 1}), annotated(second, {"a": 2})]) == merge(
         halves(write_scene(random_scene(3, Profile.EXPLICIT, tiles=8)))

@@ -67,6 +67,6 @@ def test_what_networks_save_and_take_is_told() -> None:
     + [{"index_network": {"saved": 1, "multiply_adds": value, "anchors": 1}} for value in (True, 1.5, 1 << 64)],
 )
 def test_metadata_of_somebody_else_is_no_error(told: Any) -> None:
-    """It is any JSON: what no encoder writes is passed over."""
+    """METADATA is any JSON: entries that no encoder writes are ignored."""
     scene = replace(random_scene(5), metadata={MECHANISMS: told})
     assert describe_models(BytesSource(write_scene(scene)))["mechanisms"] == []

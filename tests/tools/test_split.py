@@ -36,7 +36,7 @@ def test_each_part_is_valid_and_decodes_to_its_tiles(profile: Profile) -> None:
 
 
 def test_the_source_is_divided_among_the_parts() -> None:
-    """What each part came from adds up to what the whole did."""
+    """The source counts of the parts add up to that of the whole."""
     data = write_scene(random_scene(5, Profile.EXPLICIT, tiles=8))
     container = Container.open(BytesSource(data))
     parts = even_parts(container, 3)

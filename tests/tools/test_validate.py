@@ -1,4 +1,4 @@
-"""Validation: sound files pass, and every kind of damage is told, at its place, all of it in one go."""
+"""Validation: sound files pass, and every kind of damage is reported, at its place, all of it in one run."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def test_all_damaged_blocks_are_told_not_only_the_first(explicit: bytes) -> None
 
 @pytest.mark.parametrize("layer", [1, 2, 3])
 def test_layers_are_readable_up_to_the_first_that_a_damaged_block_belongs_to(explicit: bytes, layer: int) -> None:
-    """That they have arrived does not make them so."""
+    """A layer that has arrived is not readable if one of its blocks is damaged."""
     damaged = bytearray(explicit)
     for entry in Container.open(BytesSource(explicit)).entries:
         if entry.kind == BlockKind.TILE and entry.layer >= layer:

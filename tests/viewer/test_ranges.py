@@ -35,7 +35,7 @@ def test_a_range_is_read_as_the_rfc_says(header: str, part: tuple[int, int]) -> 
     ],
 )
 def test_what_is_no_single_range_gets_the_whole(header: str | None) -> None:
-    """§14.2: a server may ignore a Range header; a wrong one must be."""
+    """RFC 9110 §14.2: a server may ignore a Range header; a wrong one must be."""
     assert wanted(header, 100) is None
 
 

@@ -60,7 +60,7 @@ def ask(server: ViewerServer, path: str, method: str = "GET", **headers: str) ->
 
 @pytest.mark.parametrize("path", ["/file", "/remote"])
 def test_a_range_is_sent_alone(server: ViewerServer, path: str) -> None:
-    """A viewer reads a scene by ranges: nothing else may be transferred, and the size must be told."""
+    """A viewer reads a scene by ranges: nothing else may be transferred, and the size must be given."""
     status, headers, body = ask(server, path, Range="bytes=10-19")
     assert (status, body) == (206, CONTENT[10:20])
     assert headers["Content-Range"] == f"bytes 10-19/{len(CONTENT)}"
@@ -74,7 +74,7 @@ def test_without_a_range_all_is_sent(server: ViewerServer, path: str) -> None:
 
 
 def test_the_page_is_sent_compressed_to_browsers_that_take_it(server: ViewerServer) -> None:
-    """It is three megabytes and one; what is cached of one form must not be taken for the other."""
+    """The page has three megabytes, compressed one. A cached form must not be taken for the other."""
     status, packed, body = ask(server, "/page.js", Accept_Encoding="gzip, br")
     assert (status, body, packed["Content-Encoding"], packed["Vary"]) == (200, b"small", "br", "Accept-Encoding")
     status, plain, body = ask(server, "/page.js", Accept_Encoding="gzip")
@@ -170,7 +170,7 @@ def test_every_file_of_the_page_is_offered(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_what_is_not_compressed_beside_it_is_compressed_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in a wheel. What is small is sent as it is."""
+    """A wheel has no compressed files beside the page. Small files are sent as they are."""
     (tmp_path / "index.html").write_bytes(b"small")
     (tmp_path / "viewer.js").write_bytes(b"large " * 1000)
     monkeypatch.setattr("scarfmt.viewer.offered.PAGE", tmp_path)

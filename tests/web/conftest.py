@@ -19,7 +19,7 @@ SUFFIXES = (".ts", ".js", ".mjs", ".c", ".h", ".sh", ".html", ".css")
 
 
 def missing() -> str | None:
-    """What the tests lack, None if nothing."""
+    """The requirements of these tests that are missing, None if nothing."""
     node = shutil.which("node")
     if node is None:
         return "there is no node on the path"

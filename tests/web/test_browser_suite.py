@@ -1,4 +1,4 @@
-"""Both decoders of the browser package against the conformance suite, in a browser."""
+"""The conformance suite for both decoders of the browser package, in a browser."""
 
 from __future__ import annotations
 

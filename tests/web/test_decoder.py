@@ -16,7 +16,7 @@ ARRAYS = ("centres", "scales", "quats", "opacity", "sh")
 
 
 def dumped(web: Path, file: Path, layers: int, degree: int) -> dict[str, NDArray[np.float32]]:
-    """What web/test/dump.ts writes, tiles put together: arrays of ARRAYS, (n, width) each."""
+    """The output of web/test/dump.ts with tiles put together: arrays of ARRAYS, (n, width) each."""
     command = ["node", str(web / "dist" / "tests" / "dump.mjs"), str(file), str(layers)]
     data = subprocess.run(command, cwd=web, capture_output=True, timeout=120, check=True).stdout
     widths = (3, 3, 4, 1, 3 * (degree + 1) ** 2)

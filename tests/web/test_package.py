@@ -26,7 +26,8 @@ def test_its_own_tests_pass(web: Path) -> None:
 
 
 def test_it_depends_on_nothing(web: Path) -> None:
-    """What builds and checks it is named exactly; who uses it needs nothing, an adapter its viewer."""
+    """Packages that build and check it have exact versions. A user of the package needs no other, an adapter only its
+    viewer."""
     package = json.loads((web / "package.json").read_text())
     assert package.keys().isdisjoint({"dependencies", "optionalDependencies"})
     assert {name: {"optional": True} for name in package["peerDependencies"]} == package["peerDependenciesMeta"]

@@ -16,7 +16,7 @@ from tests.web.pictures import LEAST_PSNR, SCENE, difference, example_camera, ru
 
 @pytest.fixture
 def address(web: Path) -> Iterator[str]:
-    """Of the page with the scene, served as `scarfmt view` does."""
+    """The address of the page with the scene, served as by `scarfmt view`."""
     path, offer = scene_offer(str(SCENE), 0, FileSource(SCENE))
     with ViewerServer({**page_offers(), path: offer}) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)

@@ -13,6 +13,6 @@ def test_the_example_in_a_browser(web: Path, chromium: str) -> None:
 
 
 def test_the_example_is_short(web: Path) -> None:
-    """It is what people read first, and the README says how long it is."""
+    """People read the example first, and the README gives its length."""
     lines = (web / "examples" / "playcanvas.html").read_text().splitlines()
     assert len([line for line in lines if line.strip()]) < 40

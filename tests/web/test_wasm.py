@@ -20,7 +20,7 @@ from tests.web.conftest import WEB
 SOURCES = WEB / "wasm"
 TABLES = SOURCES / "integer_tables.h"
 MODULE_BYTES = 120 * 1024
-"""What the module may take, compressed."""
+"""Maximum size of the module, compressed."""
 WIDTH = 120
 
 
@@ -42,7 +42,7 @@ def run_suite(session: str, report: Path, *options: str) -> dict[str, int]:
 
 @pytest.mark.parametrize("kind", ["valid", "edge", "truncated"])
 def test_conformance(session: str, tmp_path: Path, kind: str) -> None:
-    """What a viewer shows is what the format says: whatever is decoded, and whatever ends early."""
+    """A viewer shows what the format says, for decoded vectors and for those that end early."""
     found = run_suite(session, tmp_path / "report.json", "--class", kind)
     assert set(found) == {"passed"}
 

@@ -12,6 +12,6 @@ import { STAGES, wasmOpener } from "./wasm_scar.js";
 
 const decoder = { open: wasmOpener(compiledModule()), decoded: STAGES };
 serve({
-  capabilities: { ...CAPABILITIES, decoder: "scar-stream wasm 0.1.0", stages: [...STAGES, "metadata", "streaming"] },
+  capabilities: { ...CAPABILITIES, decoder: "scar-stream wasm", stages: [...STAGES, "metadata", "streaming"] },
   answer: (source, question) => answer(source, question, decoder),
 });

@@ -16,7 +16,7 @@ trap 'rm -rf "$objects"' EXIT
 # shellcheck disable=SC2086
 compile() {
     "$clang" --target=wasm32 -std=c11 $3 -msimd128 -mbulk-memory -mmutable-globals -ffreestanding \
-        -fno-strict-aliasing -fwrapv -ffp-contract=off -Wall -Wextra -I"$here/include" -I"$here" -I"$kernel" \
+        -fno-strict-aliasing -fwrapv -ffp-contract=off -Wall -Wextra -ffile-prefix-map="$here"=. -I"$here/include" -I"$here" -I"$kernel" \
         -c "$1" -o "$objects/$2.o"
 }
 

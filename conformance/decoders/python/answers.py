@@ -23,7 +23,7 @@ Arrays = dict[str, Array]
 
 EXACT = ("models", "context", "frequencies", "indices", "integers", "sums", "values")
 READERS = {"metadata": read_metadata, "streaming": read_streaming}
-"""Of what a decode does not look at unasked."""
+"""Readers of blocks that a decode reads only if asked."""
 STAGES = ("container", *EXACT, *READERS)
 CAPABILITIES = {
     "protocol": "scar-conformance 2",

@@ -249,21 +249,21 @@ class Decoder:
     # ------------------------------------------------------------------------------------------ 9 reconstruction
 
     def width(self, i: int, j: int, n: int) -> float:
-        return self.channels[i].first_widths[j] / float(3 ** (n - 1)) if n else 0.0
+        return cell_width(self.channels[i].first_widths[j], n)
 
     def positions(self, number: int, tile: Tile) -> list[list[float]]:
         depth, shift, prefix = self.tiles[number]
         corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
-        cell = float(1 << shift)
         residual = next((i for i, channel in enumerate(self.channels) if channel.stream == POSITION_RESIDUAL), None)
         out = []
         for a, code in enumerate(tile.code):
             local, place = deinterleaved(code), []
             for axis in range(3):
-                t = (float(corner[axis]) + float(local[axis]) * cell) + cell / 2.0
+                r = None
                 if residual is not None:
                     n = self.steps(self.k, residual, tile.klass[a])
-                    t = t + cell * (float(tile.v[residual][a][axis]) * self.width(residual, axis, n))
+                    r = float(tile.v[residual][a][axis]) * self.width(residual, axis, n)
+                t = lattice_place(corner[axis], local[axis], shift, r)
                 place.append(self.origin[axis] + self.voxel * t)
             out.append(place)
         return out
@@ -291,6 +291,18 @@ class Decoder:
         depth, shift, prefix = self.tiles[number]
         corner = [x << (self.lattice_bits - depth) for x in deinterleaved(prefix)]
         return [c + (x << shift) + (1 << shift >> 1) for c, x in zip(corner, deinterleaved(code), strict=True)]
+
+
+def cell_width(first_width: float, n: int) -> float:
+    """w(n) of SPEC §9: the width of a cell after n steps."""
+    return first_width / float(3 ** (n - 1)) if n else 0.0
+
+
+def lattice_place(corner: int, local: int, shift: int, r: float | None) -> float:
+    """t of SPEC §9.1 along one axis; r is None without a channel POSITION_RESIDUAL."""
+    cell = float(1 << shift)
+    t = (float(corner) + float(local) * cell) + cell / 2.0
+    return t if r is None else t + cell * r
 
 
 def deinterleaved(code: int) -> list[int]:

@@ -23,7 +23,7 @@ class Tile(NamedTuple):
 
 @dataclass(frozen=True)
 class Entry:
-    """Where a block lies; `tile` is NO_TILE of one that belongs to none."""
+    """The place of a block; `tile` is NO_TILE for a block that belongs to no tile."""
 
     kind: int
     flags: int
@@ -44,7 +44,7 @@ class Span(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """What ROOT says of a row page."""
+    """The fields of a row page in ROOT."""
 
     size: int
     crc32: int
@@ -53,7 +53,7 @@ class _Rows(NamedTuple):
 
 
 class _Page(NamedTuple):
-    """What ROOT says of a page: the Morton code at which it begins, its tiles, its rows in every layer."""
+    """The fields of a page in ROOT: the Morton code at which it begins, its tiles, its rows in every layer."""
 
     base: int
     size: int
@@ -62,7 +62,7 @@ class _Page(NamedTuple):
 
 
 class Root:
-    """What ROOT says, and where every page lies.
+    """The content of ROOT, and the place of every page.
 
     Args:
         data: a file whose header is sound.
@@ -89,7 +89,8 @@ class Root:
         self._place(length + size)
 
     def _place(self, at: int) -> None:
-        """Where the pages lie: `tile_pages` by page; `row_pages` by layer, from 1, and page; `blocks`, their end."""
+        """The places of pages: `tile_pages` by page; `row_pages` by layer, from 1, and page; `blocks`, the end of all
+        pages."""
         self.tile_pages: list[Span] = []
         for page in self.pages:
             self.tile_pages.append(Span(at, at + page.size, page.crc32))

@@ -49,7 +49,7 @@ class Grid(NamedTuple):
     levels: list[tuple[Level, Vector]]
 
     def features(self, point: Vector) -> Vector:
-        """Of an anchor whose cell has this middle, in lattice steps."""
+        """The features of an anchor whose cell has this middle, in lattice steps."""
         k, out = self.extent_bits, []
         q = [clamp(p - o, 0, (1 << k) - 1) for p, o in zip(point, self.origin, strict=True)]
         for level, bits in self.levels:

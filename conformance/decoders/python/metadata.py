@@ -1,4 +1,4 @@
-"""METADATA (SPEC §7.10), with a JSON parser that is told what else to refuse."""
+"""METADATA (SPEC §7.10), with a JSON parser that refuses what SPEC forbids."""
 
 from __future__ import annotations
 

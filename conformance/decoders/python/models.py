@@ -33,7 +33,7 @@ class Row(NamedTuple):
 
 
 class Opening(NamedTuple):
-    """What the LAYER block of layer 1 says once (SPEC §7.11)."""
+    """The fields that only the LAYER block of layer 1 has (SPEC §7.11)."""
 
     channels: list[Channel]
     passes_log2: int

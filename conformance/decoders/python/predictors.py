@@ -55,7 +55,7 @@ def _stored_layer(reader: Payload, rows: int, columns: int, classes: int) -> Lin
 
 @dataclass(frozen=True)
 class StepInputs:
-    """What the predictors of one step of one channel read of an anchor.
+    """The inputs that the predictors of one step of one channel read of an anchor.
 
     Attributes:
         klass: its class.

@@ -14,7 +14,7 @@ MAX_LAYERS, MAX_TILES, MAX_VIEWPOINTS = 16, 1 << 24, 64
 
 
 def read_streaming(data: bytes) -> Any:
-    """What a file whose header and directory are sound tells clients; None where it tells nothing."""
+    """The STREAMING block of a file whose header and directory are sound; None if there is none."""
     fields = container_fields(data)
     here = (STREAMING_KIND, "1", str(0xFFFFFFFF))
     found = [entry for entry in fields["entries"] if (entry["kind"], entry["layer"], entry["tile"]) == here]

@@ -49,7 +49,7 @@ class Tile:
 
 
 class Trace:
-    """What one layer's decoding went through, for the stages ``context`` and ``frequencies`` of PROTOCOL.md.
+    """Intermediate values of decoding one layer, for the stages ``context`` and ``frequencies`` of PROTOCOL.md.
 
     Attributes:
         frequencies: of the table of the first symbol of a sub-stream, or of a stage, by its name.

@@ -19,7 +19,7 @@ _MATCH_CODES = (
 
 
 class BadFrame(Exception):
-    """Not one whole frame that states the size of its content, without dictionary and checksum."""
+    """The bytes are not one whole frame that states its content size, without dictionary and checksum."""
 
 
 class NeedsLibrary(Exception):

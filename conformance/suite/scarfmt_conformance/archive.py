@@ -20,6 +20,12 @@ _VECTORS = "vectors"
 _DATE = (1980, 1, 1, 0, 0, 0)
 
 
+def suite_files(folder: Path) -> list[Path]:
+    """Manifest, schemas, protocol and vectors of a folder: what the runner needs, always in one order."""
+    vectors = sorted(path for path in (folder / _VECTORS).rglob("*") if path.is_file())
+    return [*(folder / name for name in _FILES), *vectors]
+
+
 def pack(folder: Path, target: Path) -> None:
     """Write the manifest, its schemas, the protocol and the vectors of a folder to a zip.
 
@@ -28,9 +34,8 @@ def pack(folder: Path, target: Path) -> None:
     Raises:
         FileNotFoundError: the folder lacks one of them.
     """
-    vectors = sorted(path for path in (folder / _VECTORS).rglob("*") if path.is_file())
     with zipfile.ZipFile(target, "w") as archive:
-        for path in (*(folder / name for name in _FILES), *vectors):
+        for path in suite_files(folder):
             entry = zipfile.ZipInfo(path.relative_to(folder).as_posix(), _DATE)
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, path.read_bytes())

@@ -28,12 +28,12 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def _selection_options(command: F) -> F:
-    """The options that say which vectors are meant."""
+    """Add the options that select vectors to a command."""
     options = (
         click.option("--suite", metavar="PLACE", help=_SUITE_HELP),
-        click.option("--only", metavar="GLOB", multiple=True, help="Only ids that fit, like 'valid/index-*'."),
-        click.option("--class", "classes", metavar="NAME", multiple=True, help="Only this class: valid, edge, ..."),
-        click.option("--feature", "features", metavar="WORD", multiple=True, help="Only vectors with this feature."),
+        click.option("--only", metavar="GLOB", multiple=True, help="Select ids that match, e.g. 'valid/index-*'."),
+        click.option("--class", "classes", metavar="NAME", multiple=True, help="Select a class: valid, edge, ..."),
+        click.option("--feature", "features", metavar="WORD", multiple=True, help="Select vectors with this feature."),
     )
     for option in reversed(options):
         command = option(command)
@@ -44,7 +44,8 @@ def _selection_options(command: F) -> F:
 def conformance() -> None:
     """Score any decoder, in any language, against the conformance vectors.
 
-    The decoder is a command that answers questions about files in JSON; conformance/PROTOCOL.md says how.
+    The decoder is a command that answers questions about files in JSON. conformance/PROTOCOL.md defines questions and
+    answers.
 
     \b
     Examples:
@@ -55,7 +56,7 @@ def conformance() -> None:
 
 @conformance.command("list", short_help="List the vectors.")
 @_selection_options
-@click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", help="What goes to stdout.")
+@click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", help="Format on stdout.")
 def list_(suite: str | None, format_: str, **selection: tuple[str, ...]) -> None:
     """List the vectors, and the features to select them by.
 
@@ -80,7 +81,7 @@ def list_(suite: str | None, format_: str, **selection: tuple[str, ...]) -> None
 @click.option("--suite", metavar="PLACE", help=_SUITE_HELP)
 @click.argument("folder", metavar="FOLDER")
 def unpack(suite: str | None, folder: str) -> None:
-    """Write the vectors, their manifest and the protocol to a new folder, for a look, or for another runner.
+    """Write the vectors, their manifest and the protocol into a new folder.
 
     \b
     Examples:
@@ -138,15 +139,15 @@ class _Asked:
     metavar="CMD",
     is_flag=False,
     flag_value=_REFERENCE,
-    help="Command to start once, asked line by line; without CMD, the reference decoder's.",
+    help="Command to start once and ask line by line. Without CMD, the reference decoder is started.",
 )
 @_selection_options
 @click.option("--stages", metavar="NAME,...", callback=parse_stages, help="Compare only these stages.")
-@click.option("--all-layers/--last-layer", default=True, help="Decode to each layer pinned, or to the last [all].")
-@click.option("--timeout", type=click.FloatRange(0.01), default=60.0, show_default=True, help="Seconds a question.")
-@click.option("--memory", type=click.IntRange(16, 1 << 20), default=2048, show_default=True, help="MiB a process.")
-@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Decoders asked at once.")
-@click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", help="What goes to stdout.")
+@click.option("--all-layers/--last-layer", default=True, help="Ask for every pinned layer, or the last [default: all].")
+@click.option("--timeout", type=click.FloatRange(0.01), default=60.0, show_default=True, help="Maximum seconds each.")
+@click.option("--memory", type=click.IntRange(16, 1 << 20), default=2048, show_default=True, help="MiB of a process.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Decoders that run at once.")
+@click.option("--format", "format_", type=click.Choice(["table", "json"]), default="table", help="Format on stdout.")
 @click.option("--output", metavar="FILE.json", help="Write the report as JSON too.")
 @click.option("--junit", metavar="FILE.xml", help="Write the report as JUnit XML too, for CI servers.")
 @click.option("--force", is_flag=True, help="Overwrite the files of --output and --junit.")
@@ -156,8 +157,9 @@ class _Asked:
 def run_(ctx: click.Context, /, decoder: str | None, session: str | None, **wanted: Any) -> None:
     """Ask a decoder about every vector and report where it differs from the specification.
 
-    A decoder's command may hang, crash, or print anything: that is a failure of the vector it was asked about. Without
-    --decoder or --session the reference decoder is scored. Exit code 0 if nothing failed, 1 if something did.
+    The command of a decoder may hang, crash or print anything. Each of these counts as a failure of the vector it was
+    asked about. Without --decoder or --session the reference decoder is scored. The exit code is 0 if nothing failed,
+    else 1.
 
     \b
     Examples:
@@ -218,7 +220,7 @@ def _asked(decoder: str | None, session: str | None, timeout: float, memory: int
 
 
 class _Told:
-    """What is told while the run goes on: a bar, or with -v a line per vector."""
+    """The progress of a run: a bar, or with -v a line per vector."""
 
     def __init__(self, total: int, verbose: bool, bar: Callable[[str, float], None]):
         self._total, self._verbose, self._bar = total, verbose, bar

@@ -60,7 +60,7 @@ def _contents(stage: str, pinned: Any) -> Any:
 
 
 def differences(stage: str, pinned: Any, answered: Any, folder: Path) -> list[Difference]:
-    """What differs in a stage, in the order of what is pinned.
+    """The differences in a stage, in the order of the pinned values.
 
     Args:
         stage: one of `STAGES` that is no annotation.

@@ -73,13 +73,13 @@ class Suite:
 
     @property
     def place(self) -> Path:
-        """What the user knows the suite by: its folder, or the zip."""
+        """The place of the suite as the user knows it: its folder, or the zip."""
         return self.archive or self.folder
 
 
 @dataclass(frozen=True)
 class Layer:
-    """What a decode to one layer must give: `stages` by name, as PROTOCOL.md answers them but pinned."""
+    """The pinned results of a decode to one layer: `stages` by name, in the form of the answers of PROTOCOL.md."""
 
     layer: int
     stages: dict[str, Any]
@@ -112,7 +112,7 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Selection:
-    """Which vectors to take: those that fit one of `only` and one of `classes`, and have all `features`.
+    """A selection of vectors: they match one of `only` and one of `classes`, and have all `features`.
 
     Attributes:
         only: patterns of ids, as a shell has them; none for all.

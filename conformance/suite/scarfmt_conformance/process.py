@@ -37,7 +37,7 @@ _LIMITED = 'ulimit -c 0 2>/dev/null; ulimit -d "$0" 2>/dev/null; exec "$@"'
 
 @dataclass(frozen=True)
 class Limits:
-    """What a decoder may use for a question.
+    """The limits of a decoder for a question.
 
     Attributes:
         seconds: time.
@@ -95,11 +95,11 @@ class Child:
 
     @property
     def number(self) -> int:
-        """Its process id."""
+        """The id of its process."""
         return self._process.pid
 
     def take_output(self) -> bytes:
-        """What it has printed since the last call."""
+        """The output since the last call."""
         data = bytes(self._output)
         self._output.clear()
         self.has_line = False
@@ -116,7 +116,7 @@ class Child:
             return False
 
     def has_read(self) -> bool:
-        """Whether it has read all that was sent; True where the system does not tell."""
+        """Whether it has read all that was sent; True if the system does not report it."""
         assert self._process.stdin is not None
         try:
             left = fcntl.ioctl(self._process.stdin.fileno(), termios.FIONREAD, bytes(4))
@@ -250,7 +250,7 @@ class OneShot:
     """
 
     restarts = 0
-    """There is nothing to start again."""
+    """Number of restarts: always 0, because every question starts a process."""
 
     def __init__(self, words: list[str], limits: Limits, stop: threading.Event):
         self._words, self._limits, self._stop = words, limits, stop

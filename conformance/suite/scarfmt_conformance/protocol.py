@@ -41,7 +41,7 @@ _PLACE = re.compile(r"\{(" + "|".join(_PLACES) + r")\}")
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked about one file.
+    """A question about one file.
 
     Attributes:
         file: absolute path.
@@ -119,7 +119,7 @@ Answer = Values | Refusal | Capabilities
 
 @dataclass(frozen=True)
 class Reply:
-    """What came of a question.
+    """The outcome of a question.
 
     Attributes:
         answer: the answer, or why there is none.

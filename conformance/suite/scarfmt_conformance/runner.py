@@ -1,4 +1,4 @@
-"""Which questions are asked about which vector, and what the answers are worth (conformance/PROTOCOL.md)."""
+"""The questions about each vector, and the judgement of the answers (conformance/PROTOCOL.md)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ Connect = Callable[[threading.Event], Decoder]
 
 @dataclass(frozen=True)
 class Options:
-    """What of a vector is asked.
+    """The selection of questions about a vector.
 
     Attributes:
         stages: to compare, as if the decoder claimed no others.
@@ -82,7 +82,7 @@ class Failure:
 
 @dataclass
 class Result:
-    """What came of a vector.
+    """The outcome of a vector.
 
     Attributes:
         vector: it.

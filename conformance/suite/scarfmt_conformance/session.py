@@ -132,7 +132,7 @@ def _status_after_answer(child: Child) -> Fault | None:
 
 
 def _high_water(child: Child) -> int | None:
-    """Most memory a running process has held, in bytes; None where the system does not tell."""
+    """Peak memory of a running process, bytes; None if the system does not report it."""
     if child.status is not None:
         return child.peak_bytes
     with contextlib.suppress(OSError):

@@ -1,4 +1,4 @@
-"""Which splats may show in which tile of the picture."""
+"""The splats that may show in each tile of the picture."""
 
 from __future__ import annotations
 

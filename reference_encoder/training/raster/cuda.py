@@ -19,7 +19,7 @@ from scarfmt.render.projection import MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE
 
 @dataclass(frozen=True)
 class _View:
-    """What is blended: splats (rows as `Splat` of raster.h) of which Gaussians, in which tiles of which picture."""
+    """The blended splats: rows as `Splat` of raster.h, their Gaussians, tiles and picture."""
 
     seen: Seen
     splats: Tensor
@@ -32,11 +32,11 @@ class _View:
         return (len(self.listing.offsets) - 1,)
 
     def lists(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """What both kernels are given first."""
+        """The first arguments of both kernels."""
         return self.splats, self.listing.offsets, self.listing.listed, self.listing.owners
 
     def rules(self) -> tuple[int, int, int, float, float, float, int]:
-        """What both kernels are given last."""
+        """The last arguments of both kernels."""
         size = self.camera.width, self.camera.height, self.listing.columns
         return *size, MAX_ALPHA, MIN_ALPHA, MIN_TRANSMITTANCE, TILE
 

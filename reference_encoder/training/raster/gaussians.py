@@ -26,5 +26,5 @@ class Gaussians:
     colours: Tensor
 
     def tensors(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-        """All of them, in this order."""
+        """All tensors, in this order."""
         return self.centres, self.scales, self.rotations, self.opacities, self.colours

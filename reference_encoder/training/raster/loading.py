@@ -42,7 +42,7 @@ class Lens(ctypes.Structure):
 
 
 class Job(ctypes.Structure):
-    """What compositing is given: `Job` of composite.h, which says what each is."""
+    """The arguments of compositing: `Job` of composite.h, which describes each."""
 
     _fields_ = [
         *[(name, c_int64) for name in ("width", "height", "columns", "tiles")],
@@ -109,7 +109,7 @@ def _absent(why: str) -> InvalidInput:
 
 
 def pointer(tensor: Tensor, dtype: torch.dtype = torch.float32) -> int:
-    """Where the numbers of a tensor lie.
+    """Address of the numbers of a tensor.
 
     Raises:
         TypeError: they are of another type than `dtype`, not in one piece, or on another device.

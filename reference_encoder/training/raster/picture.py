@@ -17,7 +17,7 @@ from scarfmt.render.camera import Camera
 
 @dataclass(frozen=True)
 class Picture:
-    """What a camera sees of M Gaussians.
+    """The picture that a camera sees of M Gaussians.
 
     Attributes:
         image: (H, W, 3) float32, linear in the colours and not clipped, with a gradient.

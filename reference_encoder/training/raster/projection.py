@@ -216,7 +216,7 @@ def _touches(means: Tensor, halves: Tensor, lens: Lens) -> Tensor:
 
 @torch.no_grad()
 def see(local: Tensor, means: Tensor, gaussians: Gaussians, lens: Lens) -> Seen:
-    """Which Gaussians show, as which ellipses.
+    """The Gaussians that are visible, and their ellipses.
 
     Args:
         local: (M, 3) positions with the camera's axes.

@@ -29,9 +29,9 @@ _KNOWN = (
     " folder of COLMAP with cameras and images, .bin or .txt"
 )
 _BLENDER = {"transforms_train.json": "train", "transforms_test.json": "test"}
-"""Of NeRF's synthetic scenes: a file for each split."""
+"""Files of NeRF's synthetic scenes, one for each split."""
 _POINTS = ("points3d.ply", "points3D.ply", "input.ply")
-"""Beside a list that names none: this project's, COLMAP's, and what INRIA's trainer copies."""
+"""Point files beside a list that names none: those of this project, of COLMAP, and the one INRIA's trainer copies."""
 
 
 def load_cameras(path: str | PathLike[str]) -> list[Camera]:
@@ -61,7 +61,7 @@ def load_cameras(path: str | PathLike[str]) -> list[Camera]:
 
 
 def held_out(cameras: list[Camera]) -> list[Camera]:
-    """Those marked ``"test"``; all where none is."""
+    """The cameras marked ``"test"``; all cameras if none is marked."""
     return [camera for camera in cameras if camera.split == "test"] or cameras
 
 

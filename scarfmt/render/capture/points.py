@@ -16,7 +16,7 @@ from scarfmt.render.capture.record import EXPORT_AGAIN, wrong
 
 _GREY = 128
 _RECORD = struct.Struct("<Q3d3BdQ")
-"""Of COLMAP: id, position, colour, error, length of the track. Each of the track has 8 bytes."""
+"""A record of COLMAP: id, position, colour, error, length of the track. Each element of the track has 8 bytes."""
 _TRACK = 8
 
 

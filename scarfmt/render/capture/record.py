@@ -13,13 +13,13 @@ from scarfmt.errors import InvalidInput
 from scarfmt.render.camera import Camera
 
 MAX_LISTING_BYTES = 1 << 28
-"""Of a file that is read as a whole: a million cameras."""
+"""Maximum bytes of a file that is read as a whole: about a million cameras."""
 MAX_CAMERAS = 1 << 20
 MAX_PIXELS_WIDE = 1 << 16
 _FAR = 1e12
 """World units or pixels: beyond, squares of such numbers leave binary32."""
 _ROTATION_TOLERANCE = 1e-3
-"""Of any element of R R^T: files hold six digits or more."""
+"""Tolerance of any element of R R^T. Files hold six digits or more."""
 EXPORT_AGAIN = "export the cameras again"
 
 

@@ -12,7 +12,8 @@ from scarfmt.errors import InputWarning
 from scarfmt.render.camera import Camera
 
 SEEN_AT_LEAST = 0.02
-"""Of the Gaussians, by half of the cameras. Captures have 59 and 98 %, with axes or world turned 0 to 3 % [0024]."""
+"""Share of the Gaussians that half of the cameras must see. Captures have 59 and 98 %; with axes or world turned, 0 to
+3 % [0024]."""
 _POSITIONS, _CAMERAS = 4096, 1024
 
 

@@ -35,7 +35,7 @@ _FISHEYE = "OPENCV_FISHEYE"
 _DISTORTIONS = ("k1", "k2", "k3", "k4", "p1", "p2")
 _SIZES = ("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_angle_x", "camera_angle_y")
 _SHARED = (*_SIZES, "camera_model", "is_fisheye", *_DISTORTIONS)
-"""What may stand above the frames, for all of them."""
+"""Fields that may stand above the frames and then hold for all of them."""
 _FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 _BLENDER_PIXELS = 800
 """Width and height of the pictures of NeRF's synthetic scenes, whose files do not name them."""
@@ -208,7 +208,7 @@ def _picture_size(record: Record) -> tuple[int, int] | None:
 
 
 def _splits(file: str, document: Mapping[str, Any]) -> dict[str, str]:
-    """Picture name -> split, where the file tells: what is held out to validate counts as test."""
+    """Picture name -> split, if the file states it. Pictures held out to validate count as test."""
     splits = {}
     for key, split in _SPLITS.items():
         names = document.get(key, [])

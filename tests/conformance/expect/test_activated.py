@@ -29,7 +29,7 @@ def linear(weights: list[list[int]], scales: list[float], biases: list[float]) -
 
 
 def test_rotations_turn_the_third_axis_to_the_normal() -> None:
-    """Of the octahedral map: its middle is +z, a corner -z's neighbour, an edge's middle a horizontal axis."""
+    """In the octahedral map the middle is +z, a corner is near -z, and the middle of an edge is a horizontal axis."""
     q = rotations(np.array([[0.0, 0, 0], [1, 1, 0], [0.5, 0.0, 0.0], [0, 0, math.pi]]))
     w, x, y, z = q.T
     third = np.stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)], axis=1)
@@ -67,7 +67,7 @@ def test_a_network_and_its_magnitude() -> None:
 
 
 def test_a_feature_brings_its_own_magnitude() -> None:
-    """What cancelled in one network is as uncertain in the next."""
+    """The error of a feature that cancelled in one network continues in the next."""
     net = QuantisedMlp((linear([[2, 1]], [1], [0]),))
     assert network(net, np.array([[0.0, -3.0]]), np.array([[1e6, 3.0]]))[1].tolist() == [[2e6 + 3]]
 
@@ -78,7 +78,7 @@ def test_a_feature_brings_its_own_magnitude() -> None:
     ids=["input", "weight", "bias", "infinite"],
 )
 def test_a_magnitude_is_infinite_if_anything_before_it_may_overflow(scale: float, bias: float, x: list[float]) -> None:
-    """Also where it is multiplied by 0 here, or made small by the next layer."""
+    """The magnitude is infinite even if the value is then multiplied by 0, or made small by the next layer."""
     first, second = linear([[2, 0]], [scale], [bias]), linear([[1]], [1e-30], [0])
     for layers in ((first,), (first, second)):
         assert network(QuantisedMlp(layers), np.array([x]), np.array([x]))[1].tolist() == [[math.inf]]
@@ -99,7 +99,8 @@ def test_deviations_are_as_uncertain_as_q_and_the_result() -> None:
 
 
 def test_quaternions_are_as_uncertain_as_they_are_short() -> None:
-    """Of no length and no magnitude: the identity, compared; shorter than 1e-30: not compared."""
+    """A quaternion without length and magnitude is the identity and is compared. One shorter than 1e-30 is not
+    compared."""
     q = np.array([[3.0, 0, 0, -4], [0, 3e-25, 4e-25, 0], [0, 0, 0, 0], [0, 0, 0, 0], [1e-200, 0, 0, 0], [1, 0, 0, 0]])
     largest = np.array([10.0, 1e-24, 0, 1e-3, 1e-200, 2e38])
     with np.errstate(all="ignore"):
@@ -110,7 +111,7 @@ def test_quaternions_are_as_uncertain_as_they_are_short() -> None:
 
 
 def test_a_view_has_a_direction_however_near_or_far() -> None:
-    """And none from the anchor itself."""
+    """Any distance gives a direction, except a view from the anchor itself."""
     steps = np.array([[3.0, 0, -4]])
     with np.errstate(invalid="ignore"):
         near, far, *least = view(np.concatenate([steps * 1e-300, steps * 1e300, steps * 0, [[5e-324, 0, 0]]]))
@@ -134,7 +135,7 @@ def test_values_of_slots_are_as_uncertain_as_features() -> None:
 
 
 def test_a_network_of_huge_numbers_overflows_to_infinity() -> None:
-    """It is no error (SPEC §15)."""
+    """Overflow to infinity is not an error (SPEC §15)."""
     net = QuantisedMlp((linear([[1, 1]], [3e38], [0]),))
     x = np.array([[1e300, 1e300]])
     assert [part.tolist() for part in network(net, x, x)] == [[[math.inf]], [[math.inf]]]

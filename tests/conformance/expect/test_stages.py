@@ -1,4 +1,4 @@
-"""Which stage an array belongs to, how it is pinned, and what is traced of the worked file."""
+"""The stages of arrays, how arrays are pinned, and the trace of the worked file."""
 
 from __future__ import annotations
 

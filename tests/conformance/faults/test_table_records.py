@@ -1,4 +1,4 @@
-"""What faults are made of: table records and rANS words that may say anything."""
+"""The parts of faults: table records and rANS words with any content."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_records_are_what_the_reader_reads(records: list[Record]) -> None:
 
 
 def test_the_parts_of_a_key() -> None:
-    """As the reader splits it."""
+    """The parts of a key are split as the reader splits them."""
     record = Record(number(9, 2, 3, 77), (0,), (1,))
     assert (record.stream, record.component, record.step) == (9, 2, 3)
     assert TableKey.from_number(record.key) == (9, 2, 3, 77)
@@ -55,7 +55,7 @@ def test_words_of_chosen_symbols_decode_to_them(symbols: list[tuple[int, int]]) 
 
 
 def test_a_change_of_tables_that_changes_nothing_is_an_error() -> None:
-    """Or a vector would be valid where it says that it is not."""
+    """Else a vector would be valid although it claims to be invalid."""
     with pytest.raises(AssertionError):
         with_tables(WORKED, 1, lambda records: records)
     with pytest.raises(AssertionError):

@@ -29,7 +29,7 @@ EXPRESSED = {
 }  # fmt: skip
 """Refusals whose rules the description holds, all of them or nearly."""
 PARTLY = {"bad-file-length", "bad-signature", "damaged-signature"}
-"""Of those, the ones that are also given for relations between fields."""
+"""Refusals of `EXPRESSED` that are also given for relations between fields, which the description lacks."""
 
 
 def _names(folder):

@@ -1,4 +1,4 @@
-"""What the portability run asks and shows; the emulation itself is run by hand."""
+"""The questions and the page of the portability run; the emulation itself is run by hand."""
 
 from __future__ import annotations
 

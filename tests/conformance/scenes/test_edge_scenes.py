@@ -1,4 +1,4 @@
-"""That the edge vectors are at the edges they say; that decoders agree on them is tested with all vectors."""
+"""The edge vectors reach the edges that they claim. That decoders agree on them is tested with all vectors."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def tables(name: str) -> list[Record]:
 
 
 def test_every_case_has_a_scene_and_rules() -> None:
-    """What the manifest needs; and none is so large that it rules the size of the suite."""
+    """The manifest needs both; and no case is so large that it decides the size of the suite."""
     for case in cases().values():
         assert case.scene is not None
         assert case.rules
@@ -58,7 +58,7 @@ def test_layers_that_change_nothing(name: str, blocks: int) -> None:
 
 
 def test_codes_and_values_reach_both_ends() -> None:
-    """Those of 64 bits, and of 32."""
+    """Codes of 64 bits and values of 32 bits reach both ends of their ranges."""
     assert [int(c) for c in scene("spine").contents[0].codes[[0, 1, -1]]] == [0, 1, 1 << 62]
     assert int(scene("last-cell").contents[0].codes[0]) == (1 << 63) - 1
     for name in ("values-limit", "alphabet-extremes", "steps-extreme"):

@@ -77,7 +77,7 @@ def test_a_test_that_is_gone_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_must_outside_the_rules_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """So that nobody is obliged by a sentence that no vector can name."""
+    """Nobody may be obliged by a sentence that no vector can name."""
     assert unruled() == []
     monkeypatch.setattr(coverage_of, "text", lambda: text() + "\n\nA reader MUST whistle.\n")
     assert unruled() == ["A reader MUST whistle."]

@@ -119,7 +119,7 @@ def test_metadata_is_written_sorted_and_without_white_space() -> None:
 
 
 def test_rules_marked_v_are_reported_after_all_others() -> None:
-    """R-12.2-2: counts and sums that a decoder need not compare, found with the first block, are told last."""
+    """R-12.2-2: counts and sums that a decoder need not compare, found with the first block, are reported last."""
     data = write_scene(random_scene(3, Profile.EXPLICIT))
     container = Container.open(BytesSource(data))
     counts = [(layer.anchor_count, layer.gaussian_count) for layer in container.header.layers]

@@ -11,13 +11,16 @@ from enum import IntEnum
 
 import numpy as np
 import pytest
+from scarfmt_conformance.protocol import STAGES
 
 from conformance.decoders.python import arithmetic as minimal_arithmetic
 from conformance.decoders.python.fields import Payload
 from conformance.generate import VECTORS
 from conformance.spec import worked_network
-from conformance.spec.spec_tables import CODE, ROOT, SPEC, generated, is_tool_id, raised_ids
+from conformance.spec.spec_tables import CODE, PAGES, ROOT, SPEC, generated, is_tool_id, raised_ids
+from conformance.spec.spec_text import defined
 from conformance.spec.worked import field_rows
+from conformance.spec.worked_tour import tour_rows
 from conformance.writer.oracle import Oracle
 from fuzz.testing.network_rows import first_rows, member_rows
 from reference_decoder.decode import decode
@@ -65,8 +68,9 @@ def rows(text: str) -> list[list[str]]:
 
 
 def test_generated_parts_are_up_to_date() -> None:
-    """Field tables come from the construct declaration, appendix B from the worked scene."""
-    assert generated(TEXT) == TEXT, "run python -m conformance.spec.spec_tables --write"
+    """Field tables come from the construct declaration, §4.2 and appendix B from the worked scene."""
+    for page in PAGES:
+        assert generated(page) == page.read_text(), "run python -m conformance.spec.spec_tables --write"
 
 
 def test_version_and_signature_are_the_codes() -> None:
@@ -79,11 +83,11 @@ def test_version_and_signature_are_the_codes() -> None:
 
 def test_every_rule_id_is_defined_once_and_where_it_says() -> None:
     """Numbers of a section run from 1; every rule cited exists."""
-    defined = re.findall(r"^- \*\*(R-[\d.]+-\d+)\*\*", TEXT, re.MULTILINE)
-    assert not [rule for rule, count in Counter(defined).items() if count > 1]
-    assert set(RULE.findall(TEXT)) == set(defined)
+    known = [rule for rule, _ in defined(TEXT)]
+    assert not [rule for rule, count in Counter(known).items() if count > 1]
+    assert set(RULE.findall(TEXT)) == set(known)
     by_section: dict[str, list[int]] = {}
-    for rule in defined:
+    for rule in known:
         _, place, number = rule.split("-")
         by_section.setdefault(place, []).append(int(number))
         assert f"**{rule}**" in section(place), f"{rule} is not in section {place}"
@@ -100,13 +104,10 @@ def test_refusal_table_and_rules_name_each_other() -> None:
     """A rule that prints an id is in the row of that id, and the other way round."""
     table = {row[0].strip("`"): set(RULE.findall(row[2])) for row in rows(section("12.1")) if row[0].startswith("`")}
     printed: dict[str, set[str]] = {refusal: set() for refusal in table}
-    rule_text = re.compile(r"^- \*\*(R-[\d.]+-\d+)\*\*(.*?)(?=^- \*\*R-|^#|\n\n)", re.MULTILINE | re.DOTALL)
-    for rule, text in rule_text.findall(TEXT):
+    for rule, text in defined(TEXT):
         for refusal in set(re.findall(r"`([a-z]+(?:-[a-z]+)+)`", text)) & set(table):
             printed[refusal].add(rule)
-    # The order of precedence names ids too, and one row cites the rule that comes first in a file.
-    for rules in printed.values():
-        rules.discard("R-12.2-1")
+    # One row cites the rule that comes first in a file.
     assert printed["rans-length"] == {"R-8.2-1"}
     table["rans-length"] -= {"R-7.1-3"}
     assert printed == table
@@ -126,16 +127,43 @@ def test_sections_the_code_cites_exist() -> None:
         section(number)
 
 
+def test_block_quotes_are_informative() -> None:
+    """Block quotes begin with one of three words. They define no rule and oblige nobody, and no note stands outside
+    one."""
+    quotes = re.findall(r"^> (?:.*\n?> ?)*.*$", TEXT, re.MULTILINE)
+    assert len(quotes) > 15
+    for quote in quotes:
+        assert re.match(r"> \*\*(Why|Example|Note)\.\*\* ", quote), quote
+        assert not re.search(r"\*\*R-|\bMUST\b|\bSHOULD\b|\bMAY\b", quote), quote
+    assert not re.findall(r"^\*?\*?(?:Note|Why|Example)\b", TEXT, re.MULTILINE)
+
+
+def test_capital_letters_of_the_pseudo_code_have_one_meaning() -> None:
+    """Each is in the table of §3.2, once; counts have names."""
+    listed = [word for row in rows(section("3.2")) for word in re.findall(r"\b[A-Z]\b", row[0])]
+    assert len(listed) == len(set(listed))
+    start, end = TEXT.index("## 5. "), TEXT.index("## Appendix A")
+    code = re.findall(r"^```\n(.*?)^```", TEXT[start:end], re.MULTILINE | re.DOTALL)
+    used = {letter for block in code for letter in re.findall(r"(?<![\w.])[A-Z](?![\w(-])", re.sub(r"#.*", "", block))}
+    assert used
+    assert used <= set(listed)
+
+
+def test_every_refusal_in_a_rule_comes_after_what_must_hold() -> None:
+    """No arrow is left that points from either side, as in versions up to 0.1."""
+    assert "→" not in TEXT
+
+
 def test_vectors_cite_rules_that_exist() -> None:
     rules = {rule for path in VECTORS.glob("**/expect.json") for rule in json.loads(path.read_text())["rules"]}
     assert len(rules) > 100
-    assert {rule for rule in rules if f"- **{rule}**" not in TEXT} == set()
+    assert rules - {rule for rule, _ in defined(TEXT)} == set()
 
 
 def test_every_refusal_of_the_neural_entropy_model_has_a_vector() -> None:
     """Each rule of section 10 that prints an id, with each of its ids."""
     start, end = TEXT.index("## 10. "), TEXT.index("## 11. ")
-    rules = re.findall(r"^- \*\*(R-10[\d.]+-\d+)\*\*(.*?)(?=^- \*\*R-|\n\n)", TEXT[start:end], re.MULTILINE | re.DOTALL)
+    rules = defined(TEXT[start:end])
     printed = {(rule, refusal) for rule, text in rules for refusal in re.findall(r"`([a-z]+(?:-[a-z]+)+)`", text)}
     made = [json.loads(path.read_text()) for path in VECTORS.glob("invalid/*/expect.json")]
     assert printed
@@ -186,7 +214,7 @@ def _constants() -> dict[str, int]:
 
 
 def test_limits_are_the_codes() -> None:
-    """Both tables of section 13, complete; and the two numbers rules print."""
+    """Both tables of section 13 are complete, and so are the two numbers that rules print."""
     assert {row[0].strip("`"): int(row[1]) for row in rows(section("13.1"))} == _constants()
     printed = {row[0].strip("`"): int(row[1]) for row in rows(section("13.2"))}
     assert printed == dataclasses.asdict(limits.DEFAULT_LIMITS)
@@ -222,7 +250,8 @@ def test_channel_table_is_the_codes() -> None:
         return (None if number == "d" else int(number), "needed" in cell)
 
     for profile, column in ((Profile.EXPLICIT, 1), (Profile.ANCHOR, 2)):
-        listed = {Stream[row[0]]: components(row[column]) for row in rows(section("6.4"))}
+        table = [row for row in rows(section("6.4")) if not row[0].startswith("**R-")]
+        listed = {Stream[row[0]]: components(row[column]) for row in table}
         assert set(listed) == set(streams.CHANNEL_STREAMS)
         sizes, needed = streams.components(profile), streams.needed(profile)
         assert listed == {s: (sizes[s], s in needed) if s in sizes else None for s in streams.CHANNEL_STREAMS}
@@ -230,7 +259,7 @@ def test_channel_table_is_the_codes() -> None:
 
 def test_the_worked_rice_code_is_the_codes() -> None:
     """Section 5.9 prints four values and their bytes."""
-    found = re.search(r"^\*Note\.\* (.*?) have m = .*?`([0-9a-f ]+)` in", section("5.9"), re.MULTILINE | re.DOTALL)
+    found = re.search(r"^> \*\*\w+\.\*\* (.*?) have m = .*?`([0-9a-f ]+)` in", section("5.9"), re.MULTILINE | re.DOTALL)
     assert found is not None
     values, data = [int(word) for word in found[1].split(",")], bytes.fromhex(found[2])
     assert rice.pack_rice(np.array(values)) == data
@@ -310,10 +339,35 @@ def test_the_field_table_covers_every_byte_once_with_the_bytes_printed() -> None
     assert len(printed) == len(field_rows(data))
 
 
+def test_the_tour_shows_every_byte_of_the_worked_vector_once() -> None:
+    """§4.2: offsets follow from the bytes printed; only fields of more than 27 bytes are shortened."""
+    data, at = (VECTORS / "worked" / "input.scar").read_bytes(), 0
+    lines = re.findall(r"^ {0,3}(\d*) +((?:[0-9a-f]{2} )*[0-9a-f]{2}(?: \.\.)?)(?:  |$)", section("4.2"), re.MULTILINE)
+    assert len(lines) > 80
+    for offset, shown in lines:
+        assert offset in ("", str(at))
+        part = bytes.fromhex(shown.removesuffix(" .."))
+        assert data[at:].startswith(part)
+        at += 104 - 18 if shown.endswith("..") else len(part)
+    assert at == len(data)
+
+
+def test_a_tour_of_another_file_is_refused() -> None:
+    """The lines of another file's tour would contradict the fields."""
+    with pytest.raises(ValueError, match="fields at offset"):
+        list(tour_rows((VECTORS / "valid" / "explicit-refined" / "input.scar").read_bytes()))
+
+
+def test_the_order_of_work_names_every_stage_of_the_suite() -> None:
+    """§4.5: each in a step, none that is not there."""
+    named = {word for row in rows(section("4.5")) for word in re.findall(r"`([a-z]+)`", row[3])}
+    assert named == set(STAGES)
+
+
 def test_the_worked_file_decodes_to_the_values_printed() -> None:
     """By the reference decoder, which had no part in printing them."""
     data = worked_bytes()
-    printed = rows(section("B.4"))
+    printed = rows(section("4.4"))
     wanted = iter(printed)
     for layer in (1, 2):
         whole = decode(data, layers=layer)
@@ -330,6 +384,17 @@ def test_the_worked_file_decodes_to_the_values_printed() -> None:
             assert numbers[3] == content.values[1][anchor].tolist()
             assert struct.pack("<f", numbers[4][0]) == whole.values[Stream.OPACITY][anchor].tobytes()
     assert next(wanted, None) is None
+
+
+def test_the_values_of_work_are_the_codes() -> None:
+    """§13.3 is made by the second decoder; the package's own count is the same, and its parts sum up to it."""
+    printed = rows(section("13.3"))
+    assert len(printed) >= 3
+    for id_, *numbers in printed:
+        k, models, splits, tiles, anchors, an_anchor, work = map(int, numbers)
+        reader = SceneReader(BytesSource((VECTORS / id_.strip("`") / "input.scar").read_bytes()))
+        extent = reader.extent(k, np.arange(reader.header.tile_count))
+        assert work == reader.models(k).work.total(extent) == models + splits + tiles + anchors * an_anchor
 
 
 def test_the_work_of_real_scenes_is_the_same_number_everywhere() -> None:

@@ -1,4 +1,4 @@
-"""Small suites whose files tell the fake decoder what to answer, and runs over them."""
+"""Small suites whose files contain the answers of the fake decoder, and runs over them."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def test_a_folder_is_used_as_it_is() -> None:
 
 
 def test_a_damaged_archive_is_a_fault_of_the_suite(archive: Path, tmp_path: Path) -> None:
-    """It must not be held against the decoder."""
+    """A damaged archive must not count as a failure of the decoder."""
     (tmp_path / "cut.zip").write_bytes(archive.read_bytes()[:100_000])
     with pytest.raises(InvalidInput, match="input-suite"):
         find_suite(str(tmp_path / "cut.zip"))

@@ -147,14 +147,14 @@ def test_vectors_are_listed(folder: Path) -> None:
 
 @pytest.mark.parametrize("way", [[], ["--session"]])
 def test_the_reference_decoder_is_the_default(way: list[str]) -> None:
-    """Both ways, with the worked file of SPEC.md, appendix B."""
+    """The reference decoder answers both ways for the worked file of SPEC.md, appendix B."""
     result = call("run", "--suite", REPOSITORY / "conformance", "--only", "worked", "--last-layer", *way)
     assert result.exit_code == 0, result.stderr
     assert "scarfmt reference" in result.stderr
 
 
 def test_an_interrupt_ends_the_decoder_too(suite: SuiteWriter, tmp_path: Path) -> None:
-    """And leaves no half-written report."""
+    """An interrupt ends the decoder and leaves no half-written report."""
     told, report = tmp_path / "number", tmp_path / "report.json"
     suite.decoded("valid/hang", {"misbehave": "hang", "told": str(told)})
     words = ["conformance", "run", "--suite", suite.load().folder, "--decoder", DECODER, "--output", report]

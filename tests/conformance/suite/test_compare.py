@@ -1,4 +1,4 @@
-"""What counts as the same: exact hashes, tolerances, fields, metadata; and no answer breaks the comparison."""
+"""The comparison of answers: exact hashes, tolerances, fields, metadata; and no answer breaks it."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def test_a_damaged_reference_is_the_suites_fault(tmp_path: Path) -> None:
 @settings(deadline=None)
 @given(JSON, st.sampled_from(["container", "values", "activated"]), st.booleans())
 def test_no_answer_breaks_the_comparison(tmp_path_factory: Any, value: Any, stage: str, deep: bool) -> None:
-    """And what is shown of it can be printed."""
+    """Any answer can be compared, and the report about it can be printed."""
     folder: Path = tmp_path_factory.getbasetemp()
     (folder / "one.bin").write_bytes(bytes(8))
     pinned = {

@@ -1,4 +1,4 @@
-"""A suite that is damaged is told so, never held against a decoder."""
+"""A damaged suite is reported as such, never held against a decoder."""
 
 from __future__ import annotations
 

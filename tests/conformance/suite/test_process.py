@@ -79,7 +79,7 @@ def test_memory_beyond_the_limit_cannot_be_had(suite: SuiteWriter, ask_by_sessio
 
 
 def test_the_memory_limit_leaves_room_below_it(suite: SuiteWriter, ask_by_session: bool) -> None:
-    """And what was held is known, if it is more than the process that runs this test holds."""
+    """The peak memory is known if it is more than that of the process that runs this test."""
     suite.decoded("valid/large", {"misbehave": "hold", "mib": 200})
     result = only(score(suite, ask_by_session, limits=Limits(PATIENCE_SECONDS, 512 * MIB)))
     assert result.outcome == PASSED

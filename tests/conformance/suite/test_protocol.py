@@ -127,7 +127,7 @@ def test_no_output_breaks_the_parser(data: bytes) -> None:
 
 @given(st.dictionaries(KEYS, JSON, min_size=1), st.dictionaries(KEYS, JSON))
 def test_no_object_breaks_the_parser(value: dict[str, Any], claimed: dict[str, Any]) -> None:
-    """And whatever text is taken over can be printed, and written as XML."""
+    """Any object can be parsed, and the texts taken from it can be printed and written as XML."""
     for found in (value, {**value, "capabilities": {"protocol": "scar-conformance 2", **claimed}}):
         answer = parse(json.dumps(found).encode())
         texts = [getattr(answer, name, "") for name in ("id", "message", "decoder")]
@@ -150,5 +150,5 @@ def test_printable_text_is_harmless_and_short(text: str, limit: int, lines: bool
 
 
 def test_stages_end_with_annotations() -> None:
-    """What no decoder may look at unasked comes last."""
+    """The data that a decoder may read only if asked comes last."""
     assert STAGES[-2:] == ANNOTATIONS == ("metadata", "streaming")

@@ -144,7 +144,7 @@ def test_first_numbers_are_those_hashed() -> None:
 
 @pytest.mark.parametrize("seed", [15, 28])
 def test_threads_and_tiles_on_their_own_give_the_same(seed: int, save: Save) -> None:
-    """What observers see too: it is kept apart by tile, whichever thread decodes it."""
+    """Observers see the same, too: their values are kept by tile, whichever thread decodes it."""
     path = save(write_scene(neural_scene(seed, Profile(seed % 2), anchors=300, tiles=12)))
     whole = stages(path)
     assert any(name.startswith("context.") for name in whole["context"]["arrays"])
@@ -220,7 +220,7 @@ def test_activated_values_keep_the_tolerance(seed: int, profile: Profile, save: 
 
 @pytest.mark.parametrize("manner", [WHOLE, RANGE])
 def test_a_damaged_tile_refuses_the_whole_answer(manner: Manner, save: Save) -> None:
-    """And only an answer that needs it: no part of a refused decode is handed out."""
+    """An answer is refused only if it needs the damaged tile. No part of a refused decode is returned."""
     damaged = bytearray(write_scene(random_scene(3, anchors=200)))
     tile = tile_entries(bytes(damaged))[-1]
     damaged[tile.offset] ^= 1

@@ -1,4 +1,4 @@
-"""The same score for people, programs and CI servers."""
+"""Reports of one score for people, programs and CI servers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is asked about which vector, what passes, and what a failure says (conformance/PROTOCOL.md)."""
+"""The questions about each vector, which answers pass, and the text of a failure (conformance/PROTOCOL.md)."""
 
 from __future__ import annotations
 
@@ -393,7 +393,7 @@ def test_fail_fast_asks_no_more(suite: SuiteWriter) -> None:
 
 @pytest.mark.parametrize("error", [InvalidInput("input-suite", "broken"), KeyboardInterrupt()])
 def test_an_error_in_one_thread_ends_all(suite: SuiteWriter, error: BaseException) -> None:
-    """And is raised, not swallowed."""
+    """The error is raised, not swallowed."""
     for number in range(20):
         suite.decoded(f"valid/v{number}")
     loaded = suite.load()

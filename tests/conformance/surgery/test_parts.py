@@ -27,7 +27,7 @@ def load(name: str) -> bytes:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_file_put_together_again_is_the_file(name: str) -> None:
-    """Also when all that can be computed is computed anew."""
+    """The file is equal even if everything that can be computed is computed again."""
     data = load(name)
     assert taken_apart(data).raw() == taken_apart(data).sealed() == remade(data, lambda _: None) == data
 
@@ -63,7 +63,7 @@ def test_checksums_of_zeros_are_those_of_zeros(start: bytes, zeros: int) -> None
 
 
 def test_frames_without_a_fault_are_frames() -> None:
-    """So that a frame with one is refused for that."""
+    """A frame with a fault is then refused for that fault alone."""
     content = b"0123456789"
     raw = zstd_block(0, len(content), content)
     for frame in (zstd_frame(10, raw), zstd_frame(10, raw, window=80), zstd_frame(10, raw, dictionary=b"\0")):

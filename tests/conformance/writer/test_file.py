@@ -148,7 +148,7 @@ def test_the_worked_file_does_not_depend_on_who_writes_it() -> None:
 @settings(deadline=None, max_examples=25)
 @given(quantised_scenes() | neural_scenes(max_anchors=25, max_layers=3), st.sampled_from(sorted(OPTIONS)))
 def test_random_scenes_come_back_however_they_are_written(scene: QuantisedScene, name: str) -> None:
-    """Both profiles, with and without networks; every option gives a file that keeps all rules."""
+    """Both profiles come back, with and without networks. With every option the file keeps all rules."""
     options = OPTIONS[name]
     if name == "blocks":
         options = replace(options, blocks=options.blocks[1:])
@@ -160,7 +160,7 @@ def test_random_scenes_come_back_however_they_are_written(scene: QuantisedScene,
 @settings(deadline=None, max_examples=10)
 @given(quantised_scenes(max_layers=5), st.integers(1, 4))
 def test_nothing_in_a_layer_depends_on_later_ones(scene: QuantisedScene, layers: int) -> None:
-    """What an editor cuts off is what is written of fewer layers (SPEC §14)."""
+    """A file cut by an editor has the bytes of one written with fewer layers (SPEC §14)."""
     kept = min(layers, len(scene.model.layers))
     assert truncate(BytesSource(write_file(scene)), kept) == write_file(keep_layers(scene, kept))
 
@@ -188,7 +188,7 @@ def test_blocks_of_any_kind_can_be_added() -> None:
 
 @pytest.mark.parametrize("page_bits", [0, 1, 10])
 def test_blocks_are_put_in_order_and_in_pages_as_the_reference_writer_does(page_bits: int) -> None:
-    """Of a scene of many tiles; two writers of ROOT and pages that share nothing."""
+    """Two writers of ROOT and pages that share no code agree on a scene of many tiles."""
     scene = scene_of("explicit-refined")
     blocks = blocks_of(write_file(scene, WriteOptions(page_bits=page_bits)))
     ours = write_container(scene.fields, scene.tiles, blocks[::-1], layer_counts(scene), page_bits=page_bits)

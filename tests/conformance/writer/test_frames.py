@@ -36,7 +36,7 @@ STYLES = st.builds(
 @settings(deadline=None, max_examples=300)
 @given(CONTENTS, STYLES)
 def test_the_library_and_the_second_decoder_read_every_style(content: bytes, style: FrameStyle) -> None:
-    """And the rules of SPEC §5.8 on frames hold; a style that cannot hold the content is refused."""
+    """The frames keep the rules of SPEC §5.8. A style that cannot hold the content is refused."""
     single = style.window is None
     fits = {1: single and len(content) < 256, 2: 256 <= len(content) < 65792}.get(style.size_bytes, True)
     compressed = style.form in (BlockForm.LITERALS, BlockForm.MATCHES)
@@ -50,7 +50,7 @@ def test_the_library_and_the_second_decoder_read_every_style(content: bytes, sty
 
 
 def test_matches_make_frames_smaller() -> None:
-    """They are really there: matches within a block, into blocks before, and overlapping themselves."""
+    """The frames contain matches within a block, into earlier blocks, and ones that overlap themselves."""
     style, content = FrameStyle(BlockForm.MATCHES, window=0x18, most=50), bytes(range(40)) * 3 + b"ab" * 60
     frame = style(content)
     assert len(frame) < len(content) // 2
@@ -110,6 +110,6 @@ def test_shifted_numbers_come_back(values: list[int], zeros: int, most: int, zer
 
 @given(st.integers(0, 2**63 - 1), st.integers(-(2**32), 2**32 - 1))
 def test_variable_length_integers_come_back(unsigned: int, signed: int) -> None:
-    """As short as they can be: the reader refuses others."""
+    """Integers are written as short as possible: the reader refuses longer forms."""
     assert Payload(varint(unsigned)).varint(63) == unsigned
     assert Payload(svarint(signed)).svarint(33) == signed

@@ -1,4 +1,4 @@
-"""What is asked for decides what is read and what it takes in memory, not how large the scene is."""
+"""The request decides what is read and how much memory that takes, not the size of the scene."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ Work = Callable[[SceneSet, Counters], int]
 
 
 def spent(path: Path, work: Work) -> tuple[int, int, int]:
-    """What `work` gives, bytes read, and the peak of what Python and NumPy had allocated."""
+    """The result of `work`, the bytes read, and the peak of the memory that Python and NumPy allocated."""
     counters = Counters()
     with open_scene(path) as scene:
         tracemalloc.start()

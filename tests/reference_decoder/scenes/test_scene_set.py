@@ -20,9 +20,10 @@ from reference_decoder.stream_ply import Baking, export_ply
 from scarfmt.coding.reader import SceneReader
 from scarfmt.container.source import BytesSource
 from scarfmt.counters import Counters
-from scarfmt.errors import InvalidInput, Malformed, ScarError
+from scarfmt.errors import InvalidInput, LimitExceeded, Malformed, ScarError
 from scarfmt.formats import load
 from scarfmt.formats.joined import widened
+from scarfmt.limits import Limits
 from scarfmt.render.camera import look_at
 from scarfmt.scene.gaussians import AnchorModel, GaussianScene
 from scarfmt.scene.placement import Placement
@@ -31,7 +32,7 @@ from tests.scene_index.scenes import ANCHORS, DATA, NAMES, PLACED, scene_folder
 
 PLACEMENT = Placement.of(PLACED)
 AWAY = Camera(np.array([4.0, 0, -30]), np.array([0, 0, 1.0]), np.array([0, -1.0, 0]), 1.2, 640, 480)
-"""Both files are in the picture."""
+"""A camera that has both files in the picture."""
 
 
 @pytest.fixture
@@ -46,7 +47,7 @@ def gaussians(data: bytes, **fields: Any) -> GaussianScene:
 
 
 def expected(layers: int | None = None) -> list[GaussianScene]:
-    """What each file holds, the second placed."""
+    """The content of each file, the second one placed."""
     first = gaussians(DATA[0], layers=None if layers is None else min(layers, 3))
     return [first, PLACEMENT.scene(gaussians(DATA[1], layers=layers))]
 
@@ -79,6 +80,27 @@ def test_a_region_is_in_the_coordinates_of_the_scene(scene: SceneSet) -> None:
     detail = LevelOfDetail(AWAY)
     found = scene.decode(DecodeRequest(box=box), detail)
     assert sorted(map(tuple, found.positions)) == sorted(map(tuple, whole.positions[inside]))
+
+
+def test_what_all_files_hold_together_is_what_is_held_at_once(tmp_path: Path) -> None:
+    """No file is too large alone; in parts, of fewer layers or of a region the scene can be had (R-13.2-3)."""
+    path = scene_folder(tmp_path, PLACED)
+    scene, number = open_scene(path), sum(len(gaussians(data)) for data in DATA)
+    assert max(len(gaussians(data)) for data in DATA) < number - 1
+    few, enough = Limits(gathered=number - 1), Limits(gathered=number)
+    assert len(scene.decode(limits=enough)) == number
+    everywhere = ((-1e3,) * 3, (1e3,) * 3)
+    for fields in ({}, {"box": everywhere}, {"view": LevelOfDetail(AWAY)}):
+        with pytest.raises(LimitExceeded, match="tile by tile") as caught:
+            scene.decode(limits=few, **fields)
+        assert caught.value.refusal == "limit-gathered"
+        assert len(scene.decode(limits=enough, **fields)) == number
+    assert len(scene.decode(limits=few, layers=1)) < number
+    assert sum(len(part.scene) for part in scene.iter_tiles(limits=few)) == number
+    for name in NAMES:
+        (tmp_path / name).unlink()
+    with pytest.raises(LimitExceeded):
+        open_scene(path).decode(limits=few)
 
 
 def test_files_out_of_the_region_are_not_opened(tmp_path: Path) -> None:
@@ -121,7 +143,7 @@ def test_tiles_of_a_view_are_those_of_their_layers(scene: SceneSet, budget: int)
 
 
 def test_a_placed_file_is_seen_as_it_is_alone(scene: SceneSet) -> None:
-    """What a camera needs does not depend on where everything, camera and file, is placed."""
+    """The needs of a camera do not depend on where everything, camera and file, is placed."""
     alone = open_scene(DATA[1])
     there = Camera(np.array([-1.2, 0.7, 1.0]), np.array([0.1, 0, 1.0]), np.array([0, -1.0, 0]), 0.6, 640, 480)
     moved = Camera(
@@ -176,7 +198,7 @@ def test_damage_says_in_which_file(tmp_path: Path) -> None:
 
 
 def test_an_anchor_model_stays_in_its_own_coordinates(tmp_path: Path) -> None:
-    """Its networks look from the camera of the file (R-17-11)."""
+    """The networks of a placed file look from the camera in the file's coordinates (R-17-11)."""
     scene = open_scene(_with_anchors(tmp_path))
     parts = [part for part in scene.iter_tiles() if part.file == 1]
     whole = decode(ANCHORS).scene
@@ -252,7 +274,7 @@ def test_what_is_read_is_counted(scene: SceneSet) -> None:
 
 
 def test_a_reader_beside_another_decodes_other_layers() -> None:
-    """Both keep what they prepared for their own number of layers."""
+    """Each reader keeps what it prepared for its own number of layers."""
     reader = SceneReader(BytesSource(DATA[1]))
     twin = reader.twin()
     models, fewer = reader.models(), twin.models(1)

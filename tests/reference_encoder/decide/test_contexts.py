@@ -19,7 +19,7 @@ STREAMS = [Stream.POSITION_RESIDUAL, Stream.SCALE, Stream.OPACITY]
 
 
 def values(seed: int, wide: bool) -> tuple[list[I64], I64]:
-    """First-step values of three channels, some told by others and some by the class, and classes."""
+    """First-step values of three channels, some predictable from others and some from the class; and the classes."""
     draw = np.random.default_rng(seed)
     classes = draw.integers(0, 3, 4000)
     scale = np.rint(draw.normal(0, 400 if wide else 6, (4000, 3))).astype(np.int64)

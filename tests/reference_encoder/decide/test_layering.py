@@ -66,7 +66,7 @@ def decibels(entries: Sequence[Entry], parts: Sequence[float]) -> float:
 
 
 def seen(costs: LayerCosts, choice: LayerChoice) -> float:
-    """What the stand-in sees of a layer."""
+    """The stand-in's picture of a layer."""
     return decibels(costs.entries(choice), choice.parts)
 
 
@@ -92,7 +92,7 @@ def test_predicted_first_layer_keeps_to_its_share(costs: LayerCosts) -> None:
 
 
 def test_first_picture_is_good_enough_and_no_smaller_one_is(costs: LayerCosts) -> None:
-    """It reaches what a picture needs; among all lambdas and fronts, none much smaller does."""
+    """The first picture reaches the PSNR that it needs. Among all lambdas and fronts, none much smaller does."""
     found = first_picture(costs, decibels, QUALITY, 0.3)
     assert seen(costs, found) >= PICTURE_DB
     every = [LayerChoice(float(lambda_), parts, False) for parts in costs.fronts() for lambda_ in costs.lambdas]
@@ -132,7 +132,7 @@ def test_first_picture_has_latents_where_they_pay(costs: LayerCosts) -> None:
 
 
 def test_first_picture_out_of_reach_is_the_best_of_the_share(costs: LayerCosts) -> None:
-    """Where nothing affordable is good enough, it is the best looking one within the share."""
+    """If nothing affordable is good enough, the first picture is the best one within the share."""
     found = first_picture(costs, lambda _, parts: sum(parts), QUALITY, 0.3)
     assert costs.bits(found) <= 0.3 * costs.bits(costs.final) < LARGEST_SHARE * costs.bits(costs.final)
     kinds = (LayerChoice(costs.last, parts) for parts in costs.fronts())

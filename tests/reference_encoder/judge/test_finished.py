@@ -1,4 +1,4 @@
-"""What the encoder judges is what decoders show."""
+"""The scenes that the encoder judges equal those that decoders show."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_gaussians_are_those_that_are_decoded(degree: int, quality: float) -> No
 
 @pytest.mark.parametrize("seed", range(6))
 def test_so_they_are_whatever_a_file_holds(seed: int) -> None:
-    """Of random integers, channels that are absent included."""
+    """Finished scenes agree for random integers, and for files without some channels."""
     scene = random_integers(seed, Profile.EXPLICIT, anchors=200)
     shown, found = finished_gaussians(scene), decode(write_scene(scene)).scene
     assert isinstance(found, GaussianScene)

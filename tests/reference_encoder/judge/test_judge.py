@@ -41,7 +41,7 @@ def _poses(views: Views) -> set[bytes]:
 def test_survey_loop_and_report_look_from_different_places(
     scene: GaussianScene, options: EncodeOptions, given: bool
 ) -> None:
-    """What one set of views shows, no other does; cameras that are given are surveyed themselves, and judged beside."""
+    """No set of views shows a view of another. Given cameras are surveyed themselves, and judged from beside."""
     options = replace(options, cameras=orbit_cameras(scene, 9)) if given else options
     surveyed = {camera.world_to_camera.tobytes() for camera in survey(scene, options).cameras}
     loop, report = (_poses(_views(scene, options, sight)) for sight in Sight)
@@ -65,7 +65,7 @@ def test_kinds_of_places_count_alike_and_cameras_as_in_the_survey(scene: Gaussia
 
 
 def test_photos_for_tests_are_left_to_tests(scene: GaussianScene) -> None:
-    """Of a camera list with a test split, only the others are judged close to."""
+    """If a camera list has a test split, only the other cameras are judging views."""
     here, there = orbit_cameras(scene, 2)
     options = EncodeOptions(cameras=[here, replace(there, split="test")])
     for camera in _views(scene, options, Sight.LOOP).cameras["given"]:
@@ -73,7 +73,7 @@ def test_photos_for_tests_are_left_to_tests(scene: GaussianScene) -> None:
 
 
 def test_large_scenes_are_judged_by_fewer_views() -> None:
-    """As many as an effort has for small scenes, then fewer, at last no fewer."""
+    """Small scenes have as many views as the effort says, larger ones fewer, down to a minimum."""
     options = EncodeOptions(effort=2)
     counts = [views_of_kind(options, gaussians) for gaussians in (1, 10**5, 10**6, 10**8)]
     assert counts[0] == EFFORTS[2].judged_views

@@ -18,12 +18,12 @@ def grey(value: float = 0.5) -> F32:
 
 
 def test_an_even_error_counts_as_in_the_psnr() -> None:
-    """What is everywhere a tenth too bright has a squared error of a hundredth."""
+    """A picture that is everywhere a tenth too bright has a squared error of a hundredth."""
     assert looked_error(grey(0.6), grey(0.5)) == pytest.approx(0.01, rel=1e-5)
 
 
 def test_noise_is_forgiven_and_a_hole_is_not() -> None:
-    """Of equal squared errors, noise of single pixels counts about half, one in a single block twice and more."""
+    """At equal squared errors noise of single pixels counts about half, and noise in a single block twice and more."""
     draw = np.random.default_rng(1)
     noisy = grey() + 0.1 * draw.choice([-1.0, 1.0], (24, 32, 3)).astype(np.float32)
     holed = grey()
@@ -34,7 +34,7 @@ def test_noise_is_forgiven_and_a_hole_is_not() -> None:
 
 
 def test_views_of_all_kinds_are_looked_at() -> None:
-    """As many of each kind; the scene itself looks perfect, each view counting as no more than allowed."""
+    """Each kind has as many views. The scene itself looks perfect, and no view counts for more than the maximum."""
     scene = random_scene(1, 300, 0)
     looks = Looks.of(scene, EncodeOptions(frame="-y", seed=3))
     counts = [sum(camera.name.startswith(kind) for camera in looks.cameras) for kind in KINDS]
@@ -44,7 +44,7 @@ def test_views_of_all_kinds_are_looked_at() -> None:
 
 
 def test_a_fence_of_cameras_is_not_left() -> None:
-    """Where only the given cameras count, layers are looked at from those, in small."""
+    """If only the given cameras count, layers are judged from those, in small pictures."""
     scene = random_scene(1, 300, 0)
     given = [view.scaled(2) for view in viewpoints(Surroundings.of(scene, "-y"), "orbit", 30, 5)]
     looks = Looks.of(scene, EncodeOptions(cameras=given, only_cameras=True))

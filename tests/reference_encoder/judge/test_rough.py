@@ -13,7 +13,7 @@ from tests.render.scenes import random_scene
 
 
 def test_rough_layers_hold_the_classes_they_say() -> None:
-    """A rough scene has the anchors of the first classes, and of each the part it is told."""
+    """A rough scene has the anchors of the first classes, and of each class the given part."""
     options = EncodeOptions(quality=45, effort=1, layers=2, corrections=0)
     tried = attempted(ExplicitProfile.measured(random_scene(2, 900, 1), options), 45)
     entry = (0, *(2 for _ in tried.plans.channels), 0)

@@ -50,7 +50,7 @@ def test_a_try_nearby_is_judged_by_what_some_views_say_of_the_change() -> None:
 
 
 def test_a_try_far_away_is_judged_by_all_views_and_the_next_by_its_pictures() -> None:
-    """Where much changes, views do not change alike."""
+    """After large changes views do not change alike."""
     tries, drawn = _tries()
     before = tries.found_db(0.010)
     far = 0.010 / 10 ** ((MOST_MOVED_DB + 1) / 20)

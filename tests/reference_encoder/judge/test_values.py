@@ -22,7 +22,7 @@ def test_rounded_to_the_widths_of_the_class() -> None:
 
 
 def test_sums_of_codewords_are_those_of_a_decoder() -> None:
-    """Of the stages that each anchor has received."""
+    """A sum has the codewords of the stages that each anchor has received."""
     draw = np.random.default_rng(2)
     books = Codebooks(draw.integers(-900, 900, (8, 5)), draw.integers(-90, 90, (4, 5)))
     indices, stages = draw.integers(0, 4, (60, 3)).astype(np.int16), draw.integers(0, 4, 60)

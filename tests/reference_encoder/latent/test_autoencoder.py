@@ -46,7 +46,7 @@ def _learn(vectors: np.ndarray, options: AutoencoderOptions = OPTIONS, **more: o
 
 
 def _decoded(latent: Latent, chosen: RvqResult, stages: int) -> np.ndarray:
-    """What a reader makes of the stored decoder, codewords and indices."""
+    """The latents that a reader makes of the stored decoder, codewords and indices."""
     books = Codebooks(chosen.coarse, chosen.residual)
     z = books.latents(chosen.indices, np.full(len(chosen.indices), stages))
     return unpack_networks(pack_networks((latent.decoder,)))[0].apply(z, np.float64)
@@ -139,7 +139,7 @@ def _trained(vectors: np.ndarray, options: AutoencoderOptions) -> Autoencoder:
 
 
 def _outputs(trained: Autoencoder, z: np.ndarray) -> np.ndarray:
-    """What a linear decoder makes of (N, d) latents."""
+    """The outputs of a linear decoder for (N, d) latents."""
     [(weights, biases)] = trained.decoder
     return np.asarray(z @ weights.T + biases)
 
@@ -177,14 +177,15 @@ def test_commitment_pulls_latents_towards_their_codewords() -> None:
 
 
 def test_the_shared_residual_codebook_serves_later_stages_too() -> None:
-    """It learns from all of them: from the second alone its words are too long for what the fifth has left."""
+    """The book learns from all stages: learnt from the second alone, its words are too long for the rests of the
+    fifth."""
     trained = _trained(_vectors(), replace(OPTIONS, rvq=replace(OPTIONS.rvq, codewords=8, stages=5), steps=300))
     left = [float(((trained.encoded - total) ** 2).sum()) for total in _sums(trained, 5)]
     assert left[4] < 0.45 * left[1]
 
 
 def _what_the_decoder_saw(options: AutoencoderOptions) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    """Of each step, the (batch, d) projector output and decoder input; no layer normalisation, a linear decoder."""
+    """The (batch, d) projector output and decoder input of each step; no layer normalisation, a linear decoder."""
     x = _vectors()
     made: list[torch.Tensor] = []
     seen: list[tuple[torch.Tensor, torch.Tensor]] = []

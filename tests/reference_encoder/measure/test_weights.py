@@ -1,4 +1,4 @@
-"""What Gaussians weigh: power means over views, and a floor that needs none."""
+"""The weights of Gaussians: power means over views, and a floor that needs no view."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.render.scenes import random_scene, small_camera
 
 
 def test_weights_are_power_means_over_views_and_kinds() -> None:
-    """Of each kind over its views, and of these by their shares."""
+    """A weight is a power mean over the views of each kind, and then over kinds by their shares."""
     scene, views = random_scene(4, 300), [small_camera(), small_camera(33, 20), small_camera(50, 60)]
     shares = {"orbit": 0.75, "near": 0.25}
     found = weighed(scene, Survey({"orbit": views[:2], "near": views[2:]}, shares, 1.0, Upright("-y")))

@@ -44,7 +44,7 @@ def test_features_are_those_of_the_exported_grid() -> None:
 
 
 def test_features_reach_both_ends() -> None:
-    """Where all bits agree the sum is +-2^24 in 3D: no rounding error, and clamped to +-127."""
+    """If all bits agree the sum is +-2^24 in 3D: there is no rounding error, and it is clamped to +-127."""
     for sign in (-1.0, 1.0):
         module = BinaryGrid(BOX, LEVELS)
         with torch.no_grad():
@@ -54,7 +54,8 @@ def test_features_reach_both_ends() -> None:
 
 
 def test_gradients_are_the_interpolation_weights() -> None:
-    """Of a feature with respect to the entries it reads, as long as a parameter is within -1..1; none beyond."""
+    """The gradient with respect to an entry is its interpolation weight while the parameter is within -1..1, and 0
+    beyond."""
     module = BinaryGrid(BOX, LEVELS[1:2], unit=2.0)
     with torch.no_grad():
         module.tables[0][:, 1] = 1.5
@@ -112,7 +113,7 @@ def test_a_grid_learns_where_things_are() -> None:
 
 
 def test_the_same_seed_gives_the_same_grid() -> None:
-    """And another one another: the encoder's files are reproducible."""
+    """Another seed gives another grid: the encoder's files are reproducible."""
     first, second, third = (BinaryGrid(BOX, LEVELS, seed=seed).export() for seed in (1, 1, 2))
     assert all(np.array_equal(a, b) for a, b in zip(first.bits, second.bits, strict=True))
     assert not all(np.array_equal(a, b) for a, b in zip(first.bits, third.bits, strict=True))
@@ -131,7 +132,7 @@ def test_outliers_do_not_take_resolution() -> None:
 
 @pytest.mark.parametrize("point", [0, 7, 2**32 - 1])
 def test_one_anchor_has_a_box(point: int) -> None:
-    """Of one lattice point, wherever it is."""
+    """The box holds one lattice point, wherever it is."""
     assert fit_box(np.full((1, 3), point)) == (GridBox((point, point, point), 0), (1.0, 1.0, 1.0))
 
 

@@ -1,4 +1,4 @@
-"""Choosing predictors: they pay by real coding, never where nothing can be told, and the same every time."""
+"""Choosing predictors: they pay by real coding, never where nothing is predictable, and the same every time."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_predictors_pay_where_neighbours_are_alike(stream: Stream) -> None:
 
 
 def test_noise_never_costs_more() -> None:
-    """Nothing can be told of it: what is chosen, if anything, is tiny and saves tables."""
+    """Noise is not predictable: a chosen predictor, if any, is tiny and saves tables."""
     model, tiles = scene(2, smooth=False)
     chosen = choose_predictors(model, tiles, [BITS, BITS], effort=1)
     assert sum(len(pack_predictors(group)) for group in chosen.values()) < 100
@@ -83,13 +83,14 @@ def test_noise_never_costs_more() -> None:
 
 
 def test_latents_too_wide_for_predictors_have_none() -> None:
-    """There is no byte for so many inputs."""
+    """No byte can number so many inputs."""
     model, tiles = scene(4, True, Stream.LATENT, components=47, depths=(9, 6, 3, 1))
     assert choose_predictors(model, tiles, [BITS, BITS], effort=1) == {}
 
 
 def test_the_choice_depends_on_the_seed_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not on how many threads torch may use, what was random before, or how many samples fit in memory."""
+    """The choice does not depend on torch's threads, on earlier random numbers, or on how many samples fit in
+    memory."""
     model, tiles = scene(1, smooth=True)
     found, threads = [], torch.get_num_threads()
     for number, held in ((1, 1), (2, 1 << 28)):
@@ -124,7 +125,7 @@ def test_quantised_networks_give_nearly_the_contexts_of_the_exact_one() -> None:
 
 @pytest.mark.parametrize("total", [4000, 10**9])
 def test_weights_cost_more_where_they_serve_few(total: int) -> None:
-    """Inputs that tell nothing are not looked at when few symbols would pay for it."""
+    """Inputs without information are not used when few symbols would pay for them."""
     rng = np.random.default_rng(1)
     x = rng.integers(-100, 101, (4000, 20)).astype(np.int16)
     trits = np.clip(np.rint(x[:, 0] / 60 + rng.normal(0, 0.3, 4000)), -1, 1).astype(np.int64)

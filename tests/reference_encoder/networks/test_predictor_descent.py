@@ -1,4 +1,4 @@
-"""The compiled descent: it finds laws that are known, leaves out what tells nothing, and repeats itself exactly."""
+"""The compiled descent finds laws that are known, leaves out inputs without information, and repeats itself exactly."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def logistic_targets(x: F32) -> F32:
 
 
 def test_mean_and_spread_of_a_logistic_law_are_found() -> None:
-    """A bend needs the hidden units, a slope does not, and the second output tells the spread."""
+    """A bend needs the hidden units, a slope does not, and the second output gives the spread."""
     x = inputs(1)
     found = outputs(descend(start(2), x, logistic_targets(x), False, 0.0, 600, 3), x)
     assert np.abs(found[:, 0] - 5 * np.abs(x[:, 0]) - 3 * x[:, 1]).mean() < 0.7
@@ -59,7 +59,7 @@ def test_log_odds_of_ternary_steps_are_found() -> None:
 
 
 def test_what_weights_cost_keeps_idle_ones_small() -> None:
-    """Inputs that tell nothing lose their weights, the law is still found."""
+    """Inputs without information lose their weights; the law is still found."""
     x = inputs(1)
     free, dear = (descend(start(2), x, logistic_targets(x), False, cost, 600, 3) for cost in (0.0, 0.01))
     assert np.abs(dear.direct[3:]).max() < 0.5 * np.abs(free.direct[3:]).max()
@@ -69,7 +69,7 @@ def test_what_weights_cost_keeps_idle_ones_small() -> None:
 
 @pytest.mark.parametrize("ternary", [False, True])
 def test_the_same_seed_gives_the_same_network_whatever_else_runs(ternary: bool) -> None:
-    """Beside another descent on another thread, too; another seed gives another one."""
+    """The network is equal even beside another descent on another thread; another seed gives another network."""
     x = inputs(8)
     targets = np.sign(x[:, 0]).astype(np.float32)
 
@@ -85,7 +85,7 @@ def test_the_same_seed_gives_the_same_network_whatever_else_runs(ternary: bool) 
 
 
 def test_fewer_rows_than_a_batch_are_enough() -> None:
-    """They are met more than once a step."""
+    """Rows are used more than once in a step."""
     x = inputs(1)[:50]
     found = descend(start(2), x, logistic_targets(x), False, 0.0, 50, 3)
     assert np.isfinite(outputs(found, x)).all()

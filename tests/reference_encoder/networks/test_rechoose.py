@@ -119,7 +119,7 @@ def test_only_indices_and_latent_values_change() -> None:
 
 
 def test_rounds_are_deterministic() -> None:
-    """Same scene, targets and seed: the same bytes; and the network that was given is left alone."""
+    """The same scene, targets and seed give the same bytes, and the given network is not changed."""
     scene = _scene(Profile.EXPLICIT, 2, True)
     targets, learned = _targets(scene), _learned(scene)
     weights = [p.detach().clone() for p in learned.model.parameters()]
@@ -129,7 +129,7 @@ def test_rounds_are_deterministic() -> None:
 
 
 def test_prices_are_those_of_training() -> None:
-    """What a chooser says an index costs is what the network's loss says, at an error of no worth."""
+    """The price of an index is that of the network's loss, if errors are worth nothing."""
     scene = _scene(Profile.ANCHOR, 2, False)
     learned, targets = _learned(scene), _targets(scene, lambda_=1e30)
     for tile, chooser in _choosers(learned, targets):

@@ -126,7 +126,7 @@ def test_an_index_that_neighbours_decide_is_learnt() -> None:
 
 
 def test_learnt_grid_bits_tell_places_apart() -> None:
-    """The same regions, seen through a hash grid that is trained along."""
+    """Regions that no other input distinguishes are distinguished by a hash grid that is trained with the network."""
     draw, books = np.random.default_rng(5), _books()
     at = draw.integers(0, 64, (3000, 3))
     rows = _rows(np.zeros((3000, 1)), (at // 32 @ np.array([1, 2, 4]))[:, None])

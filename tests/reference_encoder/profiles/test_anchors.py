@@ -52,7 +52,7 @@ def ring(count: int) -> list[Camera]:
 
 
 def picture(model: AnchorModel, camera: Camera) -> np.ndarray:
-    """What one camera sees of an anchor model."""
+    """The picture of an anchor model from one camera."""
     made = gaussians(model, camera.centre)
     return np.asarray(render(made.scene, camera, colours=made.colours))
 

@@ -1,4 +1,4 @@
-"""What the explicit profile says of a scene: kinds of views weighed anew, and the account in METADATA."""
+"""The explicit profile: kinds of views are weighed anew, and METADATA has the account."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def profile() -> ExplicitProfile:
 
 
 def test_kinds_of_views_can_be_weighed_anew(profile: ExplicitProfile) -> None:
-    """What only views from outside count shows in the sensitivities."""
+    """If only views from outside count, the sensitivities show it."""
     outside = profile.reweighted({"orbit": 1.0, "near": 0.0, "inside": 0.0})
     expected = np.maximum(profile.weights.kinds["orbit"].colour, profile.weights.floor.colour)
     np.testing.assert_allclose(outside.weights.colour, expected, rtol=1e-5)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -20,6 +21,9 @@ from reference_encoder.scale.judged import judge, pictures, quality_of
 from reference_encoder.scale.measured import measure
 from reference_encoder.scale.sample import sample
 from reference_encoder.scale.steps import Bounds, Judged, Measured, Models, Range, RangeContent, Segment
+from scarfmt.coding.writer import write_scene
+from scarfmt.container.schema import BlockKind
+from scarfmt.engines import best_engine
 from scarfmt.formats import load
 from scarfmt.limits import MAX_TILE_DEPTH
 from scarfmt.scene.gaussians import GaussianScene
@@ -38,7 +42,7 @@ def example() -> GaussianScene:
 
 
 def bounds_of(scene: GaussianScene) -> Bounds:
-    """Of a whole scene."""
+    """The bounds of a whole scene."""
     (lx, ly, lz), (hx, hy, hz) = scene.positions.min(axis=0).tolist(), scene.positions.max(axis=0).tolist()
     return Bounds((lx, ly, lz), (hx, hy, hz), len(scene), scene.sh_degree)
 
@@ -84,7 +88,7 @@ class Chain:
 def overviewed(
     scene: GaussianScene, ranges: Sequence[tuple[Range, GaussianScene]], options: EncodeOptions = OPTIONS
 ) -> Overview:
-    """Of all ranges."""
+    """The overview of all ranges."""
     bounds = bounds_of(scene)
     glances = [glance(here, part, bounds, options) for part, here in ranges]
     return overlook(glances, [part for part, _ in ranges], bounds, options)
@@ -97,14 +101,21 @@ def encoded(size: int) -> Chain:
     overview = overviewed(example(), ranges)
     measured = [measure(overview, *each) for each in ranges]
     samples = [sample(overview, *each, weights) for each, weights in zip(ranges, measured, strict=True)]
-    shown = {number: pictures(overview, *ranges[number]) for number in overview.judging}
+    shown = {number: pictures(overview, *ranges[number], measured[number]) for number in overview.judging}
 
     def judged(fit: Fit) -> list[Judged]:
-        return [judge(overview, fit, *ranges[k], measured[k], seen) for k, seen in shown.items()]
+        return [judge(overview, fit, ranges[k][0], seen) for k, seen in shown.items()]
 
     fit = settled(overview, samples, judged)
     quality = quality_of(overview, judged(fit))
     contents = [apply(overview, fit, *each, weights) for each, weights in zip(ranges, measured, strict=True)]
-    models = reduce(overview, fit, [histograms(fit, content) for content in contents], {"quality": quality.figures()})
-    segments = [code(fit, models, content) for content in contents]
+    counted = [histograms(fit, content) for content in contents]
+    models = reduce(overview, fit, [found for found, _ in counted], {"quality": quality.figures()})
+    segments = [code(models, symbols) for _, symbols in counted]
     return Chain(overview, ranges, measured, fit, contents, models, segments)
+
+
+def written(chain: Chain) -> bytes:
+    """All ranges gathered, and written with the models of the chain."""
+    told = next(block.payload for block in chain.models.blocks if block.kind == BlockKind.METADATA)
+    return write_scene(replace(chain.fit.scene(chain.whole), metadata=json.loads(told)), engine=best_engine())

@@ -4,30 +4,21 @@ from __future__ import annotations
 
 import json
 import zlib
-from dataclasses import replace
 
 import numpy as np
 
 from reference_decoder.decode import decode
 from reference_encoder.scale.coded import histograms, reduce, together
 from reference_encoder.scale.steps import RangeContent
-from scarfmt.coding.writer import write_scene
 from scarfmt.container.file import Container
 from scarfmt.container.schema import BlockKind
 from scarfmt.container.source import BytesSource
-from scarfmt.engines import best_engine
 from scarfmt.render.camera import orbit_cameras
 from scarfmt.render.metrics import psnr
 from scarfmt.render.rasterise import render
-from tests.reference_encoder.scale.chain import Chain, encoded, example
+from tests.reference_encoder.scale.chain import Chain, encoded, example, written
 
 SIZE = 1200
-
-
-def written(chain: Chain) -> bytes:
-    """All ranges gathered, and written with the models of the chain."""
-    told = next(block.payload for block in chain.models.blocks if block.kind == BlockKind.METADATA)
-    return write_scene(replace(chain.fit.scene(chain.whole), metadata=json.loads(told)), engine=best_engine())
 
 
 def test_blocks_of_ranges_are_those_of_the_whole() -> None:
@@ -73,7 +64,7 @@ def test_the_file_looks_like_the_scene() -> None:
 
 def test_histograms_add_up_in_any_order_and_groups() -> None:
     chain = encoded(SIZE)
-    parts = [histograms(chain.fit, content) for content in chain.contents]
+    parts = [histograms(chain.fit, content)[0] for content in chain.contents]
     grouped = [together(parts[2:]), together(parts[:2])]
     told = {"quality": json.loads(metadata(chain))["quality"]}
     assert reduce(chain.overview, chain.fit, grouped, told).blocks == chain.models.blocks
@@ -86,7 +77,8 @@ def metadata(chain: Chain) -> bytes:
 
 def test_a_range_of_which_nothing_is_sent_has_no_blocks() -> None:
     chain = encoded(SIZE)
-    found = histograms(chain.fit, RangeContent((), (), (3, 4)))
+    found, symbols = histograms(chain.fit, RangeContent((), (), (3, 4)))
+    assert not any(symbols.layers)
     assert not any(found.layers)
     assert not found.anchors.any()
     assert found.left_out == (3, 4)

@@ -2,17 +2,29 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
+import numpy as np
+import pytest
+
+from reference_decoder.decode import decode
 from reference_encoder.encode import encode
+from reference_encoder.scale import sample as module
 from reference_encoder.scale.applied import apply
 from reference_encoder.scale.fitted import Sampled
-from reference_encoder.scale.sample import joined_samples, sample
+from reference_encoder.scale.sample import joined_samples, levels, sample
 from reference_encoder.scale.steps import Sample
 from reference_encoder.scale.trained import some_tiles
 from reference_encoder.tuning import PREDICTOR_ANCHORS
+from scarfmt.container.file import Container
+from scarfmt.container.registries import Stream
+from scarfmt.container.source import BytesSource
 from scarfmt.limits import MAX_TILE_DEPTH
-from tests.reference_encoder.scale.chain import OPTIONS, encoded, example
+from scarfmt.render.metrics import psnr
+from scarfmt.render.rasterise import render
+from scarfmt.render.upright import AUTO
+from scarfmt.render.viewpoints import KINDS, Surroundings, viewpoints
+from tests.reference_encoder.scale.chain import OPTIONS, encoded, example, written
 
 SIZE = 1200
 
@@ -35,6 +47,19 @@ def test_a_sample_stands_for_all() -> None:
     assert joined_samples(samples(4)).count == len(example())
 
 
+def test_a_sample_has_its_share_of_every_level_and_some_of_the_highest(monkeypatch: pytest.MonkeyPatch) -> None:
+    chain = encoded(SIZE)
+    (part, scene), weights = chain.ranges[0], chain.measured[0]
+    every = levels(weights, scene.sh_degree)
+    monkeypatch.setattr(module, "SAMPLE_ROWS", chain.overview.bounds.count // 7)
+    found = sample(chain.overview, part, scene, weights)
+    there = levels(found.measured, found.scene.sh_degree)
+    assert len(there) == pytest.approx(len(every) / 7, abs=1)
+    assert there.max() == every.max()
+    for level in np.unique(every):
+        assert abs((there >= level).sum() - (every >= level).sum() / 7) <= 1
+
+
 def test_half_of_a_scene_decides_about_what_all_of_it_does() -> None:
     chain = encoded(SIZE)
     all_of_it, half = (Sampled.of(chain.overview, samples(every)).fit(45.0) for every in (1, 2))
@@ -44,11 +69,23 @@ def test_half_of_a_scene_decides_about_what_all_of_it_does() -> None:
     assert half.lambda_ == all_of_it.lambda_
 
 
+def bytes_and_psnr(data: bytes) -> tuple[int, float]:
+    """The bytes of a file without framing, and its mean PSNR from views of its own; equal pictures count 60 dB."""
+    layers = Container.open(BytesSource(data)).header.layers
+    framing = sum(layer.stream_bytes[Stream.FRAMING] for layer in layers)
+    around, found = Surroundings.of(example(), AUTO), decode(data).scene
+    cameras = [camera.sampled(4) for kind in KINDS for camera in viewpoints(around, kind, 8, seed=99)]
+    levels = [min(psnr(render(example(), eye), render(found, eye)), 60.0) for eye in cameras]
+    return len(data) - framing, float(np.mean(levels))
+
+
 def test_ranges_take_about_as_much_as_the_scene_in_memory() -> None:
-    chain = encoded(SIZE)
-    size = sum(len(layer.payload) for segment in chain.segments for layer in segment.layers)
-    size += sum(len(block.payload) for block in chain.models.blocks)
-    assert 0.85 < size / len(encode(example(), OPTIONS)) < 1.15
+    """At equal PSNR. Borders of ranges make 52 tiles of 18; framing is left out, as no scene in ranges is so small."""
+    size, level = bytes_and_psnr(written(encoded(SIZE)))
+    in_memory = [bytes_and_psnr(encode(example(), replace(OPTIONS, quality=asked))) for asked in (43.0, 48.0)]
+    sizes, levels = zip(*in_memory, strict=True)
+    assert levels[0] < level < levels[1]
+    assert 0.85 < size / np.exp(np.interp(level, levels, np.log(sizes))) < 1.15
 
 
 def test_tiles_stay_in_their_range() -> None:

@@ -17,7 +17,7 @@ from reference_encoder.scale import judged
 from reference_encoder.scale import measured as module
 from reference_encoder.scale.applied import apply
 from reference_encoder.scale.judged import judge, pictures, piece, quality_of
-from reference_encoder.scale.measured import measure, met, spread
+from reference_encoder.scale.measured import measure, met
 from scarfmt.render.camera import look_at
 from tests.reference_encoder.scale.chain import OPTIONS, cut, encoded, example, overviewed
 
@@ -56,8 +56,8 @@ def test_one_range_is_judged_as_the_scene_is() -> None:
     ranges = cut(example(), len(example()))
     overview, (part, scene) = overviewed(example(), ranges), ranges[0]
     weights = measure(overview, part, scene)
-    shown = pictures(overview, part, scene)
-    found = quality_of(overview, [judge(overview, chain.fit, part, scene, weights, shown)])
+    shown = pictures(overview, part, scene, weights)
+    found = quality_of(overview, [judge(overview, chain.fit, part, shown)])
     content = apply(overview, chain.fit, part, scene, weights)
     views = overview.views[Sight.LOOP]
     expected = Judge.of(scene, gaussian_view, views, most_db(OPTIONS.asked_db))
@@ -83,9 +83,3 @@ def test_views_that_look_away_do_not_meet_a_range() -> None:
     towards = look_at(eye, example().positions.mean(axis=0), up, 80, 60)
     away = look_at(eye, eye + np.array([0.0, 0.0, -1.0]), up, 80, 60)
     assert met([away, towards], example()).tolist() == [1]
-
-
-def test_views_are_left_out_evenly() -> None:
-    assert spread(np.arange(10), 5).tolist() == [0, 2, 4, 6, 8]
-    assert spread(np.arange(3), 5).tolist() == [0, 1, 2]
-    assert spread(np.arange(0), 5).tolist() == []

@@ -28,8 +28,9 @@ def trained() -> Chain:
     overview = replace(chain.overview, options=replace(OPTIONS, effort=2, archive=True))
     tiles = [some_tiles(overview, part, each) for (part, _), each in zip(chain.ranges, chain.contents, strict=True)]
     fit = train(overview, chain.fit, tiles, sum(len(content) for content in chain.whole.contents))
-    models = reduce(overview, fit, [histograms(fit, content) for content in chain.contents])
-    return replace(chain, fit=fit, models=models, segments=[code(fit, models, each) for each in chain.contents])
+    counted = [histograms(fit, content) for content in chain.contents]
+    models = reduce(overview, fit, [found for found, _ in counted])
+    return replace(chain, fit=fit, models=models, segments=[code(models, symbols) for _, symbols in counted])
 
 
 def size(chain: Chain) -> int:

@@ -1,1 +1,1 @@
-"""What files tell clients: viewpoints, errors after each layer, gains, boxes."""
+"""The STREAMING block that the encoder writes: viewpoints, errors after each layer, gains, boxes."""

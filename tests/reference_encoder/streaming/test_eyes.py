@@ -18,7 +18,7 @@ def crowd(centre: tuple[float, float, float], count: int, seed: int = 0) -> list
 
 
 def test_every_crowd_has_an_eye_the_largest_first() -> None:
-    """And says which part of the views it stands for; an eye looks several ways."""
+    """Each eye says which part of the views it stands for, and it looks several ways."""
     cameras = [*crowd((0, 0, 0), 5), *crowd((10, 0, 0), 20), *crowd((0, 0, 10), 10)]
     found = eyes(cameras, 3)
     assert [round(float(eye.centre.max())) for eye in found] == [10, 10, 0]
@@ -35,7 +35,7 @@ def test_an_eye_is_one_of_the_views() -> None:
 
 
 def test_there_are_no_more_eyes_than_places() -> None:
-    """Of one place there is one, whatever is asked."""
+    """One place gives one eye, whatever number is requested."""
     camera = crowd((1, 2, 3), 1)[0]
     assert len(eyes([camera] * 6, 4)) == 1
     assert len(eyes(crowd((0, 0, 0), 3), 8)) == 3

@@ -1,4 +1,5 @@
-"""What files tell clients: more where more is seen, boxes about what is there, and nothing that changes the scene."""
+"""The STREAMING block of a file: larger gains where more is seen, boxes around what is there, and the scene is
+unchanged."""
 
 from __future__ import annotations
 
@@ -104,7 +105,7 @@ def test_boxes_hold_what_is_there_and_hardly_more(scene: QuantisedScene) -> None
 
 
 def test_the_view_to_begin_with_is_a_camera_that_looks_at_the_scene(scene: QuantisedScene) -> None:
-    """Of given cameras one of them; else from outside, towards the middle."""
+    """It is one of the given cameras; without cameras it looks from outside towards the middle."""
     given = told(scene, OPTIONS, 1).view
     assert given is not None
     assert np.abs(given.position).tolist() == [6.0, 0.0, 3.0]
@@ -117,7 +118,7 @@ def test_the_view_to_begin_with_is_a_camera_that_looks_at_the_scene(scene: Quant
 
 
 def test_the_encoder_tells_it_and_the_scene_stays(source: GaussianScene) -> None:
-    """As many viewpoints as asked; truncation stays an identity; 0 leaves the block away."""
+    """The block has the requested number of viewpoints; truncation stays an identity; 0 leaves the block out."""
     whole, without = (encode(source, replace(OPTIONS, viewpoints=count)) for count in (2, 0))
     streaming = read_streaming(Container.open(BytesSource(whole)))
     assert streaming is not None

@@ -73,13 +73,13 @@ def ply(positions: F64, colours: U8 | None) -> bytes:
 
 
 def points() -> tuple[F64, U8]:
-    """Where the blobs are, in binary32, and a colour for each."""
+    """The places of the blobs, in binary32, and a colour for each."""
     positions = scene().positions.astype(np.float32).astype(np.float64)
     return positions, np.arange(3 * len(positions), dtype=np.uint8).reshape(-1, 3)
 
 
 def own(folder: Path, views: Sequence[Camera] | None = None) -> Path:
-    """This project's folder: cameras.json, points3d.ply, images/."""
+    """The capture in this project's form: cameras.json, points3d.ply, images/."""
     chosen = cameras() if views is None else views
     write_photos(chosen, folder / "images")
     (folder / "cameras.json").write_text(json.dumps(files.own(chosen)))

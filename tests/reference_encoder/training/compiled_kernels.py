@@ -58,7 +58,7 @@ unblend = Kernel("scar_composite_back", ("image", "towards", "drawn", "gradients
 
 @contextmanager
 def in_place_of_cuda() -> Iterator[torch.device]:
-    """As long as this lasts, a run on "cuda" is one on the device elsewhere, with these kernels."""
+    """While active, a run on "cuda" is one on the stand-in device, with these kernels."""
     with elsewhere() as device, pytest.MonkeyPatch.context() as patched:
         patched.setattr(run, "run_device", lambda name: device if name == "cuda" else torch.device(name))
         patched.setattr(cuda, "kernels", lambda: sys.modules[__name__])

@@ -23,10 +23,11 @@ except ImportError:
 NAME = "elsewhere"
 _ATEN = torch.ops.aten
 _CROSSING = (_ATEN._to_copy.default, _ATEN.copy_.default)
-"""What takes numbers from one device to another."""
+"""Operations that copy numbers from one device to another."""
 _PROCESSOR = torch.Generator
 _GENERATORS: dict[int, torch.Generator] = {}
-"""Of the other device, by what torch knows them by: they draw what the processor's of that seed draws."""
+"""Generators of the stand-in device by what torch knows them by. They draw what the processor's generator of that seed
+draws."""
 
 
 class Tensor(torch.Tensor):
@@ -55,7 +56,7 @@ def _there(device: Any) -> bool:
 
 
 def _mapped(change: Callable[[Any], Any], part: Any) -> Any:
-    """The same with all that is in lists and tuples changed."""
+    """A copy of `part` with `change` applied to everything in lists and tuples, however deep."""
     if isinstance(part, list | tuple):
         return type(part)([_mapped(change, inner) for inner in part])
     return change(part)
@@ -123,7 +124,7 @@ def elsewhere() -> Iterator[torch.device]:
     """The device; as long as this lasts, ``torch.Generator(device)`` makes one of it."""
 
     class Either(_PROCESSOR):
-        """Of the device asked for."""
+        """A generator of the requested device."""
 
         def __new__(cls, device: Any = "cpu") -> torch.Generator:
             if not _there(device):

@@ -37,7 +37,7 @@ def test_how_far_a_picture_lies_beside_its_photo(right: float, down: float) -> N
 
 
 def test_light_and_blur_do_not_matter() -> None:
-    """What is learnt is duller than its photo, and softer."""
+    """The learnt picture is duller than its photo, and softer."""
     photo = scenery(1)
     dull = blurred(0.6 * moved(photo, 1, 0) + 0.1)
     assert displacement([(dull, Target.of(photo))]) == pytest.approx(1, abs=0.15)

@@ -1,4 +1,5 @@
-"""Captures: the same photos, poses and points from every program's folder; what cannot be used is told in one line."""
+"""Captures: the same photos, poses and points from every program's folder. A capture that cannot be used is refused in
+one line."""
 
 from __future__ import annotations
 
@@ -59,7 +60,7 @@ def test_blender_has_a_file_for_each_split_and_black_behind(tmp_path: Path) -> N
 
 
 def test_nerfstudios_points_move_with_its_cameras(tmp_path: Path) -> None:
-    """Where its trainer has left its own frame, points and poses go there together."""
+    """If the trainer left its own frame, points and poses go there together."""
     captures.nerfstudio(tmp_path)
     here = load_silently(tmp_path)
     moved = {"transform": files.opengl_pose(captures.cameras()[3])[:3].tolist(), "scale": 0.25}
@@ -99,7 +100,7 @@ def test_every_nth_photo_by_name_is_held_out(tmp_path: Path, hold_out: int, expe
 
 
 def test_a_split_of_the_file_goes_before(tmp_path: Path) -> None:
-    """But for no photos held out at all, which is asked for as such."""
+    """An explicit request to hold out no photo goes before the split of the file."""
     views = [replace(camera, split="test" if index == 5 else "") for index, camera in enumerate(captures.cameras())]
     captures.own(tmp_path, views)
     assert [photo.path.name for photo in load_silently(tmp_path, hold_out=2).test] == ["photo5.png"]

@@ -134,7 +134,7 @@ def test_a_kill_half_way_leaves_the_one_before(tmp_path: Path) -> None:
 
 
 def test_an_identity_is_that_of_all_options_and_of_the_capture() -> None:
-    """Also of a recipe in place of the preset's: what another one learnt is nothing to go on from."""
+    """The identity changes with a recipe in place of the preset's: what another recipe learnt cannot be continued."""
 
     class Some:
         digest = "abc"

@@ -21,7 +21,8 @@ def test_the_papers_phases_are_those_of_its_iterations() -> None:
 
 
 def test_the_papers_formula_starves_the_feature() -> None:
-    """Its gradient is 1 - beta; by default it keeps all of it until the quantiser passes it on."""
+    """The gradient is 1 - beta in the paper's formula. By default the feature keeps all of it until the quantiser
+    passes it on."""
     assert moment(PAPER, 0.5).feature_gradient == pytest.approx(0.5)
     assert moment(Curriculum(), 0.5).feature_gradient == 1.0
     assert moment(Curriculum(), 0.8).feature_gradient == 0.0
@@ -40,7 +41,7 @@ def test_beta_and_rate_never_fall(name: str) -> None:
 
 
 def test_growth_is_over_before_pictures_are_hard() -> None:
-    """It pauses while noise begins, and never goes on without statistics."""
+    """Growth pauses while noise begins, and never continues without statistics."""
     found = [moment(Curriculum(), done) for done in EVERY]
     assert not any(one.grows and not one.gathers for one in found)
     assert not any(one.grows and one.hard for one in found)

@@ -32,7 +32,7 @@ def test_rates_fall_log_linearly() -> None:
 
 
 def test_a_share_of_nothing_stands_still() -> None:
-    """What is settled stays as it is."""
+    """A part that is settled stays as it is."""
     descent = Descent({"x": torch.ones(2), "y": torch.ones(2)}, {"x": Rates(0.1, 0.1), "y": Rates(0.1, 0.1)})
     (descent.parameters["x"].sum() + descent.parameters["y"].sum()).backward()
     descent.step(0.0, lambda name: float(name == "x"))

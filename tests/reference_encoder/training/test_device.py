@@ -1,4 +1,4 @@
-"""Where a training computes: chosen by name, refused where it is not, the same bits every time."""
+"""The device of a training: chosen by name, refused where it is absent, the same bits every time."""
 
 import pytest
 import torch
@@ -19,7 +19,7 @@ def test_a_gpu_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_a_gpu_without_triton_is_refused_by_the_extra_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The rasteriser on CUDA needs it: who has a GPU is told what else."""
+    """The rasteriser on CUDA needs Triton; the refusal names it."""
 
     def missing() -> None:
         raise missing_package("triton", "cuda")
@@ -49,6 +49,6 @@ def _fail_reproducibly() -> None:
 
 
 def test_on_the_processor_one_generator_draws_everything() -> None:
-    """What a seed gives there has not changed since there are other devices."""
+    """A seed gives the numbers on the processor that it gave before there were other devices."""
     choices = torch.Generator().manual_seed(1)
     assert noise_generator(choices, torch.device("cpu")) is choices

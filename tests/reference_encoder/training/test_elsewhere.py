@@ -32,7 +32,7 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Capture:
 
 @pytest.fixture
 def elsewhere(monkeypatch: pytest.MonkeyPatch) -> Iterator[torch.device]:
-    """Another device in the place of CUDA, and short trainings that do all that long ones do."""
+    """A stand-in device in the place of CUDA, and short trainings with all parts of long ones."""
     for name, value in OFTEN.items():
         monkeypatch.setattr(trainer, name, value)
     monkeypatch.setattr(run, "_CHECK_ITERATIONS", 8)
@@ -41,7 +41,7 @@ def elsewhere(monkeypatch: pytest.MonkeyPatch) -> Iterator[torch.device]:
 
 
 def test_the_stand_in_refuses_what_a_gpu_refuses() -> None:
-    """What these tests rest on: nothing that is left on the processor gets through."""
+    """These tests rely on it: no tensor that is left on the processor is accepted."""
     with in_place_of_cuda() as device:
         there = torch.zeros(3, device=device)
         for wrong in (

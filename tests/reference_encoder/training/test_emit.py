@@ -1,4 +1,4 @@
-"""What training chose is what the file says: gates, classes, positions, integers."""
+"""The file has the values that training chose: gates, classes, positions, integers."""
 
 import numpy as np
 import pytest

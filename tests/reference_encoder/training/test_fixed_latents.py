@@ -35,7 +35,7 @@ def _trained(projector: str) -> tuple[Quantiser, torch.Tensor, torch.Tensor, tor
 
 
 def _exported(projector: str) -> tuple[Exported, torch.Tensor, torch.Tensor, torch.Tensor]:
-    """What is exported, the float model's features, the features, and stages."""
+    """The export, the float model's features, the exported features, and the stages."""
     quantiser, f, indices, stages = _trained(projector)
     with torch.no_grad():
         smooth = quantiser.decode(quantiser.look_up(indices, stages))
@@ -65,7 +65,7 @@ def test_integers_say_what_the_float_model_said(projector: str) -> None:
 
 
 def test_unused_codewords_are_not_written() -> None:
-    """And what an anchor does not receive is index 0."""
+    """A step that an anchor does not receive has index 0."""
     quantiser, f, indices, stages = _trained("linear")
     indices = indices % 5
     made = export(quantiser, f, indices, stages)
@@ -87,7 +87,7 @@ def test_dimensions_are_sorted_and_latents_are_in_lattice_units() -> None:
 
 
 def test_the_decoder_goes_on_learning_from_integers() -> None:
-    """What it decodes is what a file would give, before and after; the indices stay."""
+    """The model decodes what a file would give, before and after; the indices stay."""
     made, _, f, stages = _exported("paper")
     fixed, rows = FixedLatents(made), torch.arange(500)
     np.testing.assert_allclose(fixed(rows, stages).detach(), made.features(stages.numpy()), atol=1e-4)

@@ -140,7 +140,8 @@ def _turned(scene: QuantisedScene, content: TileContent) -> np.ndarray:
 
 
 def test_a_perceptron_knows_the_stage_but_no_index_before(scene: QuantisedScene) -> None:
-    """Its recurrent matrices are zero in the file, and a GRU does better where the first index decides the others."""
+    """The recurrent matrices of a perceptron are zero in the file; a GRU is better where the first index decides the
+    others."""
     mlp, gru = (_taught(scene, entropy) for entropy in ("mlp", "gru"))
     network = mlp.network
     assert network is not None

@@ -28,7 +28,7 @@ def test_lines_say_what_was_reported(tmp_path: Path) -> None:
 
 
 def test_lines_after_the_checkpoint_are_dropped(tmp_path: Path) -> None:
-    """And half a line, on which the process was killed."""
+    """Half a line, on which the process was killed, is dropped, too."""
     with RunLog(tmp_path) as found:
         for iteration in (10, 20, 30):
             found.note(replace(PROGRESS, iteration=iteration))

@@ -43,7 +43,7 @@ def test_what_is_worth_nothing_is_shown_by_no_layer() -> None:
 
 
 def test_layers_only_ever_open() -> None:
-    """What an earlier and dearer layer shows, later ones show; what is not allowed is never shown."""
+    """A slot shown by an earlier, dearer layer is shown by later ones; a slot that is not allowed is never shown."""
     generator = torch.Generator().manual_seed(1)
     benefit = torch.exp(3 * torch.randn(200, 10, generator=generator))
     found = Worth(benefit, torch.full((200, 10), 12.0), (torch.full((200,), 50.0),) * 3)

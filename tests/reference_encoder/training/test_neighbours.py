@@ -1,4 +1,4 @@
-"""What neighbours have: means over cells of all others, towards the mean of all."""
+"""The values of neighbours: means over cells of all others, towards the mean of all."""
 
 import torch
 from hypothesis import given
@@ -8,7 +8,7 @@ from reference_encoder.training.neighbours import OCCUPANCIES, Neighbours, colum
 
 
 def test_means_are_of_the_others_in_the_cell() -> None:
-    """An anchor does not see itself: its own value would tell what is to be told."""
+    """An anchor does not see itself: its own value would be the answer."""
     lattice = torch.tensor([[0, 0, 0], [1, 0, 0], [0, 1, 0], [900, 900, 900]])
     values = torch.tensor([[1.0], [2.0], [6.0], [100.0]])
     neighbours = Neighbours((torch.tensor([0, 0, 0, 1]),), (torch.tensor([3.0, 1.0]),))

@@ -98,7 +98,7 @@ def test_photos_alone_get_poses_and_points(colmap: Colmap, photos: Path, tmp_pat
 def test_photos_whose_pose_is_not_found_are_left_out_with_a_warning(
     colmap: Colmap, photos: Path, tmp_path: Path
 ) -> None:
-    """Where most are found; else the capture is refused, and nothing is left."""
+    """Photos are left out if most have poses. Else the capture is refused, and nothing is left behind."""
     colmap.blind = {2, 5}
     with pytest.warns(InputWarning, match=r"left out photo2\.png, photo5\.png: no pose was found"):
         capture = load_capture(photos, workspace=tmp_path / "run")
@@ -111,7 +111,7 @@ def test_photos_whose_pose_is_not_found_are_left_out_with_a_warning(
 
 
 def test_a_failure_leaves_nothing_half_made(colmap: Colmap, photos: Path, tmp_path: Path) -> None:
-    """And what a kill left is gone after the next time."""
+    """A failure leaves nothing, and what a kill left is removed the next time."""
     colmap.fails = True
     with pytest.raises(InvalidInput, match="COLMAP failed"):
         load_capture(photos, workspace=tmp_path / "run")
@@ -155,7 +155,7 @@ def test_without_colmap_the_line_says_what_to_install(photos: Path, monkeypatch:
 
 
 def distorted_photo(camera: Camera) -> U8:
-    """What `camera` sees through a lens of COLMAP's SIMPLE_RADIAL model."""
+    """The picture of `camera` through a lens of COLMAP's SIMPLE_RADIAL model."""
     wide = camera.sized(2 * WIDTH, 2 * HEIGHT)
     wide = replace(wide, fx=2 * camera.fx, fy=2 * camera.fy, cx=2 * camera.cx, cy=2 * camera.cy)
     seen = to_bytes(render(captures.scene(), replace(wide, width=2 * WIDTH, height=2 * HEIGHT)))
@@ -259,7 +259,7 @@ def test_lenses_that_colmap_lacks_are_refused(tmp_path: Path, change: dict[str, 
 
 @needs_colmap
 def test_poses_are_found(tmp_path: Path) -> None:
-    """Of twelve pictures of the example scene, up to the similarity that photos leave open."""
+    """The poses of twelve pictures of the example scene are found, up to the similarity that photos leave open."""
     scene = load(REPOSITORY / "examples" / "plush-toys.ply")
     assert isinstance(scene, GaussianScene)
     views = orbit_cameras(scene, 12, 480, 360, up="-y:125:50", radius_factor=0.8)

@@ -41,7 +41,7 @@ def test_prefixes_get_their_sizes() -> None:
 
 @pytest.mark.parametrize(("wanted", "left"), [(0.1, 0.85), (0.95, 0.95)])
 def test_the_last_layer_shrinks_slowly_and_never_below_its_size(wanted: float, left: float) -> None:
-    """What closes there never opens again: no decision takes more than a part, or more than the size asked for."""
+    """A closed slot never opens again: no decision closes more than a part, or goes below the requested size."""
     worth = found()
     allowed = worth.benefit > 0
     whole = worth.bits(1, allowed) / 8

@@ -119,7 +119,7 @@ def test_the_gradient_is_that_of_the_rotation_trick() -> None:
 
 
 def test_open_books_get_the_gradient_of_pictures() -> None:
-    """Of the codewords in use, not of the zero vector; moving averages then leave them alone."""
+    """Codewords in use get gradients, the zero vector does not; moving averages then leave them alone."""
     quantiser, f = _started()
     quantiser.open_books()
     made = quantiser(f)
@@ -166,7 +166,7 @@ def test_lambda_may_differ_from_anchor_to_anchor() -> None:
 
 
 def test_indices_chosen_earlier_are_taken_as_they_are() -> None:
-    """Also where others would be nearer now."""
+    """Given indices are kept even if other codewords are nearer now."""
     quantiser, f = _started()
     indices = torch.full((len(f), 3), 4)
     made = quantiser(f, indices=indices)
@@ -175,7 +175,7 @@ def test_indices_chosen_earlier_are_taken_as_they_are() -> None:
 
 
 def test_prices_follow_what_is_used() -> None:
-    """What was used alone for a while is next to free, and what was not costs more than before."""
+    """A codeword that was used alone for a while is nearly free, and an unused one costs more than before."""
     quantiser, f = _started()
     quantiser.open_books()
     for _ in range(600):

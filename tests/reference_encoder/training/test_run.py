@@ -111,7 +111,7 @@ def test_ablations_choose_what_no_preset_says(capture: Capture, changes: dict[st
 
 
 def test_a_run_with_another_recipe_is_not_gone_on_from(capture: Capture, tmp_path: Path) -> None:
-    """Its anchors may have other features altogether."""
+    """The anchors of another recipe may have other features."""
     options = replace(OPTIONS, iterations=3)
     train(capture, options, tmp_path)
     with pytest.raises(InvalidInput, match="input-checkpoint"):
@@ -163,7 +163,7 @@ def test_layers_are_told_as_they_are_in_the_file(capture: Capture) -> None:
     [({"context": "grid3d"}, "context"), ({"entropy": "gru"}, "entropy")],
 )
 def test_what_cannot_be_trained_is_told(capture: Capture, said: dict[str, Any], field: str) -> None:
-    """What is not there, or has nothing to code, is refused before anything is done, not left out silently."""
+    """A capture without photos, or with nothing to code, is refused before anything is done."""
     with pytest.raises(InvalidInput) as caught:
         train(capture, replace(OPTIONS, **said))
     assert (caught.value.refusal, caught.value.field) == ("input-options", field)

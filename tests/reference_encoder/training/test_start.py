@@ -1,4 +1,4 @@
-"""Where training starts without points: in front of the cameras, the same for the same cameras."""
+"""The start of a training without points: in front of the cameras, and the same for the same cameras."""
 
 from __future__ import annotations
 

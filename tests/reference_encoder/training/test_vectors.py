@@ -55,7 +55,8 @@ def test_more_stages_say_more() -> None:
 
 
 def test_codewords_are_chosen_in_turns() -> None:
-    """Those of new features are up to date after eight looks, an eighth at each; anchors that come get some at once."""
+    """Codewords of new features are up to date after eight looks, an eighth at each; anchors that are added get some at
+    once."""
     vectors, latent = _begun()
     vectors.features(latent, ROWS, 1, SOFT)
     moved = latent.flip(0)

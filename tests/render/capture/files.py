@@ -28,7 +28,7 @@ def camera(seed: int, split: str = "") -> Camera:
 
 
 def own(cameras: Sequence[Camera]) -> dict[str, Any]:
-    """This project's list."""
+    """The camera list in this project's form."""
     keys = {"name": "name", "W": "width", "H": "height", "fx": "fx", "fy": "fy", "cx": "cx", "cy": "cy"}
     entries = [{key: getattr(c, name) for key, name in keys.items()} for c in cameras]
     poses = [{"world_to_camera": c.world_to_camera.tolist(), "split": c.split} for c in cameras]
@@ -36,7 +36,7 @@ def own(cameras: Sequence[Camera]) -> dict[str, Any]:
 
 
 def inria(cameras: Sequence[Camera]) -> list[dict[str, Any]]:
-    """What INRIA's trainer leaves beside a scene."""
+    """The camera list that INRIA's trainer leaves beside a scene."""
     return [
         {
             "id": index,
@@ -97,7 +97,7 @@ def colmap_binary(cameras: Sequence[Camera], folder: Path) -> Path:
 
 
 def colmap_text(cameras: Sequence[Camera], folder: Path) -> Path:
-    """The same as text; keypoints longer than any other line, or none."""
+    """The COLMAP model as text; with lists of keypoints longer than any other line, or none."""
     folder.mkdir(parents=True, exist_ok=True)
     lenses = [f"{i} PINHOLE {c.width} {c.height} {_numbers((c.fx, c.fy, c.cx, c.cy))}" for i, c in enumerate(cameras)]
     images = [

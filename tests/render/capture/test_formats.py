@@ -1,4 +1,4 @@
-"""The same cameras come out of every program's files."""
+"""Camera files of every program give the same cameras."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SEVERAL = [files.camera(seed, "test" if seed == 2 else "") for seed in range(4)]
 
 
 def written(kind: str, cameras: list[Camera], folder: Path) -> Path:
-    """What to give :func:`load_cameras` for cameras in a format."""
+    """The path to give to :func:`load_cameras` for cameras in a format."""
     if kind == "colmap binary":
         return files.colmap_binary(cameras, folder)
     if kind == "colmap text":
@@ -112,7 +112,7 @@ def test_blenders_files_for_each_split_are_read_together(tmp_path: Path) -> None
 
 
 def test_nerfstudios_own_frame_is_gone_to_where_its_file_is_there(tmp_path: Path) -> None:
-    """Its transform maps the world before `applied_transform`; positions are scaled after it."""
+    """The trainer's transform maps the world before `applied_transform`; positions are scaled after it."""
     original = files.camera(5)
     applied, dataparser = (np.linalg.inv(files.camera(seed).world_to_camera) for seed in (6, 7))
     frame = {"file_path": "a", "transform_matrix": (applied @ files.opengl_pose(original)).tolist()}
@@ -156,7 +156,7 @@ def test_distortion_of_a_transforms_file_is_told(tmp_path: Path) -> None:
 
 
 def test_reading_cameras_imports_nothing_heavy(tmp_path: Path) -> None:
-    """A wrong file is told before a renderer is compiled."""
+    """A wrong file is refused before a renderer is compiled."""
     path = files.in_json(files.own(SEVERAL), tmp_path / "a.json")
     code = (
         f"from scarfmt.render.capture import load_cameras; load_cameras({str(path)!r}); import sys; print(*sys.modules)"

@@ -1,4 +1,4 @@
-"""What scarfmt uses of the package ``constriction``, for machines that it is not packaged for: SPEC §8.2 in Python.
+"""The part of the package ``constriction`` that scarfmt uses, for machines without a build of it: SPEC §8.2 in Python.
 
 A model is its weights, frequencies minus 1; a family of models has None, and gets them with the symbols, a row each.
 """

@@ -34,7 +34,7 @@ CAPABILITIES = {
     "profiles": ["explicit", "anchor"],
     "stages": list(STAGES),
 }
-# Ids that no bytes of a file can cause (SPEC §12.4): of calls and machines, beside the InvalidInput ones.
+# Ids that no bytes of a file can cause (docs/tool-refusals.md): of calls and machines, beside the InvalidInput ones.
 _NOT_OF_FILES = frozenset({"block-range", "truncated-source", "inexact-device"})
 _SHOWN = 8
 
@@ -178,13 +178,13 @@ def _arguments(arguments: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("file", nargs="?", help="the file, or its URL")
     parser.add_argument("--session", action="store_true", help="answer questions from standard input instead")
-    parser.add_argument("--layers", type=int, default=0, help="layer to decode to, 0 for all (default)")
-    parser.add_argument("--camera", type=_camera, help="X,Y,Z of the camera; the origin of the header without it")
+    parser.add_argument("--layers", type=int, default=0, help="number of layers to decode, 0 for all (default)")
+    parser.add_argument("--camera", type=_camera, help="X,Y,Z of the camera [default: the origin in the header]")
     parser.add_argument("--stage", default="all", choices=("all", "capabilities", *STAGES), help="what to answer")
     parser.add_argument("--backend", default="auto", help="auto (default), kernel, numpy, torch or cuda")
-    parser.add_argument("--access", default="whole", choices=("whole", "range"), help="all in one go, or tile by tile")
+    parser.add_argument("--access", default="whole", choices=("whole", "range"), help="decode all at once, or by tile")
     parser.add_argument(
-        "--precision", default="double", choices=("single", "double"), help="of activated values (default double)"
+        "--precision", default="double", choices=("single", "double"), help="of activated values (default: double)"
     )
     parsed = parser.parse_args(arguments)
     if parsed.session == (parsed.file is not None):

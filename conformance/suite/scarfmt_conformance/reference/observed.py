@@ -1,4 +1,4 @@
-"""What a decode computed in its last layer: contexts, embeddings and frequencies, tile by tile (SPEC §10.3, §10.5).
+"""Intermediate values of a decode in its last layer: contexts, embeddings, frequencies, by tile (SPEC §10.3, §10.5).
 
 The stages ``context`` and ``frequencies`` of conformance/PROTOCOL.md.
 """
@@ -72,7 +72,7 @@ class Records:
         return {name: array for name, array in joined.items() if len(array)}
 
     def frequencies(self) -> Arrays:
-        """Of each sub-stream, or stage of INDICES, the frequencies in the first tile that codes a symbol of it."""
+        """The frequencies of each sub-stream, or stage of INDICES, in the first tile that codes a symbol of it."""
         found: Arrays = {}
         for record in reversed(self._in_order()):
             found |= record.tables

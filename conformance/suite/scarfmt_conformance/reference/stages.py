@@ -35,7 +35,7 @@ from scarfmt_conformance.reference.activated import activated_arrays
 from scarfmt_conformance.reference.observed import Records
 
 Arrays = dict[str, NDArray[Any]]
-"""Of the protocol's types, in the byte order of the machine: they become little-endian when they are answered."""
+"""Arrays of the protocol's types, in the byte order of the machine. They become little-endian in the answer."""
 
 THREADS = 4
 """Tiles decoded side by side, more than there are in most vectors."""
@@ -67,7 +67,7 @@ class Decoding:
 
 
 def streaming(told: Streaming | None) -> dict[str, Any] | None:
-    """What clients are told; numbers of binary32 as 8 hexadecimal digits."""
+    """The STREAMING values; numbers of binary32 as 8 hexadecimal digits."""
     if told is None:
         return None
     view = told.view

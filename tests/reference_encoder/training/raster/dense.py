@@ -16,7 +16,8 @@ from scarfmt.render.camera import Camera
 
 @dataclass(frozen=True)
 class Dense:
-    """What :func:`render_dense` gives: (H, W, 3) image, (M, 2) means with a gradient, (M,) weights, and what happened.
+    """The result of :func:`render_dense`: (H, W, 3) image, (M, 2) means with a gradient, (M,) weights, and what
+    happened.
 
     Attributes:
         capped: at how many pixels the cap of alpha held.

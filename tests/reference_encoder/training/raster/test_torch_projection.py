@@ -1,4 +1,4 @@
-"""What torch projects and lists is what the compiled library does: other devices draw the same picture."""
+"""Torch projects and lists as the compiled library does: other devices draw the same picture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ CAMERA = turned_camera(70, 50)
 
 
 def both(scene: Gaussians) -> tuple[Prepared, Gaussians, Seen, torch.Tensor, torch.Tensor]:
-    """What the library prepares; Gaussians with gradients, what torch sees of them, means and ellipses."""
+    """The library's preparation; and Gaussians with gradients, torch's projection of them, means and ellipses."""
     here, lens = leaves(scene, torch.float32), Lens.of(CAMERA, scene.centres)
     local = to_camera(here.centres, lens)
     means = to_pixels(local, lens)
@@ -51,7 +51,7 @@ def test_the_same_gradients(name: str) -> None:
 
 
 def test_the_same_tiles() -> None:
-    """Of the same splats: what is listed is a matter of whole numbers."""
+    """Equal splats give equal lists: these depend on whole numbers."""
     prepared = prepare(mixed(0, 500), CAMERA)
     listing, expected = list_tiles(prepared.splats[:, :2], prepared.splats[:, 6:8], CAMERA), prepared.listing
     assert torch.equal(listing.offsets, expected.offsets)

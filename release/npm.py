@@ -1,0 +1,40 @@
+"""The browser package, `scar-stream`, as npm packs it; with it the page of `scarfmt view`, which the wheel holds."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+from release.archives import settle_tar
+from release.tree import Tree
+
+_TEXTS = ("LICENSE", "NOTICE")
+
+
+def build_web(tree: Tree) -> None:
+    """Build `web/dist` and the viewer page of a tree.
+
+    Raises:
+        subprocess.CalledProcessError: something could not be fetched, compiled or bundled.
+        FileNotFoundError: there is no compiler for WebAssembly, without which a release is slow in browsers.
+    """
+    tree.run(["npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--prefer-offline", "--silent"], "web")
+    tree.run(["npm", "run", "--silent", "build"], "web")
+    if not (tree.folder / "web" / "dist" / "scar.wasm").exists():
+        raise FileNotFoundError("web/dist/scar.wasm was not built: install clang-14 and lld-14")
+
+
+def pack_npm(tree: Tree, out: Path) -> Path:
+    """Write `scar-stream-VERSION.tgz` into a folder, once `build_web` has built it."""
+    web = tree.folder / "web"
+    described = json.loads((web / "package.json").read_text(encoding="utf-8"))
+    named = {"name": described["name"], "version": tree.version()}
+    (web / "package.json").write_text(json.dumps(named | described, indent=2) + "\n", encoding="utf-8")
+    for name in _TEXTS:
+        shutil.copyfile(tree.folder / name, web / name)
+    tree.run(["npm", "pack", "--silent", "--pack-destination", out], "web")
+    packed = out / f"{described['name']}-{tree.version()}.tgz"
+    # npm keeps the modes of what was written here, and those depend on who builds.
+    settle_tar(packed, tree.epoch)
+    return packed

@@ -1,0 +1,1 @@
+"""The parts of a release: built twice, compared, installed and used."""

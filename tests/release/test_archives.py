@@ -1,0 +1,78 @@
+"""Archives of equal files are equal bytes, and what differs is named."""
+
+from __future__ import annotations
+
+import os
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from release.archives import contents, settle_tar, write_zip
+from release.compare import differences
+
+EPOCH = 1_700_000_000
+FILES = {"a/one.txt": b"one" * 100, "b.bin": bytes(range(256)), "run.sh": b"#!/bin/sh\n"}
+
+
+def _packed(folder: Path, names: list[str], when: int, mode: int) -> Path:
+    """A `.tar.gz` as tools write it: in some order, of some time and owner."""
+    target = folder / "packed.tar.gz"
+    with tarfile.open(target, "w:gz") as archive:
+        for name in names:
+            path = folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(FILES[name])
+            path.chmod(mode | (0o100 if name.endswith(".sh") else 0))
+            os.utime(path, (when, when))
+            entry = archive.gettarinfo(path, name)
+            entry.uid, entry.uname = when % 1000, f"user{when}"
+            with path.open("rb") as file:
+                archive.addfile(entry, file)
+    return target
+
+
+def test_a_settled_archive_depends_on_names_and_contents_alone(tmp_path: Path) -> None:
+    first = _packed(tmp_path, list(FILES), 1_600_000_000, 0o600)
+    settle_tar(first, EPOCH)
+    one = first.read_bytes()
+    second = _packed(tmp_path, list(reversed(FILES)), 1_650_000_000, 0o664)
+    settle_tar(second, EPOCH)
+    assert second.read_bytes() == one
+    assert contents(second) == FILES
+    with tarfile.open(second) as archive:
+        assert {member.name: (member.mode, member.mtime, member.uid) for member in archive} == {
+            "a/one.txt": (0o644, EPOCH, 0), "b.bin": (0o644, EPOCH, 0), "run.sh": (0o755, EPOCH, 0),
+        }  # fmt: skip
+
+
+def test_a_link_in_an_archive_is_not_dropped_in_silence(tmp_path: Path) -> None:
+    target = tmp_path / "linked.tar.gz"
+    with tarfile.open(target, "w:gz") as archive:
+        link = tarfile.TarInfo("link")
+        link.type, link.linkname = tarfile.SYMTYPE, "elsewhere"
+        archive.addfile(link)
+    with pytest.raises(ValueError, match="link"):
+        settle_tar(target, EPOCH)
+
+
+def test_a_zip_does_not_depend_on_the_order_of_its_files(tmp_path: Path) -> None:
+    one, other = tmp_path / "one.zip", tmp_path / "other.zip"
+    write_zip(one, FILES, EPOCH)
+    write_zip(other, dict(reversed(FILES.items())), EPOCH)
+    assert one.read_bytes() == other.read_bytes()
+    assert contents(one) == FILES
+    write_zip(other, FILES, 0)  # before the first time that a ZIP can hold
+
+
+def test_a_difference_is_named_down_to_the_member(tmp_path: Path) -> None:
+    for name, text in (("one", b"here"), ("other", b"there")):
+        (tmp_path / name).mkdir()
+        write_zip(tmp_path / name / "same.zip", FILES, EPOCH)
+        write_zip(tmp_path / name / "changed.zip", FILES | {"b.bin": text}, EPOCH)
+    (tmp_path / "one" / "alone").touch()
+    assert differences(tmp_path / "one", tmp_path / "other") == ["alone is only in one of them", "changed.zip: b.bin"]
+    write_zip(tmp_path / "other" / "same.zip", FILES, EPOCH + 60)
+    assert "same.zip: equal members, in another order or with other times or modes" in differences(
+        tmp_path / "one", tmp_path / "other"
+    )

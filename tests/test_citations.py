@@ -1,0 +1,80 @@
+"""Rules and sections that code, comments and messages cite exist, in SPEC.md and in the paper."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+
+import pytest
+
+from tests.conftest import REPOSITORY
+
+SPEC = (REPOSITORY / "SPEC.md").read_text(encoding="utf-8")
+RULES = set(re.findall(r"\*\*(R-[0-9A-Z.]+-\d+)\*\*", SPEC))
+SECTIONS = set(re.findall(r"^#+ (?:Appendix )?((?:\d+|[A-Z])(?:\.\d+)*)\.? ", SPEC, re.MULTILINE))
+PAPER = {
+    *("1", "2", "2.1", "2.2", "2.3", "3", "3.1", "3.2", "3.3", "3.4", "3.5", "3.6", "3.7"),
+    *("4", "4.1", "5", "5.1", "5.2", "5.3", "5.4", "5.5", "6"),
+}
+"""Numbered sections of SCAR-GS, which docs/references.md identifies."""
+ENDINGS = (".py", ".c", ".h", ".js", ".mjs", ".ts", ".toml")
+WITH_INVENTED_RULES = {"tests/blocks/test_declare.py", "tests/conformance/spec/test_rules.py"}
+"""Tests of what reads rules: they make up some."""
+
+RULE = re.compile(r"\bR-[0-9A-Z]+(?:\.\d+)*-\d+\b")
+SECTION = re.compile(r"§ ?((?:\d+|[A-Z])(?:\.\d+)*)")
+DOCUMENT = re.compile(r"SPEC|paper|RFC \d+|Scaffold-GS")
+
+
+def _sources() -> list[str]:
+    try:
+        done = subprocess.run(["git", "ls-files"], cwd=REPOSITORY, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("needs a git checkout")
+    names = [name for name in done.stdout.splitlines() if name.endswith(ENDINGS) and name not in WITH_INVENTED_RULES]
+    return [name for name in names if name != "tests/test_citations.py" and (REPOSITORY / name).is_file()]
+
+
+def cited_sections(text: str) -> list[tuple[str, str]]:
+    """(document, section) of each ``§``: the document named last in the sentence before it, else SPEC."""
+    found = []
+    for match in SECTION.finditer(text):
+        sentence = re.split(r"\.\s|\n\n", text[max(0, match.start() - 200) : match.start()])[-1]
+        named = DOCUMENT.findall(sentence)
+        found.append((named[-1] if named else "SPEC", match[1]))
+    return found
+
+
+def test_citations_are_told_apart() -> None:
+    text = "As SPEC §5.4, §5.5 say (paper §3.4, §3.5; SPEC §10.5). Now RFC 9110 §14.2\nand §15. Then §B.1."
+    assert cited_sections(text) == [
+        *(("SPEC", "5.4"), ("SPEC", "5.5"), ("paper", "3.4"), ("paper", "3.5"), ("SPEC", "10.5")),
+        *(("RFC 9110", "14.2"), ("RFC 9110", "15"), ("SPEC", "B.1")),
+    ]
+    assert len(RULES) > 150
+    assert {"5.4", "10.5", "B.1", "C"} <= SECTIONS
+
+
+def test_cited_rules_exist() -> None:
+    """A rule that was renumbered in SPEC.md is renumbered everywhere."""
+    cited = {(name, rule) for name in _sources() for rule in RULE.findall((REPOSITORY / name).read_text("utf-8"))}
+    assert len(cited) > 500
+    assert sorted(one for one in cited if one[1] not in RULES) == []
+
+
+def test_cited_sections_exist() -> None:
+    known = {"SPEC": SECTIONS, "paper": PAPER}
+    cited = {(name, *one) for name in _sources() for one in cited_sections((REPOSITORY / name).read_text("utf-8"))}
+    assert len(cited) > 500
+    missing = [one for one in cited if one[1] in known and one[2] not in known[one[1]]]
+    assert sorted(missing) == []
+
+
+def test_the_paper_is_identified_where_it_is_cited() -> None:
+    """By title and authors, with its sections: else "the paper" names nothing."""
+    text = (REPOSITORY / "docs" / "references.md").read_text(encoding="utf-8")
+    assert "Spatial Context Attention for Residuals in Progressive" in text
+    assert "Revilla" in text
+    numbers = set(re.findall(r"^\| (\d(?:\.\d)?)[ ,|]", text, re.MULTILINE))
+    assert numbers
+    assert numbers <= PAPER
