@@ -77,7 +77,8 @@ def expanded(values: Values, networks: SceneNetworks, camera: Camera, bits: int 
     flat = rows * SLOTS + slots
     covariance = networks.run("cov", inputs, bits).reshape(-1, 7)[flat]
     colour = torch.sigmoid(networks.run("color", inputs, bits).reshape(-1, 3)[flat])
-    sizes = torch.exp(values.scaling)[rows]
+    # Not by [rows]: several slots of an anchor add to one gradient, and index_select is the faster way to add them up.
+    sizes = torch.exp(values.scaling).index_select(0, rows)
     centres = values.positions[rows] + values.offsets.reshape(-1, 3)[flat] * sizes[:, :3]
     gaussians = Gaussians(
         centres=centres,

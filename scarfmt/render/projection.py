@@ -35,6 +35,12 @@ _OPACITY, _REACH = 9, 10
 _SHAPE_COLUMNS = 11
 _BLOCK = 512
 
+Place = tuple[float, float, float]
+Turn = tuple[float, float, float, float, float, float, float, float, float]
+"""The rotation of a pose by rows."""
+Lens = tuple[float, float, float, float, float, float, float, float]
+"""fx, fy, cx, cy, width, height, near, dilation."""
+
 _C0 = 0.28209479177387814
 _C1 = 0.4886025119029199
 _C2A, _C2B, _C2C = 1.0925484305920792, 0.31539156525252005, 0.5462742152960396
@@ -103,18 +109,26 @@ def _touches(mean: float, half: float, size: float) -> bool:
 
 
 @device
-def _ellipse(x: float, y: float, z: float, shape: F64, pose: F64, lens: F64, splat: F64) -> bool:
-    """Fill centre, conic and half extents of a splat of the given `shape`; False where nothing can be seen."""
-    fx, fy, cx, cy, width, height, dilation = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[7]
+def _ellipse(place: Place, shapes: F64, i: int, turn: Turn, lens: Lens, splats: F64, row: int) -> bool:
+    """Fill centre, conic and half extents of a splat with shape `i`; False where nothing can be seen.
+
+    Arrays are passed whole with a row: a view of a row costs as much as the arithmetic.
+    """
+    x, y, z = place
+    fx, fy, cx, cy, width, height, _, dilation = lens
+    t00, t01, t02, t10, t11, t12, t20, t21, t22 = turn
     limit_x, limit_y = FRUSTUM_MARGIN * width / (2.0 * fx), FRUSTUM_MARGIN * height / (2.0 * fy)
     tx = min(limit_x, max(-limit_x, x / z))
     ty = min(limit_y, max(-limit_y, y / z))
-    a0, a1, a2, b0, b1, b2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(3):
-        jx = fx / z * (pose[0, k] - tx * pose[2, k])
-        jy = fy / z * (pose[1, k] - ty * pose[2, k])
-        a0, a1, a2 = a0 + jx * shape[3 * k], a1 + jx * shape[3 * k + 1], a2 + jx * shape[3 * k + 2]
-        b0, b1, b2 = b0 + jy * shape[3 * k], b1 + jy * shape[3 * k + 1], b2 + jy * shape[3 * k + 2]
+    scale_x, scale_y = fx / z, fy / z
+    j0, j1, j2 = scale_x * (t00 - tx * t20), scale_x * (t01 - tx * t21), scale_x * (t02 - tx * t22)
+    k0, k1, k2 = scale_y * (t10 - ty * t20), scale_y * (t11 - ty * t21), scale_y * (t12 - ty * t22)
+    a0 = j0 * shapes[i, 0] + j1 * shapes[i, 3] + j2 * shapes[i, 6]
+    a1 = j0 * shapes[i, 1] + j1 * shapes[i, 4] + j2 * shapes[i, 7]
+    a2 = j0 * shapes[i, 2] + j1 * shapes[i, 5] + j2 * shapes[i, 8]
+    b0 = k0 * shapes[i, 0] + k1 * shapes[i, 3] + k2 * shapes[i, 6]
+    b1 = k0 * shapes[i, 1] + k1 * shapes[i, 4] + k2 * shapes[i, 7]
+    b2 = k0 * shapes[i, 2] + k1 * shapes[i, 5] + k2 * shapes[i, 8]
     cov_xx, cov_xy, cov_yy = a0 * a0 + a1 * a1 + a2 * a2, a0 * b0 + a1 * b1 + a2 * b2, b0 * b0 + b1 * b1 + b2 * b2
     # |a x b|^2 is the undilated determinant (Cauchy-Binet), free of the cancellation of xx * yy - xy^2.
     n0, n1, n2 = a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
@@ -123,26 +137,32 @@ def _ellipse(x: float, y: float, z: float, shape: F64, pose: F64, lens: F64, spl
     cov_yy += dilation
     if not (determinant < np.inf):
         return False
-    splat[MEAN_X], splat[MEAN_Y] = fx * x / z + cx, fy * y / z + cy
-    splat[CONIC_A], splat[CONIC_B], splat[CONIC_C] = cov_yy / determinant, -cov_xy / determinant, cov_xx / determinant
-    reach = shape[_REACH]
+    mean_x, mean_y, reach = fx * x / z + cx, fy * y / z + cy, shapes[i, _REACH]
+    half_x, half_y = math.sqrt(reach * cov_xx) + _BOUND_SLACK, math.sqrt(reach * cov_yy) + _BOUND_SLACK
+    if not (_touches(mean_x, half_x, width) and _touches(mean_y, half_y, height)):
+        return False
+    splats[row, MEAN_X], splats[row, MEAN_Y] = mean_x, mean_y
+    splats[row, CONIC_A], splats[row, CONIC_C] = cov_yy / determinant, cov_xx / determinant
+    splats[row, CONIC_B] = -cov_xy / determinant
+    splats[row, OPACITY] = shapes[i, _OPACITY]
+    splats[row, HALF_X], splats[row, HALF_Y] = half_x, half_y
     # Rounding must not drop what the rules keep: they compare alphas.
-    splat[FAINTEST] = -0.5 * reach - _POWER_SLACK
-    splat[HALF_X], splat[HALF_Y] = math.sqrt(reach * cov_xx) + _BOUND_SLACK, math.sqrt(reach * cov_yy) + _BOUND_SLACK
-    return _touches(splat[MEAN_X], splat[HALF_X], width) and _touches(splat[MEAN_Y], splat[HALF_Y], height)
+    splats[row, FAINTEST] = -0.5 * reach - _POWER_SLACK
+    return True
 
 
 @device
-def _colour(direction: F64, sh: F32, degree: int, basis: F64, splat: F64) -> None:
-    """Fill the colour of a splat from its spherical harmonics and the unnormalised view direction (3,)."""
-    x, y, z = direction[0], direction[1], direction[2]
+def _colour(direction: Place, sh: F32, i: int, degree: int, basis: F64, splats: F64, row: int) -> None:
+    """Fill the colour of a splat from spherical harmonics `i` and the unnormalised view direction."""
+    x, y, z = direction
     length = math.sqrt(x * x + y * y + z * z)
     _sh_basis(x / length, y / length, z / length, degree, basis)
-    for channel in range(3):
-        value = 0.5
-        for k in range((degree + 1) * (degree + 1)):
-            value += basis[k] * sh[k, channel]
-        splat[RED + channel] = max(0.0, value)
+    red, green, blue = 0.5, 0.5, 0.5
+    for k in range((degree + 1) * (degree + 1)):
+        red += basis[k] * sh[i, k, 0]
+        green += basis[k] * sh[i, k, 1]
+        blue += basis[k] * sh[i, k, 2]
+    splats[row, RED], splats[row, GREEN], splats[row, BLUE] = max(0.0, red), max(0.0, green), max(0.0, blue)
 
 
 @kernel
@@ -232,28 +252,29 @@ def _project(
 ) -> None:
     """Fill `splats` and `depths` (inf where culled); work goes by blocks, so that scratch is allocated per block."""
     count = len(drawn)
+    lenses = lens[0], lens[1], lens[2], lens[3], lens[4], lens[5], lens[6], lens[7]
+    turn = (
+        pose[0, 0], pose[0, 1], pose[0, 2], pose[1, 0], pose[1, 1], pose[1, 2], pose[2, 0], pose[2, 1], pose[2, 2]
+    )  # fmt: skip
     for block in prange((count + _BLOCK - 1) // _BLOCK):
-        basis, local = np.empty(16), np.empty(3)
+        basis = np.empty(16)
         for row in range(block * _BLOCK, min(count, (block + 1) * _BLOCK)):
             i = drawn[row]
             depths[row] = np.inf
-            for k in range(3):
-                local[k] = pose[k, 3]
-                for axis in range(3):
-                    local[k] += pose[k, axis] * positions[i, axis]
+            p0, p1, p2 = positions[i, 0], positions[i, 1], positions[i, 2]
+            x = pose[0, 3] + pose[0, 0] * p0 + pose[0, 1] * p1 + pose[0, 2] * p2
+            y = pose[1, 3] + pose[1, 0] * p0 + pose[1, 1] * p1 + pose[1, 2] * p2
+            z = pose[2, 3] + pose[2, 0] * p0 + pose[2, 1] * p1 + pose[2, 2] * p2
             # Written so that a NaN is culled too.
-            if not (local[2] > lens[6] and local[2] < np.inf and shapes[i, _REACH] >= 0.0):
+            if not (z > lens[6] and z < np.inf and shapes[i, _REACH] >= 0.0):
                 continue
-            splats[row, OPACITY] = shapes[i, _OPACITY]
-            if not _ellipse(local[0], local[1], local[2], shapes[i], pose, lens, splats[row]):
+            if not _ellipse((x, y, z), shapes, i, turn, lenses, splats, row):
                 continue
-            depths[row] = local[2]
+            depths[row] = z
             if len(colours) > 0:
-                splats[row, RED : BLUE + 1] = colours[i]
+                splats[row, RED], splats[row, GREEN], splats[row, BLUE] = colours[i, 0], colours[i, 1], colours[i, 2]
             else:
-                for axis in range(3):
-                    local[axis] = positions[i, axis] - eye[axis]
-                _colour(local, sh[i], degree, basis, splats[row])
+                _colour((p0 - eye[0], p1 - eye[1], p2 - eye[2]), sh, i, degree, basis, splats, row)
 
 
 @dataclass(frozen=True)

@@ -38,17 +38,21 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Child:
-    """A child that runs jobs here and remembers them; it fails the jobs that it was set to fail."""
+    """A child that runs jobs here and remembers them; it fails the jobs that it was set to fail.
 
-    def __init__(self, fails: str = "nothing") -> None:
+    Where it is `late`, the time of a job is over when its first iteration is done, however fast the machine.
+    """
+
+    def __init__(self, fails: str = "nothing", late: bool = False) -> None:
         self.ran: list[dict[str, Any]] = []
-        self.fails = fails
+        self.fails, self.late = fails, late
 
     def __call__(self, **job: Any) -> dict[str, Any]:
         self.ran.append(job)
         if job["recipe"]["estimator"] == self.fails:
             raise subprocess.CalledProcessError(1, "child")
-        return train_job(json.loads(json.dumps(job)))
+        given = {**job, "seconds": 0.0} if self.late else job
+        return train_job(json.loads(json.dumps(given)))
 
 
 def kept(tmp_path: Path, name: str) -> dict[str, Any]:
@@ -102,7 +106,7 @@ def test_a_training_goes_on_in_slices_and_a_file_without_figures_is_only_measure
     few = trained_plan.Study("a sweep", STUDIES["lambda-ssim"].rows[:1], by_layer=True)
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(STUDIES, "lambda-ssim", few)
-        assert trained_ablations.main([*said, "1e-3"], Child()) == 75
+        assert trained_ablations.main([*said, "9"], Child(late=True)) == 75
         (checkpoint,) = (tmp_path / "trained").rglob("checkpoint-*.pt")
         assert trained_ablations.main([*said, "9"], Child()) == 0
         (file,) = (tmp_path / "trained").rglob("scene.scar")
