@@ -6,8 +6,8 @@
     python -m benchmarks.large_scene --make city.ply --gaussians 50000000
 
 No scene of these sizes is at hand, so a large one is copies of a real one (`benchmarks.large_scene_copies`). Every
-figure is of a process of its own with its workers, watched from outside (`benchmarks.watched`). Results are merged into
-benchmarks/results/large-scene.json; the tables are in docs/large-scenes.md.
+figure is of a process of its own with its workers, each of one thread, watched from outside (`benchmarks.watched`).
+Results are merged into benchmarks/results/large-scene.json; the tables are in docs/large-scenes.md.
 """
 
 from __future__ import annotations
@@ -43,6 +43,8 @@ BANDWIDTH = 1e9
 """Bytes a second that the store of a cluster is taken to give each worker."""
 CLUSTER = 100
 """Workers that the model is asked about."""
+ONE_THREAD = {**child.ENVIRONMENT, "NUMBA_NUM_THREADS": "1"}
+"""Environment of all runs: a worker is one thread, also where this process is the only one."""
 
 Figures = dict[str, Any]
 
@@ -275,7 +277,7 @@ def _measured(job: Figures, name: str) -> Figures:
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         write_copies(chosen([name])[0], job["gaussians"], path)
-    found = child.run(environment=child.ENVIRONMENT, job="benchmarks.large_scene:encode_job", **job)
+    found = child.run(environment=ONE_THREAD, job="benchmarks.large_scene:encode_job", **job)
     told = {key: job[key] for key in ("effort", "workers", "executor", "range")}
     return {"scene": name, **told, "source_bytes": path.stat().st_size, **found}
 
