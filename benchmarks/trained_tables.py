@@ -74,7 +74,7 @@ def _studies(scene: str, records: dict[str, Record]) -> Iterator[str]:
     for base in BASES:
         for study in STUDIES.values():
             rows = [(row.label, _of_row(study, number, base, records)) for number, row in enumerate(study.rows)]
-            found = [(label, mine) for label, mine in rows if mine]
+            found = _same_seeds([(label, mine) for label, mine in rows if mine])
             names = tuple(label for label, _ in found), study.question, *(id(mine[0]) for _, mine in found)
             if len(found) < 2 or names in shown:
                 continue
@@ -84,10 +84,16 @@ def _studies(scene: str, records: dict[str, Record]) -> Iterator[str]:
             yield f"**{study.question}** ({about})\n\n" + (_layers(found) if study.by_layer else _ends(found))
 
 
-def _of_row(study: Study, number: int, base: str, records: dict[str, Record]) -> list[Record]:
-    """The results of each seed that was trained."""
-    names = (training(study.rows[number], base, {}, seed).name for seed in range(_MOST_SEEDS))
-    return [records[name] for name in names if name in records]
+def _of_row(study: Study, number: int, base: str, records: dict[str, Record]) -> dict[int, Record]:
+    """The result of each seed that was trained."""
+    names = {seed: training(study.rows[number], base, {}, seed).name for seed in range(_MOST_SEEDS)}
+    return {seed: records[name] for seed, name in names.items() if name in records}
+
+
+def _same_seeds(found: Sequence[tuple[str, dict[int, Record]]]) -> list[tuple[str, list[Record]]]:
+    """The rows, each with the seeds that all of them have: seeds differ by more than rows do."""
+    shared = set.intersection(*(set(mine) for _, mine in found)) if found else set()
+    return [(label, [mine[seed] for seed in sorted(shared)]) for label, mine in found if shared]
 
 
 def _ends(found: Sequence[tuple[str, list[Record]]]) -> str:
@@ -99,8 +105,9 @@ def _ends(found: Sequence[tuple[str, list[Record]]]) -> str:
         sizes, decibels = [_of(rows, "file_bytes") / 1000 for rows in (firsts, lasts)], _of(lasts, "psnr_db")
         flips = [row["flip"] for row in lasts if row["flip"] is not None]
         cells = [f"{np.mean(sizes[0]):,.1f}", f"{np.mean(_of(firsts, 'psnr_db')):.2f}"]
-        cells += [f"{np.mean(sizes[1]):,.1f}", f"{np.ptp(sizes[1]) / 2:.1f}"]
-        cells += [f"{np.mean(decibels):.2f}", f"{np.ptp(decibels) / 2:.2f}", f"{np.mean(_of(lasts, 'ssim')):.4f}"]
+        spreads = [f"{np.ptp(sizes[1]) / 2:.1f}", f"{np.ptp(decibels) / 2:.2f}"] if len(records) > 1 else ["–", "–"]
+        cells += [f"{np.mean(sizes[1]):,.1f}", spreads[0]]
+        cells += [f"{np.mean(decibels):.2f}", spreads[1], f"{np.mean(_of(lasts, 'ssim')):.4f}"]
         cells += [f"{np.mean(flips):.4f}" if flips else "–", f"{np.mean([it['anchors'] for it in records]):,.0f}"]
         lines.append([label, str(len(records)), *cells])
     return table(head, lines)

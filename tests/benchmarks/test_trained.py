@@ -139,6 +139,11 @@ def test_tables_have_means_of_seeds_and_no_study_of_one_row() -> None:
     text = ablation_tables({"tiny": grid})
     assert "| none | 2 | 10.0 | 21.50 | 20.0 | 0.0 | 22.50 | 0.50 | 0.9000 | – | 1,000 |" in text
     assert text.count("**") == 2
+    # A row that lacks a seed is compared with those of the others that it has.
+    del grid[next(one.name for one in trainings(["grid"], "rvq", {}, 2) if one.options.seed == 1)]
+    text = ablation_tables({"tiny": grid})
+    assert "| none | 1 | 10.0 | 21.00 | 20.0 | – | 22.00 | – | 0.9000 | – | 1,000 |" in text
+    assert "| 2 |" not in text
     sweep = {one.name: record(10_000, 20.0) for one in trainings(["lambda-ssim"], "rvq", {}, 1)}
     text = ablation_tables({"tiny": sweep})
     assert text.count("**") == 2
