@@ -32,9 +32,12 @@ def powers(exponents: F32, out: F32) -> None:
         out[k] = value
 
 
-@reduced
+@compiled
 def add_products(output: F32, vectors: F32, out: F32) -> None:
-    """Add products of `output` (R,) and `vectors` (R, k) to `out` (k,), four at a time: stores are what costs."""
+    """Add products of `output` (R,) and `vectors` (R, k) to `out` (k,), four at a time: stores are what costs.
+
+    Every operation is rounded by itself, as in scarfmt/kernel/codewords.c.
+    """
     whole = len(output) // 4 * 4
     for row in range(0, whole, 4):
         one, two, three, four = output[row], output[row + 1], output[row + 2], output[row + 3]

@@ -22,6 +22,9 @@ from reference_encoder.loops import add_products, first_of_least
 from reference_encoder.sums import added_rows, row_sums, squared_lengths
 from reference_encoder.tuning import RVQ_DECAY, RVQ_PRIOR_USES, RVQ_STALE_USES
 from scarfmt.arrays import F32, F64, I16, I64
+from scarfmt.engines import absence
+from scarfmt.kernel.codewords import KernelCodewords
+from scarfmt.kernel.loading import load
 
 _CHUNK = 8192
 """Vectors that a thread takes at a time."""
@@ -133,14 +136,22 @@ def _assigned(vectors: Vectors, book: F32, prices: F32) -> I64:
     x, out = np.ascontiguousarray(vectors.x), np.empty(len(vectors.x), np.int64)
     # Twice the weight, because distances are halved.
     heavy, classes = 2 * vectors.weight, vectors.classes
+    search = _search(words, half, prices)
 
     def fill(first: int) -> None:
         part = slice(first, first + _CHUNK)
-        _fill_nearest(x[part], heavy[part], classes[part], words, half, prices, out[part])
+        search(x[part], heavy[part], classes[part], out[part])
 
     with ThreadPoolExecutor(get_num_threads()) as pool:
         list(pool.map(fill, range(0, len(x), _CHUNK)))
     return out
+
+
+def _search(words: F32, half: F32, prices: F32) -> Callable[[F32, F32, I64, I64], None]:
+    """The search of (d, k) negated `words` and (classes, k) `prices`; by the compiled kernel where there is one."""
+    if absence() is None:
+        return KernelCodewords(load(), words, half, prices).fill
+    return lambda x, weight, classes, out: _fill_nearest(x, weight, classes, words, half, prices, out)
 
 
 @compiled

@@ -77,6 +77,7 @@ static const Place PLACES[] = {
     WHOLE(TileBlock), AT(TileBlock, bytes), AT(TileBlock, length), AT(TileBlock, count),
     WHOLE(Tile), AT(Tile, total), AT(Tile, bits), AT(Tile, blocks), AT(Tile, codes), AT(Tile, classes),
     AT(Tile, values), AT(Tile, first), AT(Tile, indices), AT(Tile, symbols), AT(Tile, received),
+    WHOLE(Codewords), AT(Codewords, size), AT(Codewords, dimension), AT(Codewords, words), AT(Codewords, half),
     WHOLE(Frame), AT(Frame, origin), AT(Frame, voxel), AT(Frame, corner), AT(Frame, shift), AT(Frame, widths),
     
     WHOLE(Dense), AT(Dense, inputs), AT(Dense, outputs), AT(Dense, weights), AT(Dense, biases),

@@ -14,6 +14,7 @@ from scarfmt.kernel.structs import (
     Cells,
     Channel,
     ChannelLayer,
+    Codewords,
     Embedding,
     Frame,
     Grid,
@@ -29,7 +30,7 @@ from scarfmt.kernel.structs import (
     WrittenPositions,
 )
 
-INTERFACE = 5
+INTERFACE = 6
 """The number of the interface in kernel.h. It stands for the arguments of the functions below; structs are
 compared field by field."""
 
@@ -61,6 +62,7 @@ _SIGNATURES: dict[str, tuple[type | None, list[type]]] = {
     "scar_world_positions": (None, [POINTER(Frame), c_void_p, c_void_p, c_int64, c_void_p, c_int64, c_void_p]),
     "scar_values": (None, [c_void_p, c_int64, *[c_void_p] * 2, c_int64, c_int64, c_void_p]),
     "scar_activate": (None, [POINTER(Activation), c_void_p]),
+    "scar_codewords": (None, [POINTER(Codewords), *[c_void_p] * 4, c_int64, c_void_p]),
     "scar_tile_memory": (c_int64, [POINTER(TileModel), c_int64, c_int64]),
     "scar_tile": (c_int64, [POINTER(TileModel), POINTER(Tile), c_int64, c_void_p]),
     "scar_channel_layer": (c_int64, [POINTER(Rans), POINTER(Channel), POINTER(ChannelLayer)]),

@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from scarfmt.arrays import F32
 from scarfmt.errors import LimitExceeded
 
 MOST_SYMBOLS = (1 << 31) - 1
 """Maximum symbols in one call: their places are 32-bit numbers. Tiles need at most 2^26, 64 components of 2^20
 anchors."""
+_LINE = 64
+"""Bytes of a line of the cache."""
 
 
 def address(array: NDArray[Any], dtype: DTypeLike) -> int:
@@ -34,6 +37,15 @@ def shaped(array: NDArray[Any], dtype: DTypeLike, shape: tuple[int, ...]) -> int
     if array.shape != shape:
         raise TypeError(f"an array of shape {array.shape}, not {shape}")
     return address(array, dtype)
+
+
+def at_lines(array: F32) -> F32:
+    """A copy that begins where a line of the cache does: a vector of its width lies in one line, and is read at once."""
+    room = np.empty(array.nbytes + _LINE, np.uint8)
+    start = -room.ctypes.data % _LINE
+    copy = room[start : start + array.nbytes].view(np.float32).reshape(array.shape)
+    copy[...] = array
+    return copy
 
 
 def check_symbols(count: int) -> None:

@@ -288,6 +288,13 @@ typedef struct {
     int64_t *received;                /* (layers, channels, MOST_STEPS + 1) anchors that received each step */
 } Tile;
 
+/* A codebook to search: filled up to a multiple of TOGETHER codewords (codewords.c) with some that are never chosen. */
+typedef struct {
+    int64_t size, dimension;
+    const float *words;               /* (dimension, size), negated */
+    const float *half;                /* (size) half of squared lengths; infinite where filled up */
+} Codewords;
+
 /* Where the codes of a tile lie in the world (SPEC 9.1). */
 typedef struct {
     double origin[3], voxel, corner[3];

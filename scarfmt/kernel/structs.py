@@ -300,6 +300,12 @@ class Tile(Structure):
     )
 
 
+class Codewords(Structure):
+    """A codebook to search."""
+
+    _fields_ = (("size", c_int64), ("dimension", c_int64), ("words", c_void_p), ("half", c_void_p))
+
+
 class Frame(Structure):
     """The place of the codes of a tile in the world."""
 
