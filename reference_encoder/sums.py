@@ -81,3 +81,12 @@ def added_rows(places: I64, rows: F32, count: int) -> F32:
         for column in range(len(into)):
             into[column] += rows[number, column]
     return out
+
+
+@compiled
+def subtract_rows(rows: F32, places: I64, book: F32, codes: I64) -> None:
+    """Subtract codewords (n,) `codes` of (k, d) `book` from those of (m, d) `rows` at (n,) `places`."""
+    for number in range(len(places)):
+        row, word = rows[places[number]], book[codes[number]]
+        for column in range(len(row)):
+            row[column] -= word[column]

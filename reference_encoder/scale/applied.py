@@ -17,6 +17,7 @@ from reference_encoder.profiles.explicit import channels_of, log_extent, wanted_
 from reference_encoder.scale.fit import Fit, LatentFit, ranked
 from reference_encoder.scale.glance import Overview
 from reference_encoder.scale.steps import Measured, Range, RangeContent
+from reference_encoder.sums import subtract_rows
 from reference_encoder.tuning import INVISIBLE_WEIGHT, REST_SHARE
 from scarfmt.arrays import I16, I64
 from scarfmt.container.schema import Stream
@@ -136,8 +137,9 @@ def _codewords(fit: Fit, latent: LatentFit, kept: _Kept, classes: I64) -> tuple[
     for stage, prices in enumerate(latent.prices):
         there = np.flatnonzero(received[rows] > stage)
         book = (latent.books.coarse if stage == 0 else latent.books.residual).astype(np.float32)
-        codes = assign(left.take(there), book, prices, fit.lambda_)
-        left.x[there] -= book[codes]
+        searched = left if len(there) == len(rows) else left.take(there)
+        codes = assign(searched, book, prices, fit.lambda_)
+        subtract_rows(left.x, there, book, codes)
         indices[rows[there], stage] = codes
     return indices, _Left(rows, len(classes), Vectors(left.x, left.weight, classes[rows]))
 
