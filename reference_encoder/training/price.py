@@ -16,6 +16,9 @@ _SHRINKS = 0.85
 again."""
 _STEP = 1.5
 """Times that a price changes at most in one of them: values take a while to follow."""
+LEAST_PRICE = 0.002
+"""Where sizes are wanted, the least price, times lambda: bits that do not lower the loss by as much are not sent, however
+large the file may be."""
 _STEER = 1.1
 """Factor of a price correction once masks are settled, when prices are corrected more often."""
 
@@ -27,7 +30,8 @@ class Prices:
     Attributes:
         price: by layer.
         pixels: of all training photos.
-        wanted: bytes of each prefix, None where the price is fixed.
+        wanted: bytes of each prefix at most, None where the price is fixed.
+        floor: least price that these lead to.
         estimate: bytes that each prefix is thought to take, 0 before it was drawn.
         real: bytes that the writer took for a byte of the estimate.
     """
@@ -35,6 +39,7 @@ class Prices:
     price: list[float]
     pixels: int
     wanted: list[float] | None
+    floor: float = 0.0
     estimate: list[float] = field(default_factory=list)
     real: list[float] = field(default_factory=list)
 
@@ -63,7 +68,7 @@ class Prices:
             for layer, wanted in enumerate(self.wanted):
                 off = self.estimate[layer] * self.real[layer] / wanted
                 if off > 0:
-                    self.price[layer] *= min(max(off, 1 / _STEER), _STEER)
+                    self._move(layer, min(max(off, 1 / _STEER), _STEER))
 
     def follow(self, found: Worth, allowed: Tensor, weight: float) -> list[float]:
         """Loss a bit by layer at which masks are decided now; prices follow where sizes are wanted.
@@ -77,13 +82,17 @@ class Prices:
             for layer, wanted in enumerate(self.wanted):
                 price = found.price_of(layer, 8 * wanted / self.real[layer], allowed) * self.pixels
                 moved = math.sqrt(self.price[layer] * price) / self.price[layer]
-                self.price[layer] *= min(max(moved, 1 / _STEP), _STEP)
+                self._move(layer, min(max(moved, 1 / _STEP), _STEP))
         last = len(self.price) - 1
-        least = _SHRINKS * found.bits(last, allowed)
+        most = found.price_of(last, _SHRINKS * found.bits(last, allowed), allowed)
         if self.wanted is not None:
             # The price may still be on its way down from what was too much.
-            least = max(least, 8 * self.wanted[last] / self.real[last])
-        most = found.price_of(last, least, allowed)
+            enough = found.price_of(last, 8 * self.wanted[last] / self.real[last], allowed)
+            most = min(most, max(enough, weight * self.floor / self.pixels))
         chosen = [weight * self.a_bit(layer) for layer in range(last)] + [min(weight * self.a_bit(last), most)]
         # What an earlier layer shows, later ones show.
         return list(accumulate(reversed(chosen), max))[::-1]
+
+    def _move(self, layer: int, factor: float) -> None:
+        """Change a price, but not to less than the floor."""
+        self.price[layer] = max(self.price[layer] * factor, self.floor)

@@ -36,7 +36,7 @@ from reference_encoder.training.options import (
     never,
     silent,
 )
-from reference_encoder.training.price import Prices
+from reference_encoder.training.price import LEAST_PRICE, Prices
 from reference_encoder.training.rate import Context
 from reference_encoder.training.recipe import RECIPES, Recipe
 from reference_encoder.training.similarity import Target
@@ -157,7 +157,7 @@ def begun(capture: Capture, options: TrainOptions, recipe: Recipe | None = None)
     wanted = None if options.size is None else [options.size * share for share in plan.shares]
     return Trainer(
         state=state,
-        prices=Prices(price, pixel_count, wanted),
+        prices=Prices(price, pixel_count, wanted, LEAST_PRICE * options.lambda_),
         views=views,
         small=halves(capture.train, device) or views,
         curriculum=CURRICULA[recipe.curriculum],

@@ -91,7 +91,8 @@ RUN_ENDING = ".run"
     "--size",
     type=click.IntRange(min=MIN_SIZE),
     metavar="BYTES",
-    help="Target size of the file in bytes. The weight of bytes is adjusted during training to come close to it"
+    help="Target size of the file in bytes. The weight of bytes is adjusted during training to come close to it, or"
+    " to stay below it where more bytes improve pictures too little; a smaller --lambda sends these too"
     " [default: none; --lambda decides].",
 )
 @click.option(

@@ -65,6 +65,23 @@ def test_once_masks_are_settled_prices_answer_to_sizes() -> None:
     prices.wrote([105, 180, 300])
     prices.steer()
     assert prices.price == pytest.approx([1.05, 1 / 1.1, 1.0])
-    fixed = Prices([1.0], 1, None, [100.0])
+    fixed = Prices([1.0], 1, None, estimate=[100.0])
     fixed.steer()
     assert fixed.price == [1.0]
+
+
+def test_bytes_that_buy_nothing_are_not_sent() -> None:
+    """A size beyond what pays: the price falls to the floor and no lower, in pictures' masks and in the rate."""
+    worth = found()
+    allowed = worth.benefit > 0
+    whole = worth.bits(1, allowed) / 8
+    floor = worth.price_of(1, 8 * 0.7 * whole, allowed)
+    prices = Prices([100 * floor, 50 * floor], 1, [0.2 * whole, 10 * whole], floor)
+    for _ in range(40):
+        first = first_layers(worth, prices.follow(worth, allowed, 1.0), allowed)
+        allowed = first < 2
+    assert prices.price[1] == floor < prices.price[0]
+    assert worth.bits(1, first <= 1) / 8 == pytest.approx(0.7 * whole, rel=0.03)
+    prices.estimate = [1.0, 1.0]
+    prices.steer()
+    assert prices.price[1] == floor
