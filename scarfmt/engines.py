@@ -13,6 +13,9 @@ from scarfmt.errors import InvalidInput
 from scarfmt.kernel.loading import Absent, load
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from scarfmt.arrays import F32, I64
     from scarfmt.coding.engine import Engine
     from scarfmt.neural.operations import Operations
 
@@ -67,3 +70,16 @@ def engine_named(name: str, operations: Operations | None = None) -> Engine:
     if name == "numpy" or absence() is not None:
         return NumpyEngine(operations or NUMPY)
     return KernelEngine(load(), operations or NUMPY)
+
+
+def codeword_search(words: F32, half: F32, prices: F32) -> Callable[[F32, F32, I64, I64], None] | None:
+    """The compiled search for codewords, :meth:`scarfmt.kernel.codewords.KernelCodewords.fill`; None without a kernel.
+
+    Args:
+        words, half, prices: as of :class:`scarfmt.kernel.codewords.KernelCodewords`.
+    """
+    if absence() is not None:
+        return None
+    from scarfmt.kernel.codewords import KernelCodewords
+
+    return KernelCodewords(load(), words, half, prices).fill

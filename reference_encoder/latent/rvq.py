@@ -22,9 +22,7 @@ from reference_encoder.loops import add_products, first_of_least
 from reference_encoder.sums import added_rows, row_sums, squared_lengths
 from reference_encoder.tuning import RVQ_DECAY, RVQ_PRIOR_USES, RVQ_STALE_USES
 from scarfmt.arrays import F32, F64, I16, I64
-from scarfmt.engines import absence
-from scarfmt.kernel.codewords import KernelCodewords
-from scarfmt.kernel.loading import load
+from scarfmt.engines import codeword_search
 
 _CHUNK = 8192
 """Vectors that a thread takes at a time."""
@@ -149,8 +147,9 @@ def _assigned(vectors: Vectors, book: F32, prices: F32) -> I64:
 
 def _search(words: F32, half: F32, prices: F32) -> Callable[[F32, F32, I64, I64], None]:
     """The search of (d, k) negated `words` and (classes, k) `prices`; by the compiled kernel where there is one."""
-    if absence() is None:
-        return KernelCodewords(load(), words, half, prices).fill
+    compiled_search = codeword_search(words, half, prices)
+    if compiled_search is not None:
+        return compiled_search
     return lambda x, weight, classes, out: _fill_nearest(x, weight, classes, words, half, prices, out)
 
 

@@ -17,8 +17,8 @@ again."""
 _STEP = 1.5
 """Times that a price changes at most in one of them: values take a while to follow."""
 LEAST_PRICE = 0.002
-"""Where sizes are wanted, the least price, times lambda: bits that do not lower the loss by as much are not sent, however
-large the file may be."""
+"""Where sizes are wanted, the least price, times lambda: bits that do not lower the loss by as much are not sent,
+however large the file may be."""
 _STEER = 1.1
 """Factor of a price correction once masks are settled, when prices are corrected more often."""
 

@@ -40,7 +40,7 @@ def shaped(array: NDArray[Any], dtype: DTypeLike, shape: tuple[int, ...]) -> int
 
 
 def at_lines(array: F32) -> F32:
-    """A copy that begins where a line of the cache does: a vector of its width lies in one line, and is read at once."""
+    """A copy that begins where a line of the cache does: a vector of its width is read from one line."""
     room = np.empty(array.nbytes + _LINE, np.uint8)
     start = -room.ctypes.data % _LINE
     copy = room[start : start + array.nbytes].view(np.float32).reshape(array.shape)

@@ -90,4 +90,6 @@ def test_at_lines() -> None:
     for size in (1, 5, 64):
         array = np.arange(3 * size, dtype=np.float32).reshape(3, size)
         copy = at_lines(array)
-        assert copy.ctypes.data % 64 == 0 and copy.shape == (3, size) and np.array_equal(copy, array)
+        assert copy.ctypes.data % 64 == 0
+        assert copy.shape == (3, size)
+        assert np.array_equal(copy, array)
