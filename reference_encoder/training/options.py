@@ -38,7 +38,7 @@ class TrainOptions:
         layers: of the file, 1..16.
         lambda_: factor of the rate in the loss, 0.001..1000: 1 as tuned, more for smaller files.
         lambda_ssim: share of 1 - SSIM in what a picture lacks, 0..1; the rest is L1 (paper §3.5).
-        size: bytes that the file shall have at most, prefixes in proportion; prices of bits follow, not below `lambda_`
+        size: bytes that the file shall have, about, prefixes in proportion; prices of bits follow, not below `lambda_`
             times `price.LEAST_PRICE`. None: fixed prices.
         preset: "default" (what pays in bytes) or "paper" (its curriculum, codebooks and entropy model).
         device: "cpu" or "cuda".

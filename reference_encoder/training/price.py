@@ -30,7 +30,7 @@ class Prices:
     Attributes:
         price: by layer.
         pixels: of all training photos.
-        wanted: bytes of each prefix at most, None where the price is fixed.
+        wanted: bytes of each prefix, None where the price is fixed.
         floor: least price that these lead to.
         estimate: bytes that each prefix is thought to take, 0 before it was drawn.
         real: bytes that the writer took for a byte of the estimate.
