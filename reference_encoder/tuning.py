@@ -332,7 +332,7 @@ MOMENTA = (0.95, 0.85)
 
 # --- Scenes larger than a machine: scale/ ---
 
-PROXY_RUN, MOST_PROXIES = 64, 262_144
+PROXY_RUN, MOST_PROXIES = 128, 131_072
 """Neighbours that one Gaussian stands for where a range is drawn that they are not in; in scenes so large that there
 would be more than so many, more neighbours [0044]."""
 OVERVIEW_ROWS = 262_144
@@ -342,6 +342,8 @@ SAMPLE_ROWS = 131_072
 RANGE_VIEWS = {1: 40, 2: 80, 3: 160}
 """By effort, views of each kind that a range is surveyed from at most: as many as a scene of `LOCAL_GAUSSIANS` has from
 near and from inside; a large scene has many more [0044]."""
+RANGE_ORBITS = {1: 12, 2: 24, 3: 48}
+"""By effort, the same of views from outside, of which every scene has a third more [0044]."""
 MEETING_ROWS = 2048
 """Gaussians of a range, drawn evenly, that tell which views meet it, and how much each shows [0044]."""
 JUDGING_RANGES, JUDGED_ROWS = 8, 131_072

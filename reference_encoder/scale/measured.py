@@ -11,7 +11,7 @@ from reference_encoder.measure.weights import Sums, Weights, unoccluded
 from reference_encoder.scale.drawn_views import drawn_views, told
 from reference_encoder.scale.glance import Overview, drawn_evenly
 from reference_encoder.scale.steps import Measured, Range
-from reference_encoder.tuning import FLOOR_DISTANCE, MEETING_ROWS, RANGE_VIEWS
+from reference_encoder.tuning import FLOOR_DISTANCE, MEETING_ROWS, RANGE_ORBITS, RANGE_VIEWS
 from scarfmt.arrays import I64
 from scarfmt.render.camera import Camera
 from scarfmt.render.projection import Drawable, project
@@ -27,12 +27,13 @@ def measure(overview: Overview, part: Range, scene: GaussianScene) -> Measured:
         part: the range.
         scene: its Gaussians, in any order; the result is in the same.
     """
-    looked, most = overview.survey, RANGE_VIEWS[overview.options.effort]
+    looked, effort = overview.survey, overview.options.effort
     drawable, sums, kinds = overview.drawn(part, scene), Sums(len(scene)), {}
     few = some_of(scene)
     for kind, cameras in looked.views.items():
         sums.start()
-        numbers, times = drawn_views(told(few, cameras), most)
+        most = RANGE_ORBITS if kind == "orbit" else RANGE_VIEWS
+        numbers, times = drawn_views(told(few, cameras), most[effort])
         chosen = [cameras[number] for number in numbers]
         for camera, seen, stands_for in zip(chosen, contributions_by_view(drawable, chosen), times, strict=True):
             sums.add(_own(seen, len(scene)), scene.positions, camera, stands_for)

@@ -148,8 +148,15 @@ def _tidy(folder: Path) -> None:
 
 
 def _source(files: Sequence[Path], more: str) -> str:
-    """A text that changes with the photos, or with what else goes in."""
-    stated = [(file.name, file.stat().st_size, file.stat().st_mtime_ns) for file in files]
+    """A text that changes with the photos, or with what else goes in.
+
+    Dates are left out: poses that are found again differ a little, and a training goes on with the same ones only. So
+    photos copied to another machine, without their dates, keep the poses that came with them.
+    """
+    stated = []
+    for file in files:
+        with file.open("rb") as stream:
+            stated.append((file.name, hashlib.file_digest(stream, "sha256").hexdigest()))
     return hashlib.sha256(f"{stated} {more}".encode()).hexdigest()
 
 

@@ -23,7 +23,8 @@ from tests.reference_encoder.scale.chain import OPTIONS, cut, encoded, example, 
 
 
 def test_one_range_weighs_what_the_scene_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "RANGE_VIEWS", {1: 1000})
+    for name in ("RANGE_VIEWS", "RANGE_ORBITS"):
+        monkeypatch.setattr(module, name, {1: 1000})
     ranges = cut(example(), len(example()))
     part, scene = ranges[0]
     found = measure(overviewed(example(), ranges), part, scene)
