@@ -26,7 +26,7 @@ from reference_encoder.scale.steps import Judged, Measured, Range
 from reference_encoder.tuning import JUDGED_ROWS, LEAST_COVER
 from scarfmt.arrays import F32, F64, I64
 from scarfmt.render.camera import Camera
-from scarfmt.render.rasterise import render
+from scarfmt.render.rasterise import render, render_with
 from scarfmt.render.several import each_view
 from scarfmt.scene.gaussians import GaussianScene
 
@@ -85,12 +85,13 @@ def pictures(
     looked = [cameras[number] for number in views]
     own = np.ones((len(drawable.scene), 3))
     own[len(scene) :, 0] = 0
-    drawn = each_view(partial(render, drawable, colours=own), looked)
-    sums = [picture.sum(axis=(0, 1), dtype=np.float64) for picture in drawn]
-    cover = np.array([here / max(whole, 1e-300) for here, whole, _ in sums])
-    seen = cover > 0
-    shown = each_view(partial(render, drawable), [camera for camera, s in zip(looked, seen, strict=True) if s])
-    return Pictures(sight, scene, measured, runs, views[seen], list(shown), cover[seen])
+    shown, cover = [], []
+    for picture, whose in each_view(partial(render_with, drawable, colours=own), looked):
+        here, whole, _ = whose.sum(axis=(0, 1), dtype=np.float64)
+        shown.append(picture)
+        cover.append(here / max(whole, 1e-300))
+    seen = np.flatnonzero(np.array(cover) > 0)
+    return Pictures(sight, scene, measured, runs, views[seen], [shown[k] for k in seen], np.array(cover)[seen])
 
 
 def judge(overview: Overview, fit: Fit, part: Range, shown: Pictures) -> Judged:

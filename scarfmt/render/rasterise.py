@@ -66,6 +66,11 @@ Hits = tuple[NDArray[np.int32], F64, NDArray[np.int64]]
 `_WIDE`."""
 
 
+Binned = tuple[NDArray[np.int64], NDArray[np.int32]]
+"""Of all tiles of a picture, offsets into the list of their splats, and that list."""
+_BLACK = (0.0, 0.0, 0.0)
+
+
 @dataclass(frozen=True)
 class Contributions:
     """The contribution of each of N Gaussians to a set of pictures; w = alpha * transmittance at a pixel.
@@ -88,7 +93,7 @@ class Contributions:
 
 
 @device
-def bin_splats(splats: F64, depths: F32, columns: int, rows: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def bin_splats(splats: F64, depths: F32, columns: int, rows: int) -> Binned:
     """Splat numbers per tile, rising: (tiles + 1,) offsets into the (intersections,) list."""
     offsets = np.zeros(columns * rows + 1, dtype=np.int64)
     spans = np.empty((len(splats), 4), dtype=np.int16)
@@ -279,11 +284,12 @@ def _blend(state: F64, splat: F64, left: float, top: float) -> None:
         for row in range(first_row, last_row + 1):
             dy = top + row + 0.5 - splat[MEAN_Y]
             for column in range(first, last + 1):
-                dx = dx0 + column
-                power = a * dx * dx + b * dx * dy + c * dy * dy
-                alpha = alpha_at(opacity, power) if power > faintest else 0.0
-                if alpha > 0.0:
-                    shade(state, row * TILE + column, alpha, red, green, blue)
+                if state[OPEN + row * TILE + column] > 0.0:
+                    dx = dx0 + column
+                    power = a * dx * dx + b * dx * dy + c * dy * dy
+                    alpha = alpha_at(opacity, power) if power > faintest else 0.0
+                    if alpha > 0.0:
+                        shade(state, row * TILE + column, alpha, red, green, blue)
     else:
         _blend_wide(state, splat, left, top)
 
@@ -352,27 +358,41 @@ def _render_tiles(
 
 
 @device
-def _room(splats: F64, left: float, top: float) -> int:
-    """Pixels of a tile that its narrow splats can reach, each as often as there are splats that do."""
-    room = 0
+def _footprints(splats: F64, left: float, top: float) -> tuple[NDArray[np.int8], int]:
+    """First and last column, first and last row that splats can reach in a tile, a row for each splat.
+
+    Also the pixels that the narrow ones can reach, each as often as there are splats that do.
+    """
+    spans, room = np.empty((len(splats), 4), np.int8), 0
     for k in range(len(splats)):
         first, last = columns_of(splats[k], left)
+        first_row, last_row = first_row_of(splats[k], top), last_row_of(splats[k], top)
+        spans[k, 0], spans[k, 1], spans[k, 2], spans[k, 3] = first, last, first_row, last_row
         if last - first < _NARROW:
-            room += max(0, last - first + 1) * max(0, last_row_of(splats[k], top) - first_row_of(splats[k], top) + 1)
-    return room
+            room += max(0, last - first + 1) * max(0, last_row - first_row + 1)
+    return spans, room
 
 
 @device
-def _find_hits(state: F64, splat: F64, left: float, top: float, hits: Hits, filled: int) -> int:
+def _is_closed(state: F64, spans: NDArray[np.int8], at: np.int64) -> bool:
+    """Whether no pixel of a footprint is open."""
+    for row in range(spans[at, 2], spans[at, 3] + 1):
+        for column in range(spans[at, 0], spans[at, 1] + 1):
+            if state[OPEN + row * TILE + column] > 0.0:
+                return False
+    return True
+
+
+@device
+def _find_hits(state: F64, splat: F64, span: NDArray[np.int8], left: float, top: float, hits: Hits, filled: int) -> int:
     """Add to `hits` the open pixels where a narrow splat shows; how many there are then."""
     pixels, alphas, _ = hits
     a, b, c = -0.5 * splat[CONIC_A], -splat[CONIC_B], -0.5 * splat[CONIC_C]
     opacity, faintest = splat[OPACITY], splat[FAINTEST]
     dx0 = left + 0.5 - splat[MEAN_X]
-    first, last = columns_of(splat, left)
-    for row in range(first_row_of(splat, top), last_row_of(splat, top) + 1):
+    for row in range(span[2], span[3] + 1):
         dy = top + row + 0.5 - splat[MEAN_Y]
-        for column in range(first, last + 1):
+        for column in range(span[0], span[1] + 1):
             if state[OPEN + row * TILE + column] > 0.0:
                 dx = dx0 + column
                 power = a * dx * dx + b * dx * dy + c * dy * dy
@@ -384,28 +404,33 @@ def _find_hits(state: F64, splat: F64, left: float, top: float, hits: Hits, fill
 
 
 @device
-def _composite_hits(state: F64, splats: F64, left: float, top: float, wide: int, high: int, hits: Hits) -> int:
-    """Blend splats as :func:`composite_tile` does, in their order, and note what narrow ones hit.
+def _composite_hits(
+    state: F64, splats: F64, spans: NDArray[np.int8], order: NDArray[np.uint64], left: float, top: float, hits: Hits
+) -> int:
+    """Blend splats as :func:`composite_tile` does and note what narrow ones hit; how many were looked at.
 
-    Finding hits takes longer than blending them.
+    Finding hits takes longer than blending them. Most splats of a large scene are behind closed pixels, which their
+    footprints tell.
     """
     pixels, alphas, ends = hits
     filled = 0
-    open_tile(state, wide, high)
-    for k in range(len(splats)):
+    for k in range(len(order)):
         if k % _CHECK_EVERY == 0 and not _tile_is_open(state):
             return k
-        splat = splats[k]
-        first, last = columns_of(splat, left)
-        if last - first < _NARROW:
-            past = _find_hits(state, splat, left, top, hits, filled)
+        ends[k] = filled
+        at = np.int64(order[k])
+        if _is_closed(state, spans, at):
+            continue
+        span, splat = spans[at], splats[at]
+        if span[1] - span[0] < _NARROW:
+            past = _find_hits(state, splat, span, left, top, hits, filled)
             for hit in range(filled, past):
                 shade(state, pixels[hit], alphas[hit], splat[RED], splat[GREEN], splat[BLUE])
             ends[k] = filled = past
         else:
             _blend_wide(state, splat, left, top)
             ends[k] = _WIDE
-    return len(splats)
+    return len(order)
 
 
 @device
@@ -483,11 +508,11 @@ def _measure_tiles(
         first, last = offsets[tile], offsets[tile + 1]
         here, state = members[first:last], np.empty(STATE)
         order = nearest_first(depths, here)
-        # Read twice, and so once put in the order in which they are drawn.
-        near = gathered_splats(gathered_splats(splats, here), order)
-        room = _room(near, left, top)
+        near = gathered_splats(splats, here)
+        spans, room = _footprints(near, left, top)
         hits = np.empty(room, np.int32), np.empty(room), np.zeros(len(order), np.int64)
-        seen = _composite_hits(state, near, left, top, wide, high, hits)
+        open_tile(state, wide, high)
+        seen = _composite_hits(state, near, spans, order, left, top, hits)
         for channel in range(3):
             for pixel in range(PIXELS):
                 colour = state[COLOUR + channel * PIXELS + pixel]
@@ -497,9 +522,9 @@ def _measure_tiles(
         start, ends = 0, hits[2]
         for k in range(seen):
             if ends[k] == _WIDE:
-                _measure_wide(state, near[k], left, top, measures[first + order[k]])
+                _measure_wide(state, near[order[k]], left, top, measures[first + order[k]])
             elif ends[k] > start:
-                _measure_hits(state, near[k], hits, start, ends[k], measures[first + order[k]])
+                _measure_hits(state, near[order[k]], hits, start, ends[k], measures[first + order[k]])
                 start = ends[k]
 
 
@@ -532,7 +557,7 @@ def _check(scene: GaussianScene, colours: NDArray[np.floating] | None) -> F64 | 
 def render(
     scene: GaussianScene | Drawable,
     camera: Camera,
-    background: Sequence[float] = (0.0, 0.0, 0.0),
+    background: Sequence[float] = _BLACK,
     sh_degree: int | None = None,
     colours: NDArray[np.floating] | None = None,
 ) -> F32:
@@ -549,13 +574,43 @@ def render(
         InvalidInput: `colours` has the wrong shape.
     """
     drawable = Drawable.of(scene)
-    fixed = _check(drawable.scene, colours)
+    splats, depths, _ = project(drawable, camera, sh_degree, _check(drawable.scene, colours))
+    return _drawn(splats, depths, _binned(splats, depths, camera), camera, background)
+
+
+def render_with(scene: GaussianScene | Drawable, camera: Camera, colours: NDArray[np.floating]) -> tuple[F32, F32]:
+    """Two pictures, as :func:`render` makes them: in the scene's colours, and in others.
+
+    What is where is found once for both.
+
+    Args:
+        scene: the N Gaussians.
+        camera: where from.
+        colours: (N, 3) the other colours.
+
+    Raises:
+        InvalidInput: `colours` has the wrong shape.
+    """
+    drawable = Drawable.of(scene)
+    others = _check(drawable.scene, colours)
+    assert others is not None
+    splats, depths, index = project(drawable, camera)
+    binned = _binned(splats, depths, camera)
+    own = _drawn(splats, depths, binned, camera, _BLACK)
+    splats[:, RED : BLUE + 1] = others[index]
+    return own, _drawn(splats, depths, binned, camera, _BLACK)
+
+
+def _binned(splats: F64, depths: F32, camera: Camera) -> Binned:
+    return bin_splats(splats, depths, -(-camera.width // TILE), -(-camera.height // TILE))
+
+
+def _drawn(splats: F64, depths: F32, binned: Binned, camera: Camera, background: Sequence[float]) -> F32:
+    """The picture of splats that are in tiles, (height, width, 3)."""
     columns, rows = -(-camera.width // TILE), -(-camera.height // TILE)
     image = np.empty((camera.height, camera.width, 3), dtype=np.float32)
-    splats, depths, _ = project(drawable, camera, sh_degree, fixed)
-    offsets, members = bin_splats(splats, depths, columns, rows)
     behind = np.asarray(background, dtype=np.float64)
-    _render_tiles(splats, depths, offsets, members, spread(columns * rows), columns, behind, image)
+    _render_tiles(splats, depths, *binned, spread(columns * rows), columns, behind, image)
     return image
 
 
@@ -578,7 +633,7 @@ class ViewContributions:
 def contributions_by_view(
     scene: GaussianScene | Drawable,
     cameras: Iterable[Camera],
-    background: Sequence[float] = (0.0, 0.0, 0.0),
+    background: Sequence[float] = _BLACK,
     sh_degree: int | None = None,
     colours: NDArray[np.floating] | None = None,
 ) -> Iterator[ViewContributions]:
@@ -609,7 +664,7 @@ def contributions_by_view(
 def contributions(
     scene: GaussianScene | Drawable,
     cameras: Iterable[Camera],
-    background: Sequence[float] = (0.0, 0.0, 0.0),
+    background: Sequence[float] = _BLACK,
     sh_degree: int | None = None,
     colours: NDArray[np.floating] | None = None,
 ) -> Contributions:

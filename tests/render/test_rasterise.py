@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scarfmt.errors import InvalidInput
-from scarfmt.render.rasterise import Contributions, contributions, render
+from scarfmt.render.rasterise import Contributions, contributions, render, render_with
 from scarfmt.scene.gaussians import GaussianScene
 from tests.render.reference_rasteriser import pixel_blends, render_reference, visible_ellipses
 
@@ -59,6 +59,15 @@ def test_given_colours_replace_spherical_harmonics() -> None:
     np.testing.assert_allclose(image, render_reference(scene, camera, colours=colours), rtol=0, atol=TOLERANCE)
     with pytest.raises(InvalidInput, match="colours"):
         render(scene, camera, colours=colours[1:])
+
+
+def test_two_pictures_at_once_are_those_drawn_one_by_one() -> None:
+    scene, camera = random_scene(7, 60), small_camera()
+    others = np.random.default_rng(8).random((60, 3))
+    own, other = render_with(scene, camera, others)
+    assert np.array_equal(own, render(scene, camera))
+    assert np.array_equal(other, render(scene, camera, colours=others))
+    assert not np.array_equal(own, other)
 
 
 def test_nothing_visible_shows_the_background() -> None:
@@ -125,7 +134,13 @@ def _literal_weights(scene: GaussianScene) -> np.ndarray:
     return np.concatenate([weights[0], weights[1]], axis=1), [view.any(axis=1) for view in weights]
 
 
-@pytest.mark.parametrize("build", [lambda: random_scene(10, 60), lambda: degenerate_scene(11)])
+def _closing_scene() -> GaussianScene:
+    """Small splats, some of whose pixels opaque ones in front have closed."""
+    scene = random_scene(13, 400, degree=0)
+    return replace(scene, opacity_logits=np.full(400, 9, np.float32), log_scales=scene.log_scales - np.float32(0.5))
+
+
+@pytest.mark.parametrize("build", [lambda: random_scene(10, 60), lambda: degenerate_scene(11), _closing_scene])
 def test_contributions_are_sums_over_blending_weights(build) -> None:
     scene = build()
     weights, seen = _literal_weights(scene)
