@@ -67,7 +67,7 @@ Hits = tuple[NDArray[np.int32], F64, NDArray[np.int64]]
 
 
 Binned = tuple[NDArray[np.int64], NDArray[np.int32]]
-"""Of all tiles of a picture, offsets into the list of their splats, and that list."""
+"""Splats of a picture by tiles: where those of each tile begin in a list of splat numbers, and that list."""
 _BLACK = (0.0, 0.0, 0.0)
 
 
