@@ -63,6 +63,7 @@ def find_poses(folder: Path) -> bool:
 def _largest_side(photos: Path) -> int:
     """The larger side of the first photo, pixels."""
     first = pycolmap.Bitmap.read(min(file for file in photos.rglob("*") if file.is_file()), as_rgb=False)
+    assert first is not None  # Pillow has read all of them.
     return int(max(first.width, first.height))
 
 

@@ -44,13 +44,14 @@ def quantised_scene(state: State, metadata: Mapping[str, Any], source_count: int
     kept = (opened > 0).any(dim=1).nonzero()[:, 0]
     layers = opened[kept].cpu().numpy()
     classes = np.where(layers > 0, layers, state.plan.count + 1).min(axis=1) - 1
+    missing = state.missing(kept, state.plan.count - 1)
     classes, rows = _without_gaps(classes, state)
     lattice, fields = _header(state, kept, source_count)
     tiles = Tiles.of(interleave(lattice), fields.lattice_bits)
     steps = state.plan.steps[-1] - 1
-    values, offsets = integers(state, kept)
+    values, offsets = integers(state, kept, missing)
     finals = [*values, (offsets * (layers > 0)[:, :, None]).astype(np.int32)]
-    model = SceneModel(Profile.ANCHOR, SLOTS, _channels(state, finals, classes, steps), rows)
+    model = SceneModel(Profile.ANCHOR, SLOTS, _channels(state, finals, classes, steps - missing.cpu()), rows)
     exported = _exported(state, kept, classes, model)
 
     def content(here: I64) -> TileContent:
@@ -88,14 +89,19 @@ def _exported(state: State, kept: Tensor, classes: I64, model: SceneModel) -> Ex
     return made
 
 
-def integers(state: State, rows: Tensor) -> tuple[list[Any], Any]:
-    """Integers at the last step, int32: of scalings (n, 6) and, if they are sent, latents (n, d); offsets (n, K, 3)."""
+def integers(state: State, rows: Tensor, missing: Tensor) -> tuple[list[Any], Any]:
+    """Integers at the last step, int32: of scalings (n, 6) and, if they are sent, latents (n, d); offsets (n, K, 3).
+
+    Args:
+        state: values and widths.
+        rows: which anchors.
+        missing: (n,) ternary steps of each before the finest.
+    """
     a = state.anchors
     widths, offset_widths = torch.exp(state.log_widths), torch.exp(state.log_offset_widths)
     offsets = torch.round(a.offsets[rows] / offset_widths).int().cpu().numpy()
-    values = [torch.round(a.scaling[rows] / widths[:6]).int().cpu().numpy()]
-    if state.vectors is None:
-        values.append(torch.round(a.latent[rows] / widths[6:]).int().cpu().numpy())
+    sent = [(a.scaling[rows], widths[:6])] + ([] if state.vectors else [(a.latent[rows], widths[6:])])
+    values = [coarse(torch.round(value / width), missing).int().cpu().numpy() for value, width in sent]
     return values, offsets
 
 
@@ -104,11 +110,11 @@ def _without_gaps(classes: I64, state: State) -> tuple[I64, tuple[LayerRow, ...]
     used = np.unique(classes)
     rows = []
     for layer in range(state.plan.count):
-        present = max(int((used <= layer).sum()), 1)
-        n = state.plan.steps[layer]
+        present = [int(each) for each in used if each <= layer] or [int(used[0])]
         stages = 0 if state.vectors is None else state.vectors.stages[layer]
-        steps = (n, n, 1) if state.vectors is None else (n, 1)
-        rows.append(LayerRow((stages,) * present, (steps,) * present))
+        steps = [state.plan.steps_of(layer, each) for each in present]
+        channels = tuple((n, n, 1) if state.vectors is None else (n, 1) for n in steps)
+        rows.append(LayerRow((stages,) * len(present), channels))
     return np.searchsorted(used, classes), tuple(rows)
 
 
@@ -126,13 +132,15 @@ def _header(state: State, kept: Tensor, source_count: int) -> tuple[Any, HeaderF
     return (points - low).astype(np.uint64), fields
 
 
-def _channels(state: State, finals: list[Any], classes: I64, steps: int) -> tuple[Channel, ...]:
-    """Channels with first cells `steps` ternary steps wider than the last, and the contexts that take fewest bits."""
-    widths = (torch.exp(state.log_widths) * 3.0**steps).double().tolist()
+def _channels(state: State, finals: list[Any], classes: I64, steps: Tensor) -> tuple[Channel, ...]:
+    """Channels with first cells as many ternary steps wider than the finest as the plan has, and the contexts that take
+    fewest bits; (n,) `steps` after the first that each anchor has."""
+    finest = 3.0 ** (state.plan.steps[-1] - 1)
+    widths = (torch.exp(state.log_widths) * finest).double().tolist()
     offset_widths = torch.exp(state.log_offset_widths).double().tolist()
     streams = (Stream.SCALE, Stream.LATENT)[: len(finals) - 1]
     some = enough_anchors(len(classes))
-    firsts = [coarse(torch.from_numpy(v[some]).double(), steps).long().numpy() for v in finals[:-1]]
+    firsts = [coarse(torch.from_numpy(v[some]).double(), steps[some]).long().numpy() for v in finals[:-1]]
     rules = choose_rules(streams, firsts, classes[some], len(classes))
     cells = (widths[:6], widths[6:])
     return (

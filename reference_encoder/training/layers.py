@@ -17,7 +17,8 @@ class LayerPlan:
     """The plan of the layers, before anything is learnt.
 
     Attributes:
-        steps: ternary steps of latents and scalings after each layer (SPEC §6.5), first 1, not falling.
+        steps: ternary steps of latents and scalings after each layer (SPEC §6.5), first 1, not falling; anchors that
+            only the last of several layers shows have one less: they are worth least.
         shares: bytes of each prefix that are aimed at, as parts of the file's.
         draws: how often each layer is drawn, relative.
     """
@@ -41,13 +42,19 @@ class LayerPlan:
         """How many layers."""
         return len(self.steps)
 
-    def coarseness(self, layer: int) -> float:
-        """Width of a cell in layer `layer` (0-based), in widths of the last."""
-        return 3.0 ** (self.steps[-1] - self.steps[layer])
+    def steps_of(self, layer: int, first: int) -> int:
+        """Steps after layer `layer` of anchors that layer `first` shows first, both 0-based."""
+        most = self.steps[-1] if first < self.count - 1 else max(1, self.steps[-1] - 1)
+        return min(self.steps[layer], most)
+
+    def missing(self, layer: int, first: Tensor) -> Tensor:
+        """(n,) int64 steps after layer `layer` before the finest; `first` as of :meth:`steps_of`, (n,) int64."""
+        by_class = [self.steps[-1] - self.steps_of(layer, each) for each in range(self.count)]
+        return torch.tensor(by_class, device=first.device)[first]
 
 
-def coarse(values: Tensor, steps: int) -> Tensor:
-    """Integers `steps` ternary steps before those of `values`: cells nest (SPEC §7.5)."""
-    for _ in range(steps):
-        values = torch.round(values / 3)
+def coarse(values: Tensor, steps: Tensor) -> Tensor:
+    """(n, c) integers (n,) `steps` ternary steps before those of (n, c) `values`: cells nest (SPEC §7.5)."""
+    for step in range(int(steps.max()) if len(steps) else 0):
+        values = torch.where((steps > step)[:, None], torch.round(values / 3), values)
     return values

@@ -87,7 +87,7 @@ class Context(nn.Module):
         return (values - self.centre) / self.scale
 
     def bits(self, values: Tensor, widths: Tensor, around: Tensor | None = None) -> Tensor:
-        """(n, 6 + d) bits of values in cells of (6 + d,) widths.
+        """(n, 6 + d) bits of values in cells of (6 + d,) or (n, 6 + d) widths.
 
         Args:
             values: (n, 6 + d).
@@ -115,7 +115,7 @@ class Priced:
         values: (n, 6 + d) scalings and latents; d = 0 where codewords carry features.
         offsets: (n, K, 3).
         shown: (n, K) bool, slots that are on.
-        widths, offset_widths: (6 + d,) and (3,) of cells.
+        widths, offset_widths: (n, 6 + d) and (3,) of cells.
         around: (n, columns) what neighbours have, None if nobody looks.
     """
 

@@ -223,15 +223,22 @@ class State:
         a = self.anchors
         widths, offset_widths = torch.exp(self.log_widths), torch.exp(self.log_offset_widths)
         values = self._values(rows)
-        steps = self.plan.steps[-1] - self.plan.steps[layer]
+        missing = self.missing(rows, layer)
+        cells = widths * (3.0**missing)[:, None]
         if rounded:
-            values = _rounded(values, widths.detach(), steps)
-            offsets = _rounded(a.offsets[rows], offset_widths.detach(), 0)
+            values = _rounded(values, cells.detach(), coarse(torch.round(values.detach() / widths.detach()), missing))
+            offsets = a.offsets[rows].detach() / offset_widths.detach()
+            offsets = _rounded(a.offsets[rows], offset_widths.detach(), torch.round(offsets))
         else:
-            values = values + self._noise(values.shape) * (widths * 3.0**steps)
+            values = values + self._noise(values.shape) * cells
             offsets = a.offsets[rows] + self._noise((len(rows), SLOTS, 3)) * offset_widths
         around = None if self.around is None else self.around[rows]
-        return Priced(values, offsets, self.shown(rows, layer), widths * 3.0**steps, offset_widths, around)
+        return Priced(values, offsets, self.shown(rows, layer), cells, offset_widths, around)
+
+    def missing(self, rows: Tensor, layer: int) -> Tensor:
+        """(n,) int64 ternary steps of anchors `rows` after a layer before the finest."""
+        first = self.anchors.first[rows].amin(dim=1).clamp(max=self.plan.count - 1)
+        return self.plan.missing(layer, first)
 
     def _noise(self, shape: tuple[int, ...] | torch.Size) -> Tensor:
         return torch.rand(shape, generator=self.noise, device=self.device) - 0.5
@@ -247,10 +254,9 @@ def _rates(name: str, extent: float) -> Rates:
     return _RATES[name]
 
 
-def _rounded(values: Tensor, widths: Tensor, steps: int) -> Tensor:
-    """Values of the cells they are in, `steps` ternary steps before the last; backward the identity."""
-    integers = coarse(torch.round(values.detach() / widths), steps)
-    return values + (integers * (3.0**steps * widths) - values).detach()
+def _rounded(values: Tensor, cells: Tensor, integers: Tensor) -> Tensor:
+    """The middles of cells, their widths times `integers`; backward the identity of `values`."""
+    return values + (integers * cells - values).detach()
 
 
 def new_anchors(points: Tensor, frame: Frame, latent: int) -> Anchors:

@@ -12,7 +12,8 @@ def test_rounded_values_are_the_integers_of_the_file() -> None:
     """Training's last layer sees v * width of the integers that are written; earlier ones the cells round them."""
     state = small.state()
     rows = torch.arange(len(state.anchors))
-    (scaling, latent), offsets = integers(state, rows)
+    assert bool((state.missing(rows, 2) == 0).all())
+    (scaling, latent), offsets = integers(state, rows, state.missing(rows, 2))
     widths = torch.exp(state.log_widths.detach())
     last = state.priced(rows, 2, True)
     assert torch.allclose(last.values, torch.cat([torch.tensor(scaling), torch.tensor(latent)], dim=1) * widths)
@@ -21,9 +22,27 @@ def test_rounded_values_are_the_integers_of_the_file() -> None:
     assert torch.allclose(first.values[:, :6], torch.round(torch.tensor(scaling) / 3) * 3 * widths[:6])
 
 
+def test_anchors_of_the_last_layer_alone_have_cells_three_times_as_wide() -> None:
+    """What is worth least is coarse: in training, in its noise, in its price and in the integers of the file alike."""
+    state = small.state()
+    state.anchors.first[:] = torch.where(torch.arange(len(state.anchors)) % 2 == 0, 0, 2)[:, None]
+    rows = torch.arange(len(state.anchors))
+    widths = torch.exp(state.log_widths.detach())
+    cells = widths * torch.where(rows % 2 == 0, 1.0, 3.0)[:, None]
+    (scaling, latent), _ = integers(state, rows, state.missing(rows, 2))
+    last = state.priced(rows, 2, True)
+    assert torch.allclose(last.values, torch.cat([torch.tensor(scaling), torch.tensor(latent)], dim=1) * cells)
+    assert torch.equal(last.widths.detach(), cells)
+    exact = torch.cat([state.anchors.scaling, state.anchors.latent], dim=1)
+    off = (state.priced(rows, 2, False).values - exact).abs()
+    assert bool((off <= 0.5 * cells + 1e-5).all())
+    assert bool((off > 0.5 * widths)[1::2].any())
+
+
 def test_noise_stays_within_a_cell() -> None:
     """Noise stands for rounding: never more than half a cell of the layer."""
     state = small.state()
+    state.anchors.first[:] = 0
     rows = torch.arange(len(state.anchors))
     for layer, coarseness in ((0, 3.0), (2, 1.0)):
         noisy = state.priced(rows, layer, False).values
