@@ -48,10 +48,9 @@ def quantised_scene(state: State, metadata: Mapping[str, Any], source_count: int
     classes, rows = _without_gaps(classes, state)
     lattice, fields = _header(state, kept, source_count)
     tiles = Tiles.of(interleave(lattice), fields.lattice_bits)
-    steps = state.plan.steps[-1] - 1
     values, offsets = integers(state, kept, missing)
     finals = [*values, (offsets * (layers > 0)[:, :, None]).astype(np.int32)]
-    model = SceneModel(Profile.ANCHOR, SLOTS, _channels(state, finals, classes, steps - missing.cpu()), rows)
+    model = SceneModel(Profile.ANCHOR, SLOTS, _channels(state, finals, classes, missing.cpu()), rows)
     exported = _exported(state, kept, classes, model)
 
     def content(here: I64) -> TileContent:
@@ -132,15 +131,14 @@ def _header(state: State, kept: Tensor, source_count: int) -> tuple[Any, HeaderF
     return (points - low).astype(np.uint64), fields
 
 
-def _channels(state: State, finals: list[Any], classes: I64, steps: Tensor) -> tuple[Channel, ...]:
-    """Channels with first cells as many ternary steps wider than the finest as the plan has, and the contexts that take
-    fewest bits; (n,) `steps` after the first that each anchor has."""
-    finest = 3.0 ** (state.plan.steps[-1] - 1)
-    widths = (torch.exp(state.log_widths) * finest).double().tolist()
+def _channels(state: State, finals: list[Any], classes: I64, missing: Tensor) -> tuple[Channel, ...]:
+    """Channels with the cells of first steps, and the contexts that take fewest bits; `missing` as of `integers`."""
+    steps = state.plan.steps[-1] - 1
+    widths = (torch.exp(state.log_widths) * 3.0**steps).double().tolist()
     offset_widths = torch.exp(state.log_offset_widths).double().tolist()
     streams = (Stream.SCALE, Stream.LATENT)[: len(finals) - 1]
     some = enough_anchors(len(classes))
-    firsts = [coarse(torch.from_numpy(v[some]).double(), steps[some]).long().numpy() for v in finals[:-1]]
+    firsts = [coarse(torch.from_numpy(v[some]).double(), steps - missing[some]).long().numpy() for v in finals[:-1]]
     rules = choose_rules(streams, firsts, classes[some], len(classes))
     cells = (widths[:6], widths[6:])
     return (
