@@ -30,6 +30,7 @@ class Curriculum:
         hard_from: features are the quantised ones, codewords are chosen by distortion plus lambda times bits, and the
             picture's gradient reaches decoder and books.
         fine_tune_from: everything is the integers of the file; networks and decoder alone go on learning.
+        averages: over each of these spans what is learnt is averaged, and goes on from its mean.
         starved: take the paper's formula at its word: in the soft phase a feature gets 1 - beta of its gradient.
     """
 
@@ -44,6 +45,7 @@ class Curriculum:
     entropy_from: float = 0.5
     hard_from: float = 0.75
     fine_tune_from: float = 0.95
+    averages: tuple[Span, ...] = ((0.87, 0.95), (0.97, 1.0))
     starved: bool = False
 
 
@@ -55,7 +57,7 @@ class Moment:
         gathers, grows: statistics of anchors; growing and pruning.
         noisy, rounded: how scaling and offsets are drawn; exact if neither.
         rate: weight of the rate of geometry and masks, 0..1.
-        decides: whether masks are decided.
+        masks: how much of the time in which masks are decided is over, 0..1.
         draws_layer: whether a layer is drawn.
         quantises: whether there are codebooks.
         beta: share of the quantised feature in the one that is drawn, 0..1.
@@ -64,6 +66,7 @@ class Moment:
         entropy: whether the index network learns.
         hard: see `Curriculum.hard_from`.
         fine_tunes: see `Curriculum.fine_tune_from`.
+        averages: whether what is learnt is averaged.
     """
 
     gathers: bool
@@ -71,7 +74,7 @@ class Moment:
     noisy: bool
     rounded: bool
     rate: float
-    decides: bool
+    masks: float
     draws_layer: bool
     quantises: bool
     beta: float
@@ -79,10 +82,17 @@ class Moment:
     entropy: bool
     hard: bool
     fine_tunes: bool
+    averages: bool
+
+    @property
+    def decides(self) -> bool:
+        """Whether masks are decided."""
+        return 0 < self.masks < 1
 
 
 def moment(curriculum: Curriculum, done: float) -> Moment:
     """The parts of training that are on when the fraction `done`, 0..1, of a run has passed."""
+    masks = _risen((curriculum.rate[0], curriculum.masks_until), done)
     beta, hard = _risen(curriculum.injection, done), done >= curriculum.hard_from
     return Moment(
         gathers=_within(curriculum.statistics, done),
@@ -90,7 +100,7 @@ def moment(curriculum: Curriculum, done: float) -> Moment:
         noisy=_within(curriculum.noise, done),
         rounded=done >= curriculum.noise[1],
         rate=_risen(curriculum.rate, done),
-        decides=_risen(curriculum.rate, done) > 0 and done < curriculum.masks_until,
+        masks=masks,
         draws_layer=done >= curriculum.layers_from,
         quantises=done >= curriculum.injection[0],
         beta=1.0 if hard else beta,
@@ -98,6 +108,7 @@ def moment(curriculum: Curriculum, done: float) -> Moment:
         entropy=done >= curriculum.entropy_from,
         hard=hard,
         fine_tunes=done >= curriculum.fine_tune_from,
+        averages=any(_within(span, done) for span in curriculum.averages),
     )
 
 
@@ -116,7 +127,7 @@ def _risen(span: Span, done: float) -> float:
 CURRICULA = {
     "default": Curriculum(),
     # What the paper states, of 40k iterations: 10k without a quantiser and with noise, 20k of injection, 10k hard with
-    # the rate. It names no layer draw, no rate before 30k and no fine-tuning. Growth is that of PCGS.
+    # the rate. It names no layer draw, no rate before 30k, no fine-tuning and no means. Growth is that of PCGS.
     "paper": Curriculum(
         noise=(0.0, 0.25),
         pause=NEVER,
@@ -124,6 +135,7 @@ CURRICULA = {
         layers_from=0.75,
         entropy_from=0.75,
         fine_tune_from=1.0,
+        averages=(),
         starved=True,
     ),
     # The paper's ablation: hard quantisation from the start.

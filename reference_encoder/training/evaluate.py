@@ -22,7 +22,7 @@ def drawn(state: State, camera: Camera, layer: int | None, background: Tensor) -
     a = state.anchors
     rows = in_view(state.frame.world(a.lattice), a.scaling, a.offsets, camera)
     values = state.exact(rows) if layer is None else state.of_layer(rows, layer, None)
-    made = expanded(values, state.networks, camera, None if layer is None else WEIGHT_BITS)
+    made = expanded(values, state.networks, torch.from_numpy(camera.centre), None if layer is None else WEIGHT_BITS)
     return rasterise(made.gaussians, camera, background).image
 
 

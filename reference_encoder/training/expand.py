@@ -63,14 +63,14 @@ def in_view(positions: Tensor, scaling: Tensor, offsets: Tensor, camera: Camera)
     return seen.nonzero()[:, 0]
 
 
-def expanded(values: Values, networks: SceneNetworks, camera: Camera, bits: int | None = None) -> Expanded:
+def expanded(values: Values, networks: SceneNetworks, eye: Tensor, bits: int | None = None) -> Expanded:
     """The Gaussians of slots that are on and opaque enough to show, by anchor, then slot.
 
     Args:
+        eye: (3,) from where networks look at anchors, world units.
         bits: of the networks' weights as the file has them; None for weights as they are.
     """
-    eye = torch.from_numpy(camera.centre).to(values.positions)
-    inputs = outlook(values.features, values.positions, eye, networks.with_distance)
+    inputs = outlook(values.features, values.positions, eye.to(values.positions), networks.with_distance)
     opacity = torch.tanh(networks.run("opacity", inputs, bits))
     shown = (opacity >= MIN_ALPHA) & values.shown
     rows, slots = shown.nonzero(as_tuple=True)

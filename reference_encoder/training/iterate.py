@@ -32,6 +32,7 @@ class Mode:
         counts: what growth is decided by is counted.
         price: loss a bit; 0 while rate does not count.
         ssim_share: of 1 - SSIM in what a picture lacks.
+        wander: standard deviation, world units, of the place from where networks look about that of the camera.
     """
 
     layer: int
@@ -39,6 +40,7 @@ class Mode:
     counts: bool
     price: float
     ssim_share: float
+    wander: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,10 @@ def iterate(state: State, camera: Camera, target: Target, mode: Mode, background
     anchors = state.anchors
     rows = in_view(state.frame.world(anchors.lattice), anchors.scaling, anchors.offsets, camera)
     bits_a_weight = WEIGHT_BITS if mode.now.rounded else None
-    made = expanded(_values(state, rows, mode), state.networks, camera, bits_a_weight)
+    eye = torch.from_numpy(camera.centre)
+    if mode.wander:
+        eye = eye + mode.wander * torch.randn(3, generator=state.generator, dtype=torch.float64)
+    made = expanded(_values(state, rows, mode), state.networks, eye, bits_a_weight)
     picture = rasterise(made.gaussians, camera, background)
     loss = dissimilarity(picture.image, target, mode.ssim_share)
     total = loss + _VOLUME_WEIGHT * made.gaussians.scales.prod(dim=1).mean()

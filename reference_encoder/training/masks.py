@@ -83,7 +83,7 @@ def worth(state: State, views: Views, background: Tensor, ssim_share: float) -> 
         rows = in_view(state.frame.world(a.lattice), a.scaling, a.offsets, camera)
         with torch.no_grad():
             values = state.of_layer(rows, state.plan.count - 1, None)
-            made = expanded(values, state.networks, camera, WEIGHT_BITS)
+            made = expanded(values, state.networks, torch.from_numpy(camera.centre), WEIGHT_BITS)
         opacities = made.gaussians.opacities.detach().requires_grad_()
         image = rasterise(replace(made.gaussians, opacities=opacities), camera, background).image
         signs = torch.randint(0, 2, image.shape, generator=state.generator).to(image.device) * 2.0 - 1.0

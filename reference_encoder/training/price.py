@@ -11,9 +11,6 @@ from torch import Tensor
 from reference_encoder.training.masks import Worth
 
 _MEMORY = 0.95
-_SHRINKS = 0.85
-"""Least share of its bits that the last layer keeps between two looks at masks: a slot closed there never opens
-again."""
 _STEP = 1.5
 """Times that a price changes at most in one of them: values take a while to follow."""
 LEAST_PRICE = 0.002
@@ -70,13 +67,14 @@ class Prices:
                 if off > 0:
                     self._move(layer, min(max(off, 1 / _STEER), _STEER))
 
-    def follow(self, found: Worth, allowed: Tensor, weight: float) -> list[float]:
+    def follow(self, found: Worth, allowed: Tensor, weight: float, keeps: float) -> list[float]:
         """Loss a bit by layer at which masks are decided now; prices follow where sizes are wanted.
 
         Args:
             found: what slots are worth.
             allowed: (N, K) slots that may be shown.
             weight: how much rate counts already, 0..1.
+            keeps: least share of its bits that the last layer keeps: a slot closed there never opens again.
         """
         if self.wanted is not None:
             for layer, wanted in enumerate(self.wanted):
@@ -84,7 +82,7 @@ class Prices:
                 moved = math.sqrt(self.price[layer] * price) / self.price[layer]
                 self._move(layer, min(max(moved, 1 / _STEP), _STEP))
         last = len(self.price) - 1
-        most = found.price_of(last, _SHRINKS * found.bits(last, allowed), allowed)
+        most = found.price_of(last, keeps * found.bits(last, allowed), allowed)
         if self.wanted is not None:
             # The price may still be on its way down from what was too much.
             enough = found.price_of(last, 8 * self.wanted[last] / self.real[last], allowed)

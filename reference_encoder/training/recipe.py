@@ -19,6 +19,8 @@ class Recipe:
         stages, codewords, dimension: of the quantiser of features; 0 stages: latents number by number.
         curriculum: by name.
         estimator, projector: of the quantiser.
+        wander: how far the place from where networks look wanders about the camera while they learn: its standard
+            deviation, in distances between cameras. What holds at one place alone shows nowhere else.
     """
 
     features: int = 32
@@ -28,6 +30,7 @@ class Recipe:
     curriculum: str = "default"
     estimator: str = "rotation"
     projector: str = "linear"
+    wander: float = 0.28
 
     def vectors(self, layers: int, seed: int, device: torch.device) -> Vectors | None:
         """The quantiser of a run on a device."""
@@ -49,6 +52,6 @@ class Recipe:
 RECIPES = {
     "default": Recipe(),
     "rvq": Recipe(stages=4),
-    "paper": Recipe(features=50, stages=4, curriculum="paper", projector="paper"),
+    "paper": Recipe(features=50, stages=4, curriculum="paper", projector="paper", wander=0.0),
 }
 """By preset: "rvq" is the paper's quantiser under the curriculum of "default"."""

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from reference_encoder.decide.assemble import Quantised
 from reference_encoder.options import EncodeOptions
@@ -109,6 +110,15 @@ class Clock:
         return self.iterations or max(iteration, round(iteration / done) if done > 0 else 0)
 
 
+def spacing(eyes: Tensor) -> float:
+    """Median distance of (n, 3) cameras, at least one, to the nearest other; 0 of one alone."""
+    if len(eyes) < 2:
+        return 0.0
+    distances = torch.cdist(eyes, eyes)
+    distances.fill_diagonal_(torch.inf)
+    return float(distances.amin(dim=1).median())
+
+
 def photos(chosen: tuple[Photo, ...], device: torch.device) -> Views:
     """Cameras and what pictures of them are to look like, on a device."""
     return [(photo.camera, Target.of(torch.from_numpy(np.array(pixels(photo))).to(device))) for photo in chosen]
@@ -163,6 +173,7 @@ def begun(capture: Capture, options: TrainOptions, recipe: Recipe | None = None)
         curriculum=CURRICULA[recipe.curriculum],
         ssim_share=options.lambda_ssim,
         background=torch.zeros(3, device=device),
+        wander=recipe.wander * spacing(torch.from_numpy(eyes)),
         joint=JointIndexModel(index_options(options)) if recipe.stages else None,
     )
 

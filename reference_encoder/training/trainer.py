@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from reference_encoder.training.anchors import ATTRIBUTES
+from reference_encoder.training.averages import Averages
 from reference_encoder.training.curriculum import Curriculum, Moment, moment
 from reference_encoder.training.emit import quantised_scene
 from reference_encoder.training.evaluate import Views
@@ -25,8 +27,15 @@ _GROW_EVERY = 100
 _LEAST_DRAWN = 0.4
 """Least share of the iterations between two rounds of growth in which a slot must be drawn to be judged."""
 _LEAST_SEEN = 0.8
-_DECIDE_EVERY, _LOOKS, _FIRST_LOOKS = 400, 48, 144
-"""Iterations between two decisions of masks, and photos that each and that the first looks at."""
+_DECISIONS, _DECIDE_EVERY = 20, 100
+"""Decisions of masks in a run, and the least iterations between two."""
+_LOOKS, _FIRST_LOOKS = 48, 144
+"""Photos that each decision and that the first looks at."""
+_LEFT = 0.001
+"""Least share of its bits that the last layer has left after all decisions. Each takes its part of that, so that what
+stays has the time to do what others did, and none closes what is missed for good."""
+_YOUNG = 400
+"""Iterations in which an anchor may show what it is worth."""
 _STEER_EVERY = 100
 """Iterations between two corrections of prices once masks are settled."""
 _LOOK_EVERY = 25
@@ -49,11 +58,14 @@ class Trainer:
         curriculum: when what happens.
         ssim_share: of 1 - SSIM in what a picture lacks.
         background: (3,) colour behind everything.
+        wander: see `Mode`.
         iteration: how many are done.
         order: photos still to come before all are drawn again.
         joint: what learns to code indices along with the scene, if codewords carry features; on the processor.
         index_bits: L_feat of its last step, bits an anchor.
-        noisy, decided, indexed: whether noise, masks, learning to code indices have begun.
+        averages: of what is learnt.
+        decided: `Moment.masks` of the last decision; `decided_at`: the iteration after which it was taken.
+        noisy, indexed: whether noise, learning to code indices have begun.
     """
 
     state: State
@@ -63,12 +75,15 @@ class Trainer:
     curriculum: Curriculum
     ssim_share: float
     background: Tensor
+    wander: float = 0.0
     iteration: int = 0
     order: list[int] = field(default_factory=list)
     joint: JointIndexModel | None = None
     index_bits: float = 0.0
+    averages: Averages = field(default_factory=Averages)
+    decided: float = 0.0
+    decided_at: int = 0
     noisy: bool = False
-    decided: bool = False
     indexed: bool = False
 
     def step(self, done: float) -> Outcome:
@@ -82,6 +97,8 @@ class Trainer:
         if outcome.bits is not None:
             self.prices.saw(mode.layer, outcome.bits)
         self.state.descent.step(done, lambda name: _share(name, now))
+        if now.averages:
+            self.averages.take(averaged(self.state.descent.parameters))
         if self.state.vectors is not None:
             self.state.vectors.step()
         if self.joint is not None and now.entropy:
@@ -97,7 +114,7 @@ class Trainer:
             layer = self._drawn(plan.draws)
         counts = now.gathers and layer == plan.count - 1
         price = 0.0 if now.fine_tunes else now.rate * self.prices.a_bit(layer)
-        return Mode(layer, now, counts, price, self.ssim_share)
+        return Mode(layer, now, counts, price, self.ssim_share, self.wander)
 
     def phase(self, done: float) -> str:
         """The current phase of learning, in a few words."""
@@ -112,6 +129,8 @@ class Trainer:
 
     def _begin(self, now: Moment) -> None:
         """Do what happens once, at the start of a phase."""
+        if not now.averages:
+            self.averages.settle(averaged(self.state.descent.parameters))
         if now.noisy or now.rounded:
             self._start_values()
         if now.quantises:
@@ -122,10 +141,11 @@ class Trainer:
 
     def settle(self) -> None:
         """Make sure that there is a file to write, however early a run ends."""
+        self.averages.settle(averaged(self.state.descent.parameters))
         self._start_values()
         self._start_vectors()
         if not self.decided:
-            self._decide_masks(1.0)
+            self._decide_masks(1.0, 1 / _DECISIONS)
 
     def _start_values(self) -> None:
         if not self.noisy:
@@ -153,8 +173,8 @@ class Trainer:
     def _restructure(self, now: Moment) -> None:
         if now.grows and self.iteration % _GROW_EVERY == 0:
             self._grow()
-        if now.decides and self.iteration % _DECIDE_EVERY == 0:
-            self._decide_masks(now.rate)
+        if self._decision_due(now):
+            self._decide_masks(now.rate, now.masks)
         elif now.rate > 0 and not now.decides and not now.fine_tunes and self.iteration % _STEER_EVERY == 0:
             self.prices.steer()
         if now.rate > 0 and self.iteration % _LOOK_EVERY == 0:
@@ -167,8 +187,10 @@ class Trainer:
             "prices": {"price": self.prices.price, "estimate": self.prices.estimate, "real": self.prices.real},
             "iteration": self.iteration,
             "order": self.order,
-            "begun": [self.noisy, self.decided],
+            "decided": [self.decided, self.decided_at],
+            "noisy": self.noisy,
             "joint": None if self.joint is None else self.joint.state(),
+            "averages": self.averages.state(),
         }
 
     def resume(self, kept: dict[str, Any]) -> None:
@@ -177,25 +199,37 @@ class Trainer:
         for name, values in kept["prices"].items():
             setattr(self.prices, name, list(values))
         self.iteration, self.order = kept["iteration"], list(kept["order"])
-        self.noisy, self.decided = kept["begun"]
+        self.decided, self.decided_at = kept["decided"]
+        self.noisy = kept["noisy"]
         if self.joint is not None:
             self.joint.restore(kept["joint"])
+        self.averages.restore(kept["averages"], self.state.device)
 
-    def _decide_masks(self, weight: float) -> None:
+    def _decision_due(self, now: Moment) -> bool:
+        since = self.iteration - self.decided_at
+        return now.decides and now.masks - self.decided >= 1 / _DECISIONS and since >= _DECIDE_EVERY
+
+    def _decide_masks(self, weight: float, masks: float) -> None:
         """Decide which slots each layer shows from now on. Slots of new anchors stay until they have had time to
-        learn."""
+        learn.
+
+        Args:
+            weight: how much rate counts already, 0..1.
+            masks: how much of the time for decisions is over.
+        """
         state = self.state
         count = min(_LOOKS if self.decided else _FIRST_LOOKS, len(self.small))
-        self.decided = True
+        keeps = _LEFT ** (masks - self.decided)
+        self.decided, self.decided_at = masks, self.iteration
         # Along the path of the camera, others each time.
-        turn = self.iteration // _DECIDE_EVERY
+        turn = round(_DECISIONS * masks)
         chosen = [self.small[(turn + place * len(self.small) // count) % len(self.small)] for place in range(count)]
         found = worth(state, chosen, self.background, self.ssim_share)
         first = state.anchors.first
         born = state.anchors.born
-        young = (born > 0) & (born > self.iteration - 2 * _DECIDE_EVERY)
+        young = (born > 0) & (born > self.iteration - _YOUNG)
         allowed = first < state.plan.count
-        decided = first_layers(found, self.prices.follow(found, allowed, weight), allowed)
+        decided = first_layers(found, self.prices.follow(found, allowed, weight, keeps), allowed)
         state.anchors.first = torch.where(young[:, None], first, decided)
         self._keep((state.anchors.first < state.plan.count).any(dim=1))
 
@@ -230,10 +264,15 @@ class Trainer:
             self.state.rearrange(rows, self.state.anchors.taken(none))
 
 
+def averaged(learnt: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Of all that is learnt, by name, what `Moment.averages` means: values of anchors and the networks of the scene."""
+    return {name: each for name, each in learnt.items() if name in ATTRIBUTES or name.startswith("networks.")}
+
+
 def _share(name: str, now: Moment) -> float:
     """The share of the learning rate that a parameter keeps, by what is settled already."""
     if now.rounded and name in ("log_widths", "log_offset_widths"):
         return 0.0
-    if now.fine_tunes and name in ("latent", "scaling", "offsets"):
+    if now.fine_tunes and name in ATTRIBUTES:
         return 0.0
     return 1.0

@@ -16,7 +16,7 @@ def test_gaussians_are_those_of_the_decoder() -> None:
     rows = torch.arange(len(state.anchors))
     with torch.no_grad():
         values = state.exact(rows)
-        made = expanded(values, state.networks, camera)
+        made = expanded(values, state.networks, torch.from_numpy(camera.centre))
         mlps = {
             name: Mlp(
                 tuple(m[name].weight.numpy() for m in (state.networks.hidden, state.networks.output)),
@@ -49,7 +49,7 @@ def test_nothing_that_shows_is_left_out_of_view() -> None:
     with torch.no_grad():
         rows = torch.arange(len(a))
         seen = in_view(state.frame.world(a.lattice), a.scaling, a.offsets, camera)
-        made = expanded(state.exact(rows), state.networks, camera)
+        made = expanded(state.exact(rows), state.networks, torch.from_numpy(camera.centre))
     pose = torch.from_numpy(camera.world_to_camera).float()
     local = made.gaussians.centres @ pose[:3, :3].T + pose[:3, 3]
     x, y = (camera.fx * local[:, k] / local[:, 2] + camera.cx for k in (0, 1))

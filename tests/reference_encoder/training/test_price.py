@@ -18,7 +18,7 @@ def test_a_fixed_price_stays() -> None:
     """Without sizes wanted, what is seen changes nothing, and rate comes in by its weight."""
     prices, worth = Prices([0.2, 0.1], 1000, None), found()
     prices.saw(0, 1e6)
-    assert prices.follow(worth, worth.benefit > 0, 0.5) == pytest.approx([1e-4, 5e-5])
+    assert prices.follow(worth, worth.benefit > 0, 0.5, 0.85) == pytest.approx([1e-4, 5e-5])
     assert prices.a_bit(0) == pytest.approx(0.2 / 1000)
 
 
@@ -31,11 +31,11 @@ def test_prefixes_get_their_sizes() -> None:
     prices.estimate = [100.0, 100.0]
     prices.wrote([200, 100])
     for _ in range(40):
-        first = first_layers(worth, prices.follow(worth, allowed, 1.0), allowed)
+        first = first_layers(worth, prices.follow(worth, allowed, 1.0, 0.85), allowed)
     assert worth.bits(0, first == 0) / 8 == pytest.approx(0.1 * whole, rel=0.03)
     for _ in range(20):
         allowed = first < 2
-        first = first_layers(worth, prices.follow(worth, allowed, 1.0), allowed)
+        first = first_layers(worth, prices.follow(worth, allowed, 1.0, 0.85), allowed)
     assert worth.bits(1, first <= 1) / 8 == pytest.approx(0.6 * whole, rel=0.03)
 
 
@@ -46,7 +46,7 @@ def test_the_last_layer_shrinks_slowly_and_never_below_its_size(wanted: float, l
     allowed = worth.benefit > 0
     whole = worth.bits(1, allowed) / 8
     prices = Prices([1e3, 1e3], 1, [0.01 * whole, wanted * whole])
-    first = first_layers(worth, prices.follow(worth, allowed, 1.0), allowed)
+    first = first_layers(worth, prices.follow(worth, allowed, 1.0, 0.85), allowed)
     assert worth.bits(1, first <= 1) / 8 == pytest.approx(left * whole, rel=0.01)
     assert 1e3 / 1.5 <= prices.price[0] <= 1.5e3
 
@@ -54,7 +54,7 @@ def test_the_last_layer_shrinks_slowly_and_never_below_its_size(wanted: float, l
 def test_an_earlier_layer_is_never_cheaper() -> None:
     """Prices of a prefix are at least those of what follows: its slots are among theirs."""
     worth = found()
-    chosen = Prices([0.1, 0.4], 10, None).follow(worth, worth.benefit > 0, 1.0)
+    chosen = Prices([0.1, 0.4], 10, None).follow(worth, worth.benefit > 0, 1.0, 0.85)
     assert chosen[0] >= chosen[1]
 
 
@@ -78,7 +78,7 @@ def test_bytes_that_buy_nothing_are_not_sent() -> None:
     floor = worth.price_of(1, 8 * 0.7 * whole, allowed)
     prices = Prices([100 * floor, 50 * floor], 1, [0.2 * whole, 10 * whole], floor)
     for _ in range(40):
-        first = first_layers(worth, prices.follow(worth, allowed, 1.0), allowed)
+        first = first_layers(worth, prices.follow(worth, allowed, 1.0, 0.85), allowed)
         allowed = first < 2
     assert prices.price[1] == floor < prices.price[0]
     assert worth.bits(1, first <= 1) / 8 == pytest.approx(0.7 * whole, rel=0.03)
