@@ -26,6 +26,8 @@ State = dict[str, Any]
 """Tensors, numbers, texts and None, by name, in dicts and lists as deep as one likes."""
 
 KEPT = 2
+_LAYOUT = 2
+"""Which parts a state has: one more whenever those change, so that no training goes on from parts it lacks."""
 _MAGIC = b"scarckp1"
 _DIGEST_BYTES = 32
 _NAME = re.compile(r"checkpoint-(\d{8})\.pt")
@@ -34,7 +36,7 @@ _NAME = re.compile(r"checkpoint-(\d{8})\.pt")
 def identity(capture: Capture, options: TrainOptions, recipe: Recipe) -> str:
     """A text that two trainings share if one may go on from the other's checkpoint: on whatever device."""
     said = asdict(replace(options, device=DEVICES[0]))
-    return f"{capture.digest} {sorted(said.items())} {sorted(asdict(recipe).items())}"
+    return f"{_LAYOUT} {capture.digest} {sorted(said.items())} {sorted(asdict(recipe).items())}"
 
 
 def save_checkpoint(folder: Path, iteration: int, state: State, whose: str) -> None:
@@ -79,8 +81,8 @@ def load_checkpoint(folder: Path, whose: str) -> tuple[int, State] | None:
             warnings.warn(f"{path} is damaged: using the one before, if any", InputWarning, stacklevel=2)
             continue
         if content["whose"] != whose:
-            message = "holds an unfinished training of another capture or with other options"
-            raise _refused(folder, f"{message}; use its options, give another folder, or delete it")
+            message = "holds an unfinished training of another capture, with other options or by another version"
+            raise _refused(folder, f"{message}; use its options and version, give another folder, or delete it")
         return content["iteration"], content["state"]
     if found:
         raise _refused(folder, "no checkpoint can be read; delete the folder to start again")

@@ -265,7 +265,7 @@ class Trainer:
 
 
 def averaged(learnt: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Of all that is learnt, by name, what `Moment.averages` means: values of anchors and the networks of the scene."""
+    """Parameters whose mean is taken, by name: values of anchors and the networks of the scene."""
     return {name: each for name, each in learnt.items() if name in ATTRIBUTES or name.startswith("networks.")}
 
 

@@ -86,7 +86,7 @@ def test_a_damaged_newest_one_is_passed_over_with_a_warning(tmp_path: Path, dama
 
 def test_another_trainings_checkpoint_is_not_gone_on_from(tmp_path: Path) -> None:
     save_checkpoint(tmp_path, 5, state(1), WHOSE)
-    with pytest.raises(InvalidInput, match="unfinished training of another capture or with other options"):
+    with pytest.raises(InvalidInput, match="another capture, with other options or by another version"):
         load_checkpoint(tmp_path, "others")
 
 
@@ -146,3 +146,14 @@ def test_an_identity_is_that_of_all_options_and_of_the_capture() -> None:
     recipes = [Recipe(stages=4), Recipe(stages=4, estimator="straight-through")]
     every = [(capture, one, recipe) for capture in (Some(), Other()) for one in options for recipe in recipes]
     assert len({identity(*one) for one in every}) == len(every)  # type: ignore[arg-type]
+
+
+def test_an_identity_is_that_of_the_layout_of_states(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A version whose states have other parts goes on from none of another's: it would miss some."""
+
+    class Some:
+        digest = "abc"
+
+    before = identity(Some(), TrainOptions(), Recipe())  # type: ignore[arg-type]
+    monkeypatch.setattr(checkpoints, "_LAYOUT", checkpoints._LAYOUT + 1)
+    assert identity(Some(), TrainOptions(), Recipe()) != before  # type: ignore[arg-type]
