@@ -2,15 +2,18 @@
 
 FOLDER holds photos in `input/`. ACTION ``poses`` finds their poses; it reads pairs of photos that look alike from
 `pairs.txt`. ACTION ``undistort`` reads poses and lenses from `model/`. Both leave `images/` and `sparse/` in FOLDER, of
-pinhole cameras. Progress is JSON on standard output, ``{"stage": ..., "part": 0..1}``; an error's last line says why.
+pinhole cameras. Photos are made anew only if a lens distorts: made anew they are blurred. Progress is JSON on standard
+output, ``{"stage": ..., "part": 0..1}``; an error's last line says why.
 """
 
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 
 from reference_encoder.training.poses import INPUT, MODEL, PAIRS
@@ -21,6 +24,13 @@ LARGEST_SIDE = 1600
 SMALL_SIDE = 1000
 """Pixels; photos that are smaller have few features, which are also looked for in a picture of twice the size."""
 JPEG_QUALITY = 98
+STRAIGHT = 0.25
+"""Pixels by which a lens may distort for its photos to be taken as they are."""
+AS_GOOD = 1.01
+"""Mean reprojection error of pinholes, parts of that of the lenses, up to which photos are taken as they are: few
+photos do not say what a lens does at its edges."""
+_GRID = 33
+"""Places a side at which a distortion is measured."""
 
 
 def main(arguments: list[str]) -> int:
@@ -31,8 +41,48 @@ def main(arguments: list[str]) -> int:
         print("no two photos show the same thing from different sides; more have to overlap", file=sys.stderr)
         return 1
     _tell("undistort the photos", 0.95)
-    pycolmap.undistort_images(folder, folder / MODEL, folder / INPUT, jpeg_quality=JPEG_QUALITY)
+    lenses = pycolmap.Reconstruction(folder / MODEL)
+    straight = straightened(lenses)
+    if straight is None:
+        pycolmap.undistort_images(folder, folder / MODEL, folder / INPUT, jpeg_quality=JPEG_QUALITY)
+    else:
+        (folder / "sparse").mkdir()
+        straight.write(folder / "sparse")
+        shutil.copytree(folder / INPUT, folder / "images")
     return 0
+
+
+def straightened(lenses: pycolmap.Reconstruction) -> pycolmap.Reconstruction | None:
+    """The model with pinhole cameras, their poses fitted anew if there are points; None if lenses distort."""
+    distorts = any(not distortion(camera) <= STRAIGHT for camera in lenses.cameras.values())
+    if distorts and not lenses.num_points3D():
+        return None
+    made = pycolmap.Reconstruction(lenses)
+    for camera in made.cameras.values():
+        pinhole = _pinhole(camera)
+        camera.model, camera.params = pinhole.model, pinhole.params
+    if made.num_points3D():
+        pycolmap.bundle_adjustment(made)
+        made.update_point_3d_errors()
+    as_good = made.compute_mean_reprojection_error() <= AS_GOOD * lenses.compute_mean_reprojection_error()
+    return made if as_good or not distorts else None
+
+
+def distortion(camera: pycolmap.Camera) -> float:
+    """Pixels between where a lens and a pinhole of its focal lengths show a direction, the most over the photo."""
+    across, down = np.linspace(0, camera.width, _GRID), np.linspace(0, camera.height, _GRID)
+    straight = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
+    pinhole = _pinhole(camera)
+    directions = np.concatenate([pinhole.cam_from_img(straight), np.ones((len(straight), 1))], axis=1)
+    return float(np.linalg.norm(camera.img_from_cam(directions) - straight, axis=1).max())
+
+
+def _pinhole(camera: pycolmap.Camera) -> pycolmap.Camera:
+    """The pinhole camera with the same focal lengths and middle; one focal length stays one."""
+    focal = [camera.params[index] for index in camera.focal_length_idxs()]
+    middle = [camera.principal_point_x, camera.principal_point_y]
+    model = "SIMPLE_PINHOLE" if len(focal) == 1 else "PINHOLE"
+    return pycolmap.Camera(model=model, width=camera.width, height=camera.height, params=focal + middle)
 
 
 def find_poses(folder: Path) -> bool:

@@ -172,10 +172,10 @@ def distorted_photo(camera: Camera) -> U8:
     return seen[y, x]
 
 
-def bent_colmap(folder: Path) -> Path:
+def bent_colmap(folder: Path, radial: float = RADIAL) -> Path:
     captures.colmap(folder, "bin")
     lenses = [
-        struct.pack("<iiQQ4d", index, 2, camera.width, camera.height, camera.fx, camera.cx, camera.cy, RADIAL)
+        struct.pack("<iiQQ4d", index, 2, camera.width, camera.height, camera.fx, camera.cx, camera.cy, radial)
         for index, camera in enumerate(captures.cameras())
     ]
     (folder / "sparse" / "0" / "cameras.bin").write_bytes(struct.pack("<Q", len(lenses)) + b"".join(lenses))
@@ -211,6 +211,24 @@ def test_what_a_lens_bent_is_straight_again(kind: str, tmp_path: Path) -> None:
         straight = psnr(render(captures.scene(), photo.camera), pixels(photo).astype(np.float64) / 255)
         bent = psnr(captures.photo(camera).astype(np.float64) / 255, distorted_photo(camera).astype(np.float64) / 255)
         assert straight > bent + 3
+
+
+@needs_colmap
+def test_photos_of_a_lens_that_hardly_distorts_are_taken_as_they_are(tmp_path: Path) -> None:
+    """Made anew they are blurred, which costs more than a quarter of a pixel does; with more they are made anew."""
+    camera = captures.cameras()[0]
+    corner = np.hypot(camera.cx, camera.cy)
+    quarter = 0.25 / corner / (camera.cx / camera.fx) ** 2
+    taken = {}
+    for radial in (0.3 * quarter, 3 * quarter):
+        capture = load_capture(bent_colmap(tmp_path / f"{radial}", radial), workspace=tmp_path / f"run{radial}")
+        taken[radial] = all(
+            photo.camera.width == WIDTH and np.array_equal(pixels(photo), captures.photo(each))
+            for photo, each in zip(capture.photos, captures.cameras(), strict=True)
+        )
+        for photo, each in zip(capture.photos, captures.cameras(), strict=True):
+            np.testing.assert_allclose(photo.camera.world_to_camera, each.world_to_camera, atol=1e-9)
+    assert list(taken.values()) == [True, False]
 
 
 def lens_file(tmp_path: Path, change: dict[str, Any]) -> Path:
@@ -275,6 +293,10 @@ def test_poses_are_found(tmp_path: Path) -> None:
     found = np.array([photo.camera.centre for photo in capture.photos])
     true = np.array([camera.centre for camera in views])
     assert np.abs(true - aligned(found, true)).max() < 0.02 * np.ptp(true, axis=0).max()
+    # The pictures are a pinhole's, and stay what they are.
+    for photo, camera in zip(capture.photos, views, strict=True):
+        np.testing.assert_array_equal(pixels(photo), to_bytes(render(scene, camera)))
+        assert abs(photo.camera.fx / camera.fx - 1) < 0.02
 
 
 def aligned(found: F64, true: F64) -> F64:
