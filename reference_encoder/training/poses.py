@@ -38,6 +38,8 @@ from scarfmt.scene.rotation import quaternion_from_matrix
 UNDISTORTED = "undistorted"
 INPUT, MODEL, PAIRS = "input", "model", "pairs.txt"
 _SOURCE = "source.txt"
+_MAKING = 2
+"""How photos are made: one more whenever that changes, so that none are kept that were made otherwise."""
 _THUMBNAIL = (24, 16)
 _ALIKE = 10
 """Photos that each is matched with because they look alike, beside its neighbours by name: they close loops."""
@@ -157,7 +159,7 @@ def _source(files: Sequence[Path], more: str) -> str:
     for file in files:
         with file.open("rb") as stream:
             stated.append((file.name, hashlib.file_digest(stream, "sha256").hexdigest()))
-    return hashlib.sha256(f"{stated} {more}".encode()).hexdigest()
+    return hashlib.sha256(f"{_MAKING} {stated} {more}".encode()).hexdigest()
 
 
 def _staged(folder: Path, files: Sequence[Path], prefixes: Sequence[str]) -> list[str]:
