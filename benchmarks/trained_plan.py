@@ -131,7 +131,7 @@ class Training:
         plain, usual = TrainOptions(), RECIPES[self.options.preset]
         said = [
             f"{name.rstrip('_')}={getattr(self.options, name)}"
-            for name in ("entropy", "context", "layers", "lambda_", "lambda_ssim")
+            for name in ("entropy", "context", "layers", "last_layer", "lambda_", "lambda_ssim")
             if getattr(self.options, name) != getattr(plain, name)
         ]
         said += [f"{name}={value}" for name, value in vars(self.recipe).items() if value != getattr(usual, name)]

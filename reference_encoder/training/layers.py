@@ -28,14 +28,18 @@ class LayerPlan:
     draws: tuple[float, ...]
 
     @classmethod
-    def of(cls, count: int) -> LayerPlan:
-        """`count` layers: the later half one step finer, each prefix larger by about the same factor, the last layer
-        drawn twice as often (without, it pays for the others)."""
+    def of(cls, count: int, last: float) -> LayerPlan:
+        """`count` layers: the later half one step finer, each prefix larger by about the same factor.
+
+        Args:
+            count: how many layers.
+            last: how many times as often as each other the last one is drawn; at 1 it pays for the others.
+        """
         late = count - count // 2
         steps = tuple(1 if layer < late else 2 for layer in range(count))
         first = 0.15 if count > 1 else 1.0
         shares = tuple(first ** (1 - layer / max(count - 1, 1)) for layer in range(count))
-        return cls(steps, shares, (1.0,) * (count - 1) + (2.0,))
+        return cls(steps, shares, (1.0,) * (count - 1) + (last,))
 
     @property
     def count(self) -> int:

@@ -24,6 +24,8 @@ MAX_ITERATIONS = 10_000_000
 MIN_LAMBDA, MAX_LAMBDA = 1e-3, 1e3
 LAMBDA_SSIM = 0.2
 """The weight of SSIM in 3DGS, Scaffold-GS and similar methods."""
+LAST_LAYER = 2.0
+MIN_LAST_LAYER, MAX_LAST_LAYER = 1.0, 100.0
 MIN_SIZE = 10_000
 """Bytes: networks alone take most of as many."""
 
@@ -36,6 +38,8 @@ class TrainOptions:
         minutes: how long it may take, above 0; all schedules are fractions of it. Excludes `iterations`.
         iterations: how many it takes, in place of a time. None of both: what the preset says (:meth:`settled`).
         layers: of the file, 1..16.
+        last_layer: how many times as often as each other layer the last one is trained, 1..100: more for a better file
+            and worse prefixes.
         lambda_: factor of the rate in the loss, 0.001..1000: 1 as tuned, more for smaller files.
         lambda_ssim: share of 1 - SSIM in what a picture lacks, 0..1; the rest is L1 (paper §3.5).
         size: bytes that the file shall have, about, prefixes in proportion; prices of bits follow, not below `lambda_`
@@ -52,6 +56,7 @@ class TrainOptions:
     minutes: float | None = None
     iterations: int | None = None
     layers: int = 4
+    last_layer: float = LAST_LAYER
     lambda_: float = 1.0
     lambda_ssim: float = LAMBDA_SSIM
     size: int | None = None
@@ -89,6 +94,9 @@ class TrainOptions:
             raise _wrong("iterations", f"{self.iterations} iterations: 1..{MAX_ITERATIONS} are possible")
         if not 1 <= self.layers <= MAX_LAYERS:
             raise _wrong("layers", f"{self.layers} layers: 1..{MAX_LAYERS} are possible")
+        if not MIN_LAST_LAYER <= self.last_layer <= MAX_LAST_LAYER:
+            message = f"{self.last_layer} times as often is not in {MIN_LAST_LAYER:g}..{MAX_LAST_LAYER:g}"
+            raise _wrong("last_layer", message)
         if not MIN_LAMBDA <= self.lambda_ <= MAX_LAMBDA:
             raise _wrong("lambda_", f"lambda {self.lambda_} is not in {MIN_LAMBDA:g}..{MAX_LAMBDA:g}")
         if not 0 <= self.lambda_ssim <= 1:

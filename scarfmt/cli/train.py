@@ -24,8 +24,10 @@ from reference_encoder.training.options import (
     LEAST_RESOLUTION,
     MAX_ITERATIONS,
     MAX_LAMBDA,
+    MAX_LAST_LAYER,
     MAX_MINUTES,
     MIN_LAMBDA,
+    MIN_LAST_LAYER,
     MIN_SIZE,
     PAPER_ITERATIONS,
     PRESETS,
@@ -71,6 +73,13 @@ RUN_ENDING = ".run"
 )
 @click.option(
     "--layers", type=click.IntRange(1, MAX_LAYERS), help=f"Number of layers of the file [default: {DEFAULTS.layers}]."
+)
+@click.option(
+    "--last-layer",
+    type=click.FloatRange(MIN_LAST_LAYER, MAX_LAST_LAYER),
+    metavar="TIMES",
+    help="Train the last layer so many times as often as each other one. 16 makes the whole file better and what"
+    f" `truncate` leaves of it worse [default: {DEFAULTS.last_layer:g}].",
 )
 @click.option(
     "--lambda",

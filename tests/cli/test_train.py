@@ -65,14 +65,15 @@ def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_options_reach_the_trainer(run: Run, trainer: Trainer, capture: Path, tmp_path: Path) -> None:
-    said = ("--iterations", 7, "--layers", 3, "--lambda", 2, "--lambda-ssim", 0.3, "--seed", 5)
+    said = ("--iterations", 7, "--layers", 3, "--lambda", 2, "--lambda-ssim", 0.3, "--seed", 5, "--last-layer", 9)
     more = ("--preset", "paper", "--device", "cuda", "--context", "grid2d3d", "--entropy", "gru", "--hold-out", 3)
     last = ("--resolution", 24, "--run", tmp_path / "r", "--size", 50_000)
     result = run("train", capture, tmp_path / "a.scar", *said, *more, *last)
     assert result.exit_code == 0, result.output
     ((read, options, folder),) = trainer.given
     chosen = {"preset": "paper", "device": "cuda", "context": "grid2d3d", "entropy": "gru"}
-    assert options == TrainOptions(iterations=7, layers=3, lambda_=2.0, lambda_ssim=0.3, size=50_000, seed=5, **chosen)
+    numbers = {"iterations": 7, "layers": 3, "last_layer": 9, "lambda_": 2, "lambda_ssim": 0.3, "size": 50_000, "seed": 5}
+    assert options == TrainOptions(**numbers, **chosen)  # type: ignore[arg-type]
     assert (len(read.test), read.photos[0].camera.width, folder) == (3, 24, tmp_path / "r")
 
 

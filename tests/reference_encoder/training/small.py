@@ -8,6 +8,7 @@ import torch
 from reference_encoder.training.anchors import SLOTS, Anchors, Frame, SceneNetworks
 from reference_encoder.training.growth import Statistics
 from reference_encoder.training.layers import LayerPlan
+from reference_encoder.training.options import LAST_LAYER
 from reference_encoder.training.quantiser import Quantiser
 from reference_encoder.training.rate import Context
 from reference_encoder.training.state import State
@@ -40,7 +41,7 @@ def state(count: int = 40, layers: int = 3, vectors: bool = False, seed: int = 0
         log_widths=torch.zeros(width),
         log_offset_widths=torch.zeros(3),
         statistics=Statistics.of(n),
-        plan=LayerPlan.of(layers),
+        plan=LayerPlan.of(layers, LAST_LAYER),
         generator=generator,
         extent=2.0,
         vectors=Vectors(quantiser, (1, 1, 2)[:layers]) if vectors else None,

@@ -25,7 +25,7 @@ def test_coarse_values_are_cells_of_fine_ones(rows: list[tuple[int, int]]) -> No
 @pytest.mark.parametrize("count", range(1, 9))
 def test_what_only_the_last_layer_shows_stays_coarse(count: int) -> None:
     """One step less than others have in the end, but one at least, and never less than a layer before (SPEC §6.5)."""
-    plan = LayerPlan.of(count)
+    plan = LayerPlan.of(count, 2.0)
     last = count - 1
     for first in range(count):
         steps = [plan.steps_of(layer, first) for layer in range(first, count)]
@@ -39,11 +39,11 @@ def test_what_only_the_last_layer_shows_stays_coarse(count: int) -> None:
 @pytest.mark.parametrize("count", range(1, 9))
 def test_plans_grow(count: int) -> None:
     """Prefixes get larger, never coarser, and the last has all that there is."""
-    plan = LayerPlan.of(count)
+    plan = LayerPlan.of(count, 5.0)
     assert plan.count == count
     assert plan.steps[0] == 1
     assert list(plan.steps) == sorted(plan.steps)
     assert list(plan.shares) == sorted(plan.shares)
     assert plan.shares[-1] == 1
     assert len(plan.draws) == count
-    assert all(plan.draws[-1] == 2 * other for other in plan.draws[:-1])
+    assert all(plan.draws[-1] == 5 * other for other in plan.draws[:-1])

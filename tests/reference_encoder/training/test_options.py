@@ -20,6 +20,8 @@ from scarfmt.errors import InvalidInput
         ({"iterations": 0}, "iterations"),
         ({"layers": 0}, "layers"),
         ({"layers": 17}, "layers"),
+        ({"last_layer": 0.9}, "last_layer"),
+        ({"last_layer": float("nan")}, "last_layer"),
         ({"lambda_": 0.0}, "lambda_"),
         ({"lambda_": float("nan")}, "lambda_"),
         ({"lambda_ssim": 1.1}, "lambda_ssim"),

@@ -12,6 +12,7 @@ import scarfmt
 from reference_decoder.anchors import gaussians
 from reference_encoder.training import run
 from reference_encoder.training.capture import Capture, load_capture
+from reference_encoder.training.curriculum import moment
 from reference_encoder.training.evaluate import drawn
 from reference_encoder.training.log import read_log
 from reference_encoder.training.options import LeftOff, TrainOptions
@@ -123,6 +124,14 @@ def test_the_loss_has_its_share_of_ssim(capture: Capture) -> None:
     first = {share: begun(capture, replace(OPTIONS, lambda_ssim=share)).step(0.0).loss for share in (0.0, 0.3, 1.0)}
     assert first[0.3] == pytest.approx(0.7 * first[0.0] + 0.3 * first[1.0], rel=1e-4)
     assert first[0.0] != pytest.approx(first[1.0], rel=1e-2)
+
+
+def test_the_last_layer_is_drawn_as_often_as_said(capture: Capture) -> None:
+    """Of 400 layers that the trainer draws, 9 of 10 are the last of two."""
+    trainer = begun(capture, replace(OPTIONS, layers=2, last_layer=9.0))
+    drawn = [trainer._mode(moment(trainer.curriculum, 0.5)).layer for _ in range(400)]
+    assert 340 <= drawn.count(1) <= 380
+    assert drawn.count(0) == 400 - drawn.count(1)
 
 
 def test_pictures_beside_their_photos_are_told_once_and_in_the_log(
