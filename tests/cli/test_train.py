@@ -72,8 +72,8 @@ def test_options_reach_the_trainer(run: Run, trainer: Trainer, capture: Path, tm
     assert result.exit_code == 0, result.output
     ((read, options, folder),) = trainer.given
     chosen = {"preset": "paper", "device": "cuda", "context": "grid2d3d", "entropy": "gru"}
-    numbers = {"iterations": 7, "layers": 3, "last_layer": 9, "lambda_": 2, "lambda_ssim": 0.3, "size": 50_000, "seed": 5}
-    assert options == TrainOptions(**numbers, **chosen)  # type: ignore[arg-type]
+    numbers = TrainOptions(iterations=7, layers=3, last_layer=9, lambda_=2, lambda_ssim=0.3, size=50_000, seed=5)
+    assert options == replace(numbers, **chosen)  # type: ignore[arg-type]
     assert (len(read.test), read.photos[0].camera.width, folder) == (3, 24, tmp_path / "r")
 
 
