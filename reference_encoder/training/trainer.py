@@ -10,6 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from reference_encoder.training.alphabets import fit_alphabets
 from reference_encoder.training.anchors import ATTRIBUTES
 from reference_encoder.training.averages import Averages
 from reference_encoder.training.curriculum import Curriculum, Moment, moment
@@ -159,7 +160,8 @@ class Trainer:
             vectors.begin(self.state.anchors.latent.detach(), weight)
 
     def written(self) -> QuantisedScene:
-        """All integers of the file as they would be now."""
+        """All integers of the file as they would be now; cells that no table could serve are wider from now on."""
+        fit_alphabets(self.state)
         return quantised_scene(self.state, {"training": {"iterations": self.iteration}}, len(self.state.anchors))
 
     def _learn_indices(self) -> None:

@@ -69,7 +69,12 @@ class FrequencyTable:
         n = len(w)
         total = int(w.sum())
         if not 1 <= n <= MAX_ALPHABET or int(w.min()) < 0 or not 0 < total < 1 << 39:
-            raise InvalidInput("input-table", f"{n} weights of sum {total} make no frequency table", field="table")
+            raise InvalidInput(
+                "input-table",
+                f"{n} weights of sum {total} make no frequency table: it takes 1 to {MAX_ALPHABET} weights and a sum"
+                " of 1 to 2^39 - 1 (SPEC §8.1)",
+                field="table",
+            )
         prefix = np.concatenate(([0], np.cumsum(w)))
         cumulative = prefix * (TOTAL - n) // total + np.arange(n + 1)
         return cls(np.diff(cumulative))
