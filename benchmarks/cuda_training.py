@@ -3,8 +3,9 @@
     python -m benchmarks.cuda_training CAPTURE                        photos of 640 pixels, 300 iterations
     python -m benchmarks.cuda_training CAPTURE --resolution 1600 --iterations 3000
 
-The processor trains a scene a little. From its checkpoint both take the same iteration: picture, loss, bits and
-gradients are compared. Then both train whole files: the GPU's twice, which must be the same bytes and decode.
+Both draw 100,000 Gaussians and differentiate the picture. The processor trains a scene a little. From its checkpoint
+both take the same iteration: picture, loss, bits and gradients are compared. Then both train whole files: the GPU's
+twice, which must be the same bytes and decode.
 
 Exits with 1 if anything is off by more than the tolerances below, with 77 if there is no such GPU or no Triton:
 nothing was compared then.
@@ -18,22 +19,26 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import median
 
 import torch
 
 from benchmarks.report import SKIPPED, table
+from benchmarks.training_step import CAMERA, made_up
 from reference_encoder.training.capture import Capture, load_capture
 from reference_encoder.training.curriculum import moment
 from reference_encoder.training.device import reproducible, run_device
 from reference_encoder.training.evaluate import drawn
 from reference_encoder.training.iterate import Mode, iterate, priced
 from reference_encoder.training.options import PRESETS, TrainOptions
+from reference_encoder.training.raster import Gaussians, rasterise
 from reference_encoder.training.run import begun, train
 from reference_encoder.training.trainer import Trainer
 from scarfmt.api import decode_scene
 from scarfmt.errors import InvalidInput
 
 WARM_ITERATIONS, ITERATIONS, RESOLUTION = 60, 300, 640
+GAUSSIANS, ROUNDS = 100_000, 30
 EXACT, ROUNDED = "values as they are", "values of the file"
 _DONE = {EXACT: 0.0, ROUNDED: 0.9}
 """Parts of the run whose iterations are compared: neither has noise, whose numbers are each device's own."""
@@ -134,6 +139,58 @@ def compared(capture: Capture, options: TrainOptions, iterations: int = WARM_ITE
     return {what: apart(iteration(here, what), iteration(there, what)) for what in _DONE}
 
 
+@dataclass(frozen=True)
+class Drawing:
+    """A picture of many Gaussians and its gradient on one device.
+
+    Attributes:
+        picture: (H, W, 3), and `gradients` of its sum weighted by chance, one a parameter; on the processor.
+        forward, backward: milliseconds, medians of the rounds after the first.
+    """
+
+    picture: torch.Tensor
+    gradients: list[torch.Tensor]
+    forward: float
+    backward: float
+
+
+def drawing(device: str, count: int = GAUSSIANS, rounds: int = ROUNDS) -> Drawing:
+    """Draw so many made-up Gaussians at 640x480 pixels."""
+    leaves = Gaussians(*(one.detach().to(device).requires_grad_() for one in made_up(count).tensors()))
+    weights = torch.randn(CAMERA.height, CAMERA.width, 3, generator=torch.Generator().manual_seed(1)).to(device)
+    background, times = torch.zeros(3, device=device), []
+    for _ in range(rounds + 1):
+        started = _settled(device)
+        image = rasterise(leaves, CAMERA, background).image
+        drawn = _settled(device)
+        gradients = torch.autograd.grad(image, leaves.tensors(), weights)
+        times.append((1e3 * (drawn - started), 1e3 * (_settled(device) - drawn)))
+    forward, backward = (median(part[1:]) for part in zip(*times, strict=True))
+    return Drawing(image.detach().cpu(), [one.cpu() for one in gradients], forward, backward)
+
+
+def _settled(device: str) -> float:
+    """Seconds by the clock, once the device has done all that it was given."""
+    if device != "cpu":
+        torch.cuda.synchronize()
+    return time.perf_counter()
+
+
+def report_drawing() -> bool:
+    """Print how both devices draw; whether they agree."""
+    with reproducible(run_device("cuda")):
+        here, there = drawing("cpu"), drawing("cuda")
+    gaps = [float((one - two).norm() / one.norm()) for one, two in zip(here.gradients, there.gradients, strict=True)]
+    off = (here.picture - there.picture).abs()
+    jumps = float((off > 1e-3).double().mean())
+    print(f"\n{GAUSSIANS:,} Gaussians at {CAMERA.width}x{CAMERA.height}, medians of {ROUNDS}, milliseconds:")
+    for device, found in (("cpu", here), ("cuda", there)):
+        print(f"{device}: picture {found.forward:.2f}, gradient {found.backward:.2f}")
+    print(f"apart: picture {float(off.mean()):.1e}, numbers that jump {jumps:.1e}, gradient {max(gaps):.1e}")
+    most = MOST[EXACT]
+    return float(off.mean()) <= most.picture and jumps <= most.jumps and max(gaps) <= most.gradient
+
+
 def timed(capture: Capture, options: TrainOptions) -> tuple[bytes, float, float]:
     """The file of a training, the PSNR of its last layer, and the milliseconds that an iteration took."""
     started = time.monotonic()
@@ -176,7 +233,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(f"{torch.cuda.get_device_name()}, torch {torch.__version__}: {len(capture.train)} photos")
     presets = PRESETS if chosen.preset is None else (chosen.preset,)
     options = [TrainOptions(iterations=chosen.iterations, preset=preset) for preset in presets]
-    return int(sum(not report(capture, each) for each in options) > 0)
+    agree = report_drawing()
+    return int(sum(not report(capture, each) for each in options) > 0 or not agree)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """The Triton kernels draw what C draws, and their gradients are those of dense float64 autograd.
 
-Run on the CPU by Triton's interpreter: `TRITON_INTERPRET=1 python -m pytest -m triton`.
+Run on a GPU where there is one, `python -m pytest -m triton`, or on the CPU by Triton's interpreter:
+`TRITON_INTERPRET=1 python -m pytest -m triton`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import sys
 
 import pytest
 import torch
+from torch import Tensor
 
 from reference_encoder.training.raster import rasterise
 from reference_encoder.training.raster.gaussians import Gaussians
@@ -19,10 +21,23 @@ from .dense import render_dense
 from .scenes import SCENES, leaves, turned_camera
 from .test_picture import BACKGROUND, TOLERANCE, error, towards
 
+INTERPRETED = os.environ.get("TRITON_INTERPRET") == "1"
+WHERE = torch.device("cpu" if INTERPRETED else "cuda")
 pytestmark = [
     pytest.mark.triton,
-    pytest.mark.skipif(os.environ.get("TRITON_INTERPRET") != "1", reason="needs TRITON_INTERPRET=1"),
+    pytest.mark.skipif(not (INTERPRETED or torch.cuda.is_available()), reason="needs a GPU or TRITON_INTERPRET=1"),
 ]
+
+
+def placed(scene: Gaussians) -> Gaussians:
+    """Leaves of the scene in float32 where the kernels run, with gradients."""
+    return Gaussians(*(one.detach().float().to(WHERE).requires_grad_() for one in scene.tensors()))
+
+
+def apart(found: Tensor | None, expected: Tensor | None) -> float:
+    """The error of a gradient from where the kernels run."""
+    assert found is not None
+    return error(found.cpu(), expected)
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -31,19 +46,21 @@ def test_gradients_of_every_input_are_those_of_dense_autograd(name: str) -> None
     from reference_encoder.training.raster.cuda import draw
 
     scene, camera = SCENES[name](0), turned_camera()
-    here, there = leaves(scene, torch.float32), leaves(scene, torch.float64)
-    background, background64 = BACKGROUND.clone().requires_grad_(), BACKGROUND.double().requires_grad_()
+    here, there = placed(scene), leaves(scene, torch.float64)
+    background = BACKGROUND.to(WHERE, copy=True).requires_grad_()
+    background64 = BACKGROUND.double().requires_grad_()
     image, means, which, weights = draw(here, camera, background)
     means.retain_grad()
     dense = render_dense(there, camera, background64)
-    (image * towards(camera)).sum().backward()
+    (image * towards(camera).to(WHERE)).sum().backward()
     (dense.image * towards(camera).double()).sum().backward()
-    assert float((image - dense.image).detach().abs().max()) < TOLERANCE
+    assert float((image.cpu() - dense.image).detach().abs().max()) < TOLERANCE
     for one, two in zip(here.tensors(), there.tensors(), strict=True):
-        assert error(one.grad, two.grad) < TOLERANCE
-    assert error(means.grad, dense.means.grad) < TOLERANCE
-    assert error(background.grad, background64.grad) < TOLERANCE
-    torch.testing.assert_close(weights.double(), dense.weights[which].double(), rtol=1e-4, atol=1e-4)
+        assert apart(one.grad, two.grad) < TOLERANCE
+    assert apart(means.grad, dense.means.grad) < TOLERANCE
+    assert apart(background.grad, background64.grad) < TOLERANCE
+    expected = dense.weights[which.cpu()].double()
+    torch.testing.assert_close(weights.cpu().double(), expected, rtol=1e-4, atol=1e-4)
 
 
 def test_a_picture_that_is_no_whole_number_of_tiles_is_that_of_c() -> None:
@@ -51,7 +68,8 @@ def test_a_picture_that_is_no_whole_number_of_tiles_is_that_of_c() -> None:
     from reference_encoder.training.raster.cuda import draw
 
     scene, camera = SCENES["mixed"](2), turned_camera(45, 35)
-    image, _, which, weights = draw(scene, camera, BACKGROUND)
+    with torch.no_grad():
+        image, _, which, weights = (one.cpu() for one in draw(placed(scene), camera, BACKGROUND.to(WHERE)))
     picture = rasterise(scene, camera, BACKGROUND)
     torch.testing.assert_close(image, picture.image, rtol=0, atol=1e-5)
     torch.testing.assert_close(weights, picture.weights[which], rtol=1e-4, atol=1e-4)
@@ -63,8 +81,8 @@ def test_nothing_to_draw() -> None:
     from reference_encoder.training.raster.cuda import draw
 
     none = Gaussians(torch.empty(0, 3), torch.empty(0, 3), torch.empty(0, 4), torch.empty(0), torch.empty(0, 3))
-    image, _, which, _ = draw(none, turned_camera(), BACKGROUND)
-    assert torch.equal(image, BACKGROUND.expand(32, 32, 3))
+    image, _, which, _ = draw(placed(none), turned_camera(), BACKGROUND.to(WHERE))
+    assert torch.equal(image.detach().cpu(), BACKGROUND.expand(32, 32, 3))
     assert len(which) == 0
 
 
