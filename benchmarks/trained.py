@@ -3,6 +3,7 @@
     python -m benchmarks.trained plush-on-bed CAPTURE --scar "an hour=plush.scar" --ply plush-on-bed.ply
     python -m benchmarks.trained truck-half CAPTURE --scar truck.scar --lpips vgg16.pth heads.pth
     python -m benchmarks.trained plush-on-bed CAPTURE --ply plush-on-bed.ply --formats sog --qualities 41
+    python -m benchmarks.trained truck-half CAPTURE --model whole.scar --post-hoc "quality 38=encoded.scar"
     python -m benchmarks.trained --report                   only rewrite docs/trained.md
 
 Everything is decoded and measured alike, against the photos that were held out (`benchmarks.photos`). The PLY is
@@ -121,6 +122,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("capture", nargs="?", type=Path, help="capture as for `scarfmt train`, with photos held out")
     add_arguments(parser)
     parser.add_argument("--scar", nargs="+", default=[], metavar="[NAME=]FILE", help="trained files")
+    parser.add_argument("--model", nargs="+", default=[], metavar="[NAME=]FILE", help="files trained without rate")
+    parser.add_argument("--post-hoc", nargs="+", default=[], metavar="[NAME=]FILE", help="files encoded from these")
     parser.add_argument("--ply", type=Path, help="a 3DGS model of the same photos, as INRIA's PLY")
     parser.add_argument("--formats", nargs="*", choices=FORMATS, default=FORMATS, help="formats to store the PLY in")
     parser.add_argument("--qualities", nargs="*", type=float, default=QUALITIES, help="qualities to encode it at, dB")
@@ -131,9 +134,10 @@ def _parser() -> argparse.ArgumentParser:
 
 def rows(said: argparse.Namespace, capture: Capture, perceptual: Metrics) -> Iterator[Row]:
     """All that was asked for."""
-    for word in said.scar:
-        name, _, path = word.rpartition("=")
-        yield from of_scar(name or Path(path).stem, "trained", Path(path).read_bytes(), capture, perceptual)
+    for kind, words in (("trained", said.scar), ("model", said.model), ("post-hoc", said.post_hoc)):
+        for word in words:
+            name, _, path = word.rpartition("=")
+            yield from of_scar(name or Path(path).stem, kind, Path(path).read_bytes(), capture, perceptual)
     if said.ply is not None:
         scene = Scene(f"{said.scene}-{file_key(said.ply)[:6]}", said.ply.absolute())
         yield from of_model(scene, capture, said, perceptual)

@@ -11,6 +11,7 @@ from benchmarks.photos import HEAD, Figures, cells
 from benchmarks.published import published_table
 from benchmarks.report import dated, replace_section, table
 from benchmarks.scenes import REPOSITORY
+from benchmarks.trained_frontier import frontier_table
 from benchmarks.trained_plan import BASES, STUDIES, Study, plan_table, training
 
 SCENES, ABLATIONS, PLAN = "trained", "trained-ablations", "trained-plan"
@@ -18,7 +19,8 @@ SCENES, ABLATIONS, PLAN = "trained", "trained-ablations", "trained-plan"
 PAGE = REPOSITORY / "docs" / "trained.md"
 BESIDE = {"truck": "truck", "truck-half": "truck", "bonsai": "bonsai"}
 """Published figures by scene; their last column says what they can be compared with."""
-KINDS = ("trained", "post-hoc", "rival")
+KINDS = ("trained", "model", "post-hoc", "rival")
+"""What a file is: trained with its rate, trained without, made by `encode` of a model, another format."""
 _MOST_SEEDS = 10
 
 Record = dict[str, Any]
@@ -49,6 +51,8 @@ def _scene(name: str, records: Sequence[Record]) -> str:
     text = f"**{name}**: {ordered[0]['photos']} photos of {width}×{height} held out.\n\n"
     rows = [([_title(it), "–" if it["kind"] == "rival" else str(it["layers"])], it["figures"]) for it in ordered]
     text += _measured(("file", "layers"), rows)
+    beside = frontier_table(ordered)
+    text += f"\n{beside}" if beside else ""
     return text + (f"\n{published_table(BESIDE[name])}" if name in BESIDE else "")
 
 
