@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
-
 from benchmarks.report import table
+from benchmarks.scale_loss import bytes_at
 
 Point = tuple[float, float]
 """PSNR in dB, and bytes."""
 
 
 def frontier(points: Iterable[Point]) -> list[Point]:
-    """The lower convex hull of points, from the fewest bytes to the most dB.
-
-    No point lies below it, and no line between two. It flatters who made the points: nobody has all files between.
-    """
+    """The lower convex hull of points over the logarithm of bytes, from the fewest bytes to the most dB."""
     least = dict(sorted(points, key=lambda point: point[1], reverse=True))
     hull: list[Point] = []
     for point in sorted(least.items()):
@@ -30,14 +27,14 @@ def frontier(points: Iterable[Point]) -> list[Point]:
 
 def _turn(a: Point, b: Point, c: Point) -> float:
     """Above 0 where the way from a over b to c bends upwards."""
-    return (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
+    return (b[0] - a[0]) * math.log(c[1] / b[1]) - math.log(b[1] / a[1]) * (c[0] - b[0])
 
 
-def bytes_at(hull: Sequence[Point], psnr_db: float) -> float | None:
+def reached(hull: Sequence[Point], psnr_db: float) -> float | None:
     """Bytes of a frontier at a PSNR; None where it does not reach."""
     if not hull or not hull[0][0] <= psnr_db <= hull[-1][0]:
         return None
-    return float(np.interp(psnr_db, [it[0] for it in hull], [it[1] for it in hull]))
+    return bytes_at([{"psnr_db": decibels, "bytes": size} for decibels, size in hull], psnr_db)
 
 
 def frontier_table(records: Sequence[dict[str, Any]]) -> str:
@@ -46,7 +43,7 @@ def frontier_table(records: Sequence[dict[str, Any]]) -> str:
     lines = []
     for it in records:
         decibels, size = _point(it)
-        other = bytes_at(hull, decibels) if it["kind"] == "trained" else None
+        other = reached(hull, decibels) if it["kind"] == "trained" else None
         if other is not None:
             layer = [it["name"], str(it["layers"]), f"{decibels:.2f}"]
             lines.append([*layer, f"{size / 1e3:,.1f}", f"{other / 1e3:,.1f}", f"{100 * size / other:.0f} %"])

@@ -175,6 +175,12 @@ def test_one_table_has_trained_files_and_a_model_in_other_formats(
     assert "HAC++ low" in told
     trained.main([*said, "--qualities", "--resolution", "24"])
     assert list(kept(tmp_path, "trained")) == ["3DGS, .ply, layer 1"]
+    whole = str(tmp_path / "a.scar")
+    trained.main(["bonsai", str(capture), "--no-write", "--model", f"whole={whole}", "--post-hoc", f"coded={whole}"])
+    assert [(it["name"], it["kind"]) for it in kept(tmp_path, "trained").values()] == [
+        *[("whole", "model")] * 2,
+        *[("coded", "post-hoc")] * 2,
+    ]
     assert scene_tables({}) == ""
     assert set(trained_tables.BESIDE.values()) <= set(photos.SCENES)
 

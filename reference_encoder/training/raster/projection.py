@@ -23,7 +23,7 @@ _BOUND_SLACK = 2e-3
 
 @dataclass(frozen=True)
 class Lens:
-    """A camera as tensors and numbers. `pose` is (3, 4) float32 on the device of what is drawn."""
+    """A camera as tensors and numbers. `pose` is (3, 4) float64 on the device of what is drawn."""
 
     camera: Camera
     pose: Tensor
@@ -31,7 +31,7 @@ class Lens:
     @staticmethod
     def of(camera: Camera, like: Tensor) -> Lens:
         """The lens of a camera, on the device of `like`."""
-        return Lens(camera, torch.tensor(camera.world_to_camera[:3], dtype=torch.float32, device=like.device))
+        return Lens(camera, torch.tensor(camera.world_to_camera[:3], dtype=torch.float64, device=like.device))
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -41,8 +41,11 @@ class Lens:
 
 
 def to_camera(centres: Tensor, lens: Lens) -> Tensor:
-    """(M, 3) positions with the camera's axes, world units."""
-    return torch.addmm(lens.pose[:, 3], centres, lens.pose[:, :3].T)
+    """(M, 3) positions with the camera's axes, world units.
+
+    Rounded once, as by the compiled projection: else depths an ulp apart are drawn in another order than there.
+    """
+    return torch.addmm(lens.pose[:, 3], centres.double(), lens.pose[:, :3].T).to(centres.dtype)
 
 
 def to_pixels(local: Tensor, lens: Lens) -> Tensor:
@@ -115,7 +118,7 @@ def shapes(local: Tensor, scales: Tensor, rotations: Tensor, lens: Lens) -> Shap
     slopes = torch.stack([x / z, y / z])
     bound_x, bound_y = lens.limits
     tx, ty = slopes[0].clamp(-bound_x, bound_x), slopes[1].clamp(-bound_y, bound_y)
-    rows = lens.pose[:, :3, None]
+    rows = lens.pose[:, :3, None].to(z.dtype)
     across_x = lens.camera.fx / z * (rows[0] - tx * rows[2])
     across_y = lens.camera.fy / z * (rows[1] - ty * rows[2])
     quaternion, length = _normalised(rotations.T.contiguous())
@@ -168,7 +171,7 @@ def shapes_back(towards: Tensor, found: Shapes, lens: Lens) -> tuple[Tensor, Ten
     to_jacobian = (found.rotation * torch.stack([to_e_turned, to_b_turned - slope * to_e_turned])[:, None]).sum(2)
     focal = towards.new_tensor([lens.camera.fx, lens.camera.fy])[:, None] / found.z
     limits = towards.new_tensor(lens.limits)[:, None]
-    to_slopes = -focal * (lens.pose[2, :3, None] * to_jacobian).sum(1)
+    to_slopes = -focal * (lens.pose[2, :3, None].to(to_jacobian.dtype) * to_jacobian).sum(1)
     to_slopes = torch.where(found.slopes.abs() <= limits, to_slopes, 0.0) / found.z
     to_z = -(to_scales * found.scales).sum(0) / found.z - (to_slopes * found.slopes).sum(0)
     to_local = torch.stack([to_slopes[0], to_slopes[1], to_z], 1)
