@@ -58,10 +58,12 @@ def columns(components: int) -> int:
 
 
 def _cells(lattice: Tensor, occupancy: float) -> Tensor:
-    """(N,) numbers of the cells at the first size at which they hold `occupancy` anchors on average."""
-    numbers = torch.zeros(len(lattice), dtype=torch.long, device=lattice.device)
+    """(N,) numbers of the cells at the first size at which they hold `occupancy` anchors on average.
+
+    One cell where they are too few at any: cubes that double never join what lies on two sides of 0.
+    """
     for shift in range(int(lattice.max() - lattice.min() + 1).bit_length() + 1):
         points, numbers, _ = Distinct.of(lattice >> shift)
         if len(lattice) >= occupancy * len(points):
-            break
-    return numbers
+            return numbers
+    return torch.zeros(len(lattice), dtype=torch.long, device=lattice.device)
